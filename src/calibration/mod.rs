@@ -26,7 +26,7 @@ pub use solve::corrections::are_wanted as corrections_are_wanted;
 pub use solve::larger_model::MODEL_TOO_SMALL;
 pub use validation::repeated_rows::{is_anew, repeated_rows};
 pub use validation::rescoring::{errors_mm, errors_on_verify_subset_mm};
-pub use validation::robust_comparison::{Judged, judged};
+pub use validation::robust_comparison::{RobustComparison, robust_comparison};
 pub use validation::session_fit::{HeldOut, SessionFit, session_fit};
 pub use validation::verdict::{NO_BETTER, SET_FAR_OFF};
 pub use validation::verify::{check_verify, verify};

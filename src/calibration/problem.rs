@@ -88,10 +88,16 @@ impl Problem<'_> {
 
     /// The points to identify, those that do not belong without weight.
     pub fn trusted(&self) -> Vec<Observation> {
-        let wild: BTreeSet<usize> = self.screening.wild.iter().map(|w| w.row).collect();
+        let outliers: BTreeSet<usize> = self.screening.outliers.iter().map(|w| w.row).collect();
         let rows = (0..self.observed.all.len())
             .filter(|row| self.observed.subsets[*row] == Subset::Identify);
-        let weight = |o: &Observation, row: usize| if wild.contains(&row) { 0.0 } else { o.weight };
+        let weight = |o: &Observation, row: usize| {
+            if outliers.contains(&row) {
+                0.0
+            } else {
+                o.weight
+            }
+        };
         self.identify
             .iter()
             .zip(rows)

@@ -81,8 +81,8 @@ pub struct PointErrors {
 }
 
 impl PointErrors {
-    /// For [`crate::calibration::judged`].
-    pub fn to_judge(&self) -> [f64; 3] {
+    /// For [`crate::calibration::robust_comparison`].
+    pub fn errors_mm(&self) -> [f64; 3] {
         [
             self.before_mm,
             self.after_mm,
@@ -285,9 +285,9 @@ pub struct CalibrationReport {
     pub links: Vec<Link>,
     /// Measuring frame to base; identity for `model: paper` on frame=base.
     pub t_instrument_base: IsometryMatrix3<f64>,
-    /// Target offsets in the flange frame, mm: first every target as it was last, then the earlier stretches of those that moved.
+    /// Target offsets in the flange frame, mm: first every target as it was last, then the earlier segments of those that moved.
     pub targets_mm: Vec<Vector3<f64>>,
-    /// (target, stretch) of each of them; stretches count from 0.
+    /// (target, segment) of each of them; segments count from 0.
     pub target_segments: Vec<(usize, usize)>,
     /// The robot with what its links cannot say, where something of that was kept. Its targets are in the order of `targets_mm`.
     pub corrected: Option<CorrectedModel>,

@@ -39,7 +39,7 @@ pub enum Base {
 pub enum Status {
     /// Reached within 1 µm and 0.0001°.
     Ok,
-    /// Near a singularity: the closest without a wild motion of the joints.
+    /// Near a singularity: the closest without a large motion of the joints.
     NearSingular,
     /// A joint is at or beyond its limit: the closest that the others get.
     JointLimit,

@@ -15,6 +15,7 @@ pub mod linearisation;
 pub mod misfit;
 pub mod multistart;
 pub mod objective;
+pub mod outliers;
 mod parallel;
 pub mod parameters;
 pub mod priors;
@@ -26,7 +27,6 @@ pub mod steps;
 pub mod swarm;
 pub mod uncertainty;
 pub mod variance;
-pub mod wild;
 pub mod workspace;
 
 pub use choices::{Model, Preset};

@@ -16,7 +16,7 @@ const FOUND_PER_REACH: f64 = 1e-3;
 const STARTS: usize = 40;
 /// Offsets of a start are drawn up to this to both sides, rad (90°).
 const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
-/// Before a start is left, the part of the points that fit best is fitted alone, so often: wild points pull a fit away from where the
+/// Before a start is left, the part of the points that fit best is fitted alone, so often: outliers pull a fit away from where the
 /// others would hold it [Rousseeuw & Van Driessen 2006, concentration steps].
 const CONCENTRATIONS: usize = 3;
 /// The points that a concentration leaves out: one of so many.
@@ -31,7 +31,7 @@ pub struct BestStart {
     pub model: KinematicModel,
     /// Median residual where least squares from nominal ended, mm, the points that fit worst left out where all of them are no fit.
     pub from_nominal_mm: f64,
-    /// Whether it took leaving out the points that fit worst: wild points pull least squares away from where it should end.
+    /// Whether it took leaving out the points that fit worst: outliers pull least squares away from where it should end.
     pub is_pulled_away: bool,
     /// Median residual where least squares from what is remembered of the robot ended, mm; none if nominal was near enough.
     pub from_remembered_mm: Option<f64>,

@@ -15,8 +15,8 @@
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
 use crate::identification::objective::Observation;
+use crate::identification::outliers::Linearised;
 use crate::identification::variance::misfit_ratio;
-use crate::identification::wild::Linearised;
 use crate::kinematics::t_base_flange;
 use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
@@ -44,7 +44,7 @@ const NEGLIGIBLE: f64 = 1e-12;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
 /// Points on either side of a motion of the base: twelve coordinates for its six numbers. Three would leave three coordinates to tell it from
-/// wild points, which the noise of a lever arm may hide.
+/// outliers, which the noise of a lever arm may hide.
 const FEWEST_BASE_POINTS: usize = 4;
 /// Points on either side of a slip of a target; one alone is a question of its own.
 const FEWEST_TARGET_POINTS: usize = 2;
@@ -255,7 +255,7 @@ struct Tried {
 
 impl Campaign<'_> {
     /// The most significant step that passes all three questions. A single point at an end is returned like any other: whether it
-    /// slipped or is wild, one point does not say.
+    /// slipped or is an outlier, one point does not say.
     pub fn step(&self) -> Option<Step> {
         let n = self.order.len();
         let left = self.problem.residuals.norm_squared();

@@ -3,7 +3,7 @@
 /// Passes of exchanges at most.
 const MAX_PASSES: usize = 20;
 
-/// The chosen candidates so that the largest joint moves little from one to the next: the nearest one first, then stretches turned round
+/// The chosen candidates so that the largest joint moves little from one to the next: the nearest one first, then segments turned round
 /// while that shortens the way (2-opt; Croes 1958).
 pub fn short_moves(chosen: Vec<usize>, candidates: &[Vec<f64>]) -> Vec<usize> {
     let way = |a: usize, b: usize| {

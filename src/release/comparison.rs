@@ -1,6 +1,6 @@
 //! Comparison of a set with the robot's active one on the same points.
 
-use crate::calibration::{self, CalibrationRequest, judged};
+use crate::calibration::{self, CalibrationRequest, robust_comparison};
 use crate::measurement::MeasurementSet;
 use crate::release::sessions::Session;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -121,7 +121,7 @@ pub fn compare_on_verify_subset(
 
 /// From each point's errors: of the active set, of the set's links, and of those with corrections.
 fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
-    let comparison = judged(&errors_mm.collect::<Vec<_>>());
+    let comparison = robust_comparison(&errors_mm.collect::<Vec<_>>());
     ComparedRms {
         set_mm: comparison.after_rms_mm,
         active_mm: comparison.before_rms_mm,

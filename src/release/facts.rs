@@ -1,7 +1,8 @@
 //! The facts that the gates read, and how a job's report becomes facts.
 
 use crate::calibration::{
-    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, Judged, SET_FAR_OFF, judged, repeated_rows,
+    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, RobustComparison, SET_FAR_OFF,
+    repeated_rows, robust_comparison,
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
@@ -150,8 +151,8 @@ pub fn identification_facts(
     let n_points = report.verify.filter(|_| !is_misfit);
     let n_points = n_points.map_or(0, |verify| verify.n_points);
     let comparison = match n_points {
-        0 => robust_comparison(report, Subset::Identify),
-        _ => robust_comparison(report, Subset::Verify),
+        0 => comparison_on(report, Subset::Identify),
+        _ => comparison_on(report, Subset::Verify),
     };
     let is_far_off = has_warning(report, SET_FAR_OFF)
         || WRONG_ROBOT.iter().any(|code| has_warning(report, code));
@@ -187,7 +188,7 @@ pub fn session_facts(
     report: &Report,
     since: MeasuredSince,
 ) -> Verification {
-    let comparison = robust_comparison(report, Subset::Verify);
+    let comparison = comparison_on(report, Subset::Verify);
     let fit = if has_warning(report, DOES_NOT_FIT) {
         Fit::DoesNotFit
     } else if has_warning(report, SET_FAR_OFF) {
@@ -245,6 +246,6 @@ fn errors_mm(per_point: &[PointReport], subset: Subset) -> Vec<[f64; 3]> {
 }
 
 /// Robust comparison of the errors before and after on these points, without those that are outliers for both robots.
-fn robust_comparison(report: &Report, subset: Subset) -> Judged {
-    judged(&errors_mm(&report.per_point, subset))
+fn comparison_on(report: &Report, subset: Subset) -> RobustComparison {
+    robust_comparison(&errors_mm(&report.per_point, subset))
 }

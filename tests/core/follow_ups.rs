@@ -5,8 +5,8 @@ use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
 use kincal::calibration::report::{CalibrationReport, PointErrors, Warning};
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::{
-    CalibrationRequest, Error, Judged, Method, Model, calibrate, check, check_verify, judged,
-    verify,
+    CalibrationRequest, Error, Method, Model, RobustComparison, calibrate, check, check_verify,
+    robust_comparison, verify,
 };
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
@@ -90,12 +90,12 @@ fn a_parameter_set_that_is_no_better_than_nominal_is_said_to_be_so() {
 }
 
 /// True if the set is reported to be no better than nominal, with the two errors that decide it.
-fn verdict(report: &CalibrationReport) -> (bool, Judged) {
-    let judged = judged(
+fn verdict(report: &CalibrationReport) -> (bool, RobustComparison) {
+    let comparison = robust_comparison(
         &report
             .per_point
             .iter()
-            .map(PointErrors::to_judge)
+            .map(PointErrors::errors_mm)
             .collect::<Vec<_>>(),
     );
     (
@@ -103,7 +103,7 @@ fn verdict(report: &CalibrationReport) -> (bool, Judged) {
             .warnings
             .iter()
             .any(|warning| warning.code == "no_better_than_nominal"),
-        judged,
+        comparison,
     )
 }
 
@@ -125,18 +125,18 @@ fn one_wild_point_decides_neither_for_nor_against_a_parameter_set() {
                 let direction =
                     Vector3::new(1.0, seed as f64 - 4.5, 3.0 * i as f64 - 4.0).normalize();
                 with_one.points[7 * i + seed as usize].position_mm += direction * size_mm;
-                let (found, judged) = verdict(&scored(&robot, &with_one, Some(&model)));
+                let (found, comparison) = verdict(&scored(&robot, &with_one, Some(&model)));
                 if size_mm > 4.5 * clean.before_rms_mm.max(clean.after_rms_mm) {
                     assert_eq!(
-                        judged.n_set_aside, 1,
-                        "{size_mm} mm, seed {seed}: {judged:?} for {clean:?}"
+                        comparison.n_set_aside, 1,
+                        "{size_mm} mm, seed {seed}: {comparison:?} for {clean:?}"
                     );
                 }
                 // Where the two robots differ by more than the error of a point.
                 if (clean.before_rms_mm / clean.after_rms_mm - 1.0).abs() > 0.1 {
                     assert_eq!(
                         found, is_refused,
-                        "{size_mm} mm, seed {seed}: {judged:?} for {clean:?}"
+                        "{size_mm} mm, seed {seed}: {comparison:?} for {clean:?}"
                     );
                 }
             }

@@ -76,12 +76,12 @@ fn without(set: &MeasurementSet, rows: &BTreeSet<usize>) -> MeasurementSet {
     MeasurementSet::new(set.frame, points.collect())
 }
 
-fn clean_rms(report: &CalibrationReport, wild: &BTreeSet<usize>) -> f64 {
+fn clean_rms(report: &CalibrationReport, outliers: &BTreeSet<usize>) -> f64 {
     let clean = report
         .per_point
         .iter()
         .enumerate()
-        .filter(|(row, p)| p.subset == Subset::Verify && !wild.contains(row));
+        .filter(|(row, p)| p.subset == Subset::Verify && !outliers.contains(row));
     let squares: Vec<f64> = clean.map(|(_, p)| p.after_mm * p.after_mm).collect();
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
@@ -354,7 +354,7 @@ fn wild_points_do_not_hide_the_slip_of_one_reflector_of_several() {
         noise_mm: 0.05,
         ..Campaign::PLAIN
     };
-    for (seed, shape, slipped_target, first, size_mm, wild) in [
+    for (seed, shape, slipped_target, first, size_mm, outliers) in [
         (60, of(50, 2), 1, 28, 2.0, &[7][..]),
         (61, of(50, 2), 1, 28, 2.0, &[7, 40, 88]),
         (62, of(50, 2), 0, 20, 2.0, &[7]),
@@ -379,8 +379,8 @@ fn wild_points_do_not_hide_the_slip_of_one_reflector_of_several() {
             p.position_mm += slipped.position(&p.q_rad, slipped_target)
                 - truth.position(&p.q_rad, slipped_target);
         }
-        for wild in wild {
-            set.points[*wild].position_mm += random.vector().normalize() * 9.0;
+        for outliers in outliers {
+            set.points[*outliers].position_mm += random.vector().normalize() * 9.0;
         }
         let report = run(&CalibrationRequest::new(robot, set));
         let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
@@ -392,15 +392,15 @@ fn wild_points_do_not_hide_the_slip_of_one_reflector_of_several() {
             "robot {seed}: {:?} for {row}",
             moved.rows
         );
-        let wild: BTreeSet<usize> = wild.iter().copied().collect();
+        let outliers: BTreeSet<usize> = outliers.iter().copied().collect();
         let named =
             warning(&report, "outliers").unwrap_or_else(|| panic!("robot {seed}: {codes:?}"));
         assert_eq!(
             named.rows.iter().copied().collect::<BTreeSet<_>>(),
-            wild,
+            outliers,
             "robot {seed}"
         );
-        let rms = clean_rms(&report, &wild);
+        let rms = clean_rms(&report, &outliers);
         assert!(rms < 1.25 * clean, "robot {seed}: {rms} against {clean}");
     }
 }
@@ -467,7 +467,7 @@ fn a_session_that_ends_badly_is_not_said_to_have_moved() {
 }
 
 #[test]
-fn a_wild_point_in_the_slipped_stretch_does_not_hide_the_slip() {
+fn a_wild_point_in_the_slipped_segment_does_not_hide_the_slip() {
     let of = Campaign {
         n_configurations: 80,
         noise_mm: 0.05,
@@ -481,8 +481,8 @@ fn a_wild_point_in_the_slipped_stretch_does_not_hide_the_slip() {
         for p in &mut set.points[row..] {
             p.position_mm += slipped.position(&p.q_rad, 0) - truth.position(&p.q_rad, 0);
         }
-        for wild in [10, random.0.random_range(row + 2..79)] {
-            set.points[wild].position_mm +=
+        for outliers in [10, random.0.random_range(row + 2..79)] {
+            set.points[outliers].position_mm +=
                 random.vector().normalize() * random.0.random_range(5.0..20.0);
         }
         let report = run(&CalibrationRequest::new(robot, set));

@@ -183,7 +183,7 @@ pub fn report(
         joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
     });
     let (verify, of_verify_set);
-    let mut outliers: BTreeSet<usize> = problem.screening.wild.iter().map(|w| w.row).collect();
+    let mut outliers: BTreeSet<usize> = problem.screening.outliers.iter().map(|w| w.row).collect();
     if let Some(layout) = layout {
         let (before, after) = (layout.place(&problem.nominal)?, layout.place(model)?);
         let robot_there = robot
@@ -210,14 +210,14 @@ pub fn report(
             (&after.observed, &after.model),
             robot_there.as_ref(),
         );
-        let errors_mm: Vec<[f64; 3]> = there.iter().map(PointErrors::to_judge).collect();
+        let errors_mm: Vec<[f64; 3]> = there.iter().map(PointErrors::errors_mm).collect();
         fit = fit.or_else(|| {
             verdict::of_another_session(&errors_mm, &identify, &request.robot, || {
                 own_scatter_mm(&after.model, &after.observed.all)
             })
         });
-        let of_set = layout.screening.wild.iter();
-        outliers.extend(of_set.map(|wild| per_point.len() + wild.row));
+        let of_set = layout.screening.outliers.iter();
+        outliers.extend(of_set.map(|outliers| per_point.len() + outliers.row));
         per_point.extend(there);
         of_verify_set = match &request.verify {
             VerifySource::Set(set) => shows_little(&request.robot, set),

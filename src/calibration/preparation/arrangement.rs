@@ -1,6 +1,6 @@
-//! What stayed where it was: each point's stretch between steps of its target, and its set-up of the instrument.
+//! What stayed where it was: each point's segment between steps of its target, and its set-up of the instrument.
 //!
-//! A target that moved is several targets to the fit, one per stretch. A base that moved (or an instrument that was set up anew) is a rigid
+//! A target that moved is several targets to the fit, one per segment. A base that moved (or an instrument that was set up anew) is a rigid
 //! motion: the points of the other set-ups are carried into the frame of one of them, and the motions are fitted along.
 
 use crate::calibration::preparation::observe::Observed;
@@ -20,7 +20,7 @@ pub const FEWEST_OF_SETUP: usize = 3;
 pub struct Arrangement {
     /// Points in measuring order.
     pub order: Vec<usize>,
-    /// Stretch of each point's target, counted from 0.
+    /// Segment of each point's target, counted from 0.
     pub segments: Vec<usize>,
     /// Set-up of each point.
     pub setups: Vec<usize>,
@@ -31,7 +31,7 @@ pub struct Arrangement {
     n_targets: usize,
 }
 
-/// Targets as the fit counts them: first every target as it is last, then the earlier stretches.
+/// Targets as the fit counts them: first every target as it is last, then the earlier segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FittedTargets {
     /// (target, segment) of each fitted target.
@@ -46,7 +46,7 @@ impl FittedTargets {
         self.segments.len()
     }
 
-    /// The name of a parameter: of an earlier stretch, `target_0_segment_0_x`.
+    /// The name of a parameter: of an earlier segment, `target_0_segment_0_x`.
     pub fn name(&self, parameter: &Parameter) -> String {
         match *parameter {
             Parameter::Target(fitted, _) if fitted >= self.n_targets => {
@@ -131,7 +131,7 @@ impl Arrangement {
             .iter()
             .position(|point| *point == first)
             .unwrap_or(0);
-        // a break within an earlier stretch moves the later ones on
+        // a break within an earlier segment moves the later ones on
         let points: Vec<usize> = self.order[from..]
             .iter()
             .filter(of_target)
@@ -185,7 +185,7 @@ impl Arrangement {
         point.map_or(0, |point| self.setups[*point])
     }
 
-    /// Stretches without an identify point cannot be fitted: they join the one before (or after). The points that did.
+    /// Segmentes without an identify point cannot be fitted: they join the one before (or after). The points that did.
     pub fn join_unfitted(&mut self, observed: &Observed) -> Vec<usize> {
         let mut joined = Vec::new();
         for target in 0..self.n_targets {
@@ -227,7 +227,7 @@ pub fn motion(
     IsometryMatrix3::from_parts(Translation3::from(centre + shift_mm - turn * centre), turn)
 }
 
-/// What the first stretch of a target holds nominal in the paper's model, the others cannot: their targets are free.
+/// What the first segment of a target holds nominal in the paper's model, the others cannot: their targets are free.
 pub fn with_moved_targets(
     request: &CalibrationRequest,
     mut parameters: Vec<Parameter>,

@@ -1,4 +1,4 @@
-//! Losses that wild points cannot pull far, for least squares and the swarm alike.
+//! Losses that outliers cannot pull far, for least squares and the swarm alike.
 
 use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
@@ -159,7 +159,7 @@ pub struct LeastSquares<'a> {
 }
 
 /// Iteratively reweighted least squares [Holland & Welsch 1977]. An iteration is a reweighting; F, the sum of the
-/// losses, falls with each. A loss that forgets wild points
+/// losses, falls with each. A loss that forgets outliers
 /// altogether has many minima: it begins at the fit to the `trusted` points, those that screening found to belong together.
 pub fn robust_fit(
     start: &KinematicModel,

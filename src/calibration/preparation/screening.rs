@@ -12,9 +12,9 @@ use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::misfit::{features, gravity_directions};
 use crate::identification::objective::weighted_residuals;
+use crate::identification::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
 use crate::identification::problem::reach_mm;
 use crate::identification::steps::{Campaign, Columns, Moved, Step, TargetShift, Whitened};
-use crate::identification::wild::{Linearised, ROUNDING_PER_REACH, Wild};
 use crate::measurement::Subset;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
@@ -28,19 +28,19 @@ const FEWEST_MOVED: usize = 3;
 /// A row that stands alone and is this share of the reach from where the others put it is a gross error, not something that moved: 8 mm on an arm of
 /// 1.7 m.
 const GROSS_PER_REACH: f64 = 5e-3;
-/// A wild point in a stretch of suspects is this many times as far off as half of them.
+/// An outlier in a segment of suspects is this many times as far off as half of them.
 const STANDS_OUT: f64 = 2.0;
-/// If this share of the points on the smaller side of a step is wild with it, it is no step: two or three wild points are explained by one
-/// but for as many coordinates, and one of two, or two of three, stays wild.
+/// If this share of the points on the smaller side of a step is an outlier with it, it is no step: two or three outliers are explained by one
+/// but for as many coordinates, and one of two, or two of three, stays an outlier.
 const SCATTERED: f64 = 0.25;
-/// Searches for wild points at most, each from the fit without those found before.
+/// Searches for outliers at most, each from the fit without those found before.
 const MAX_SEARCHES: usize = 4;
 /// Steps at most; a campaign with more is not worth fitting.
 const MAX_STEPS: usize = 4;
 
 /// A point that does not belong.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WildPoint {
+pub struct Outlier {
     /// 0-based data row.
     pub row: usize,
     /// How far it lies from where the others put it, mm.
@@ -67,7 +67,7 @@ pub struct FoundStep {
     pub vector_mm: Vector3<f64>,
     /// Turn of the base, rad.
     pub turn_rad: Vector3<f64>,
-    /// One point alone at an end: it may as well be wild, and is treated so.
+    /// One point alone at an end: it may as well be an outlier, and is treated so.
     pub is_one_point: bool,
 }
 
@@ -75,7 +75,7 @@ pub struct FoundStep {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Screening {
     /// Points that do not belong, by row.
-    pub wild: Vec<WildPoint>,
+    pub outliers: Vec<Outlier>,
     /// Standard deviation of one coordinate of the others, mm.
     pub scale_mm: f64,
     /// The outliers are few enough to be left out, and the loss is ours to choose: those to identify count nothing.
@@ -84,7 +84,7 @@ pub struct Screening {
     pub is_for_review: bool,
     /// Steps, by row.
     pub steps: Vec<FoundStep>,
-    /// Rows of stretches without identify points: they are scored with the stretch before.
+    /// Rows of segments without identify points: they are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
     /// The targets of the fit.
     pub targets: FittedTargets,
@@ -100,7 +100,7 @@ struct AllFit {
     reach_mm: f64,
 }
 
-/// Screens the points, and arranges them for the fit: wild points lose their weight, what moved is taken apart.
+/// Screens the points, and arranges them for the fit: outliers lose their weight, what moved is taken apart.
 pub fn screen(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -109,18 +109,19 @@ pub fn screen(
     let mut screening = Screening::default();
     place_setups(request, observed, &mut arrangement)?;
     if request.preset == Preset::Default {
-        let mut wild = search(request, observed, &mut arrangement, &mut screening)?;
+        let mut outliers = search(request, observed, &mut arrangement, &mut screening)?;
         for _ in 0..MAX_SEARCHES {
-            let again = search_again(request, observed, &mut arrangement, wild.as_ref())?;
-            let same = |again: &Wild| wild.as_ref().is_some_and(|w| w.points == again.points);
+            let again = search_again(request, observed, &mut arrangement, outliers.as_ref())?;
+            let same =
+                |again: &Outliers| outliers.as_ref().is_some_and(|w| w.points == again.points);
             if again.as_ref().is_none_or(same) {
                 break;
             }
-            wild = again;
+            outliers = again;
         }
         screening.unfitted_rows = arrangement.join_unfitted(observed);
-        if let Some(wild) = wild {
-            judge(request, observed, &mut screening, &wild);
+        if let Some(outliers) = outliers {
+            leave_out(request, observed, &mut screening, &outliers);
         }
     }
     fit_motions(request, observed, &mut arrangement, Some(Subset::Identify))?;
@@ -129,28 +130,30 @@ pub fn screen(
     Ok((screening, arrangement))
 }
 
-/// Finds steps one after another, and what is wild beside them.
+/// Finds steps one after another, and what is an outlier beside them.
 fn search(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
     screening: &mut Screening,
-) -> Result<Option<Wild>, Error> {
+) -> Result<Option<Outliers>, Error> {
     let WithoutGross {
         gross,
         mut fit,
-        mut wild,
+        mut outliers,
     } = without_gross(request, observed, arrangement)?;
     let others = |points: &[usize], left_out: &[usize]| -> Vec<usize> {
         let is_other = |p: &&usize| !left_out.contains(p);
         points.iter().filter(is_other).copied().collect()
     };
     while screening.steps.len() < MAX_STEPS {
-        let suspects = wild.as_ref().map_or(vec![], |w| others(&w.points, &gross));
+        let suspects = outliers
+            .as_ref()
+            .map_or(vec![], |w| others(&w.points, &gross));
         let order = others(&arrangement.order, &gross);
         let belonging = others(&order, &suspects);
         let with_all = find(observed, &fit, &order);
-        let lone = lone_suspects(observed, &order, wild.as_ref(), 2);
+        let lone = lone_suspects(observed, &order, outliers.as_ref(), 2);
         let without_lone = (!lone.is_empty() && lone.len() < suspects.len())
             .then(|| find(observed, &fit, &others(&order, &lone)));
         let without = if suspects.is_empty() {
@@ -159,11 +162,11 @@ fn search(
             find(observed, &fit, &belonging)
         };
         let mut accepted = false;
-        // with wild points in the fit, a step has to explain some of them; with stretches of them, at least half of these
-        let in_stretches = suspects.len() - lone.len();
+        // with outliers in the fit, a step has to explain some of them; with segments of them, at least half of these
+        let in_segments = suspects.len() - lone.len();
         let tried = [
             (&with_all, suspects.len().min(1)),
-            (&without_lone.flatten(), in_stretches.div_ceil(2)),
+            (&without_lone.flatten(), in_segments.div_ceil(2)),
             (&without, 0),
         ];
         for (step, n_to_explain) in tried {
@@ -172,21 +175,21 @@ fn search(
             };
             let mut trial = split(observed, &fit, arrangement, step);
             let refit = fit_all(request, observed, &mut trial, &gross)?;
-            let left = refit.linear.wild(refit.least_scale_mm);
+            let left = refit.linear.outliers(refit.least_scale_mm);
             let n_left = left.as_ref().map(|w| others(&w.points, &gross).len());
             if n_left.is_some_and(|n| n_to_explain > 0 && n + n_to_explain > suspects.len()) {
                 continue;
             }
-            // what moved takes its points along: where many of them stay wild, they are no stretch
+            // what moved takes its points along: where many of them stay outliers, they are no segment
             let minor = others(&minor_side(observed, arrangement, step), &gross);
-            let still_wild = left
+            let still_outlying = left
                 .as_ref()
                 .map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
-            if still_wild as f64 >= SCATTERED * minor.len() as f64 {
+            if still_outlying as f64 >= SCATTERED * minor.len() as f64 {
                 continue;
             }
             screening.steps.extend(found(step, false));
-            (*arrangement, fit, wild, accepted) = (trial, refit, left, true);
+            (*arrangement, fit, outliers, accepted) = (trial, refit, left, true);
             break;
         }
         if !accepted {
@@ -209,7 +212,7 @@ fn search(
         }
     }
     screening.steps.sort_by_key(|s| s.row);
-    Ok(wild)
+    Ok(outliers)
 }
 
 /// All points fitted but the gross errors.
@@ -218,7 +221,7 @@ struct WithoutGross {
     gross: Vec<usize>,
     fit: AllFit,
     /// All outliers, the gross errors among them.
-    wild: Option<Wild>,
+    outliers: Option<Outliers>,
 }
 
 /// Rows that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide there what moved. They are left out before
@@ -232,13 +235,15 @@ fn without_gross(
     let mut n_searches = 0;
     loop {
         let fit = fit_all(request, observed, arrangement, &gross)?;
-        let wild = fit.linear.wild(fit.least_scale_mm);
+        let outliers = fit.linear.outliers(fit.least_scale_mm);
         let limit_mm = GROSS_PER_REACH * fit.reach_mm;
         let rest = arrangement.order.iter().filter(|p| !gross.contains(p));
         let rest: Vec<usize> = rest.copied().collect();
-        let lone = lone_suspects(observed, &rest, wild.as_ref(), FEWEST_MOVED);
+        let lone = lone_suspects(observed, &rest, outliers.as_ref(), FEWEST_MOVED);
         let is_alone = |point: &usize| gross.contains(point) || lone.contains(point);
-        let sizes = wild.iter().flat_map(|w| w.points.iter().zip(&w.sizes_mm));
+        let sizes = outliers
+            .iter()
+            .flat_map(|w| w.points.iter().zip(&w.sizes_mm));
         let found: Vec<usize> = sizes
             .filter(|(point, size_mm)| {
                 let weight = observed.all[**point].weight;
@@ -248,7 +253,11 @@ fn without_gross(
             .collect();
         n_searches += 1;
         if found == gross || n_searches == MAX_SEARCHES {
-            return Ok(WithoutGross { gross, fit, wild });
+            return Ok(WithoutGross {
+                gross,
+                fit,
+                outliers,
+            });
         }
         gross = found;
     }
@@ -260,13 +269,13 @@ fn search_again(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
-    wild: Option<&Wild>,
-) -> Result<Option<Wild>, Error> {
-    let Some(wild) = wild.filter(|wild| !wild.points.is_empty()) else {
+    outliers: Option<&Outliers>,
+) -> Result<Option<Outliers>, Error> {
+    let Some(outliers) = outliers.filter(|outliers| !outliers.points.is_empty()) else {
         return Ok(None);
     };
-    let fit = fit_all(request, observed, arrangement, &wild.points)?;
-    Ok(fit.linear.wild(fit.least_scale_mm))
+    let fit = fit_all(request, observed, arrangement, &outliers.points)?;
+    Ok(fit.linear.outliers(fit.least_scale_mm))
 }
 
 /// The points on the smaller side of a step.
@@ -290,16 +299,16 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
     }
 }
 
-/// The suspects that stand alone among the points of their target, in measuring order, or out of the stretch that they stand in: twice as
-/// far off as half of it. A reflector that slipped makes a stretch of suspects, where the other reflectors hold the fit, and all by as much; a
-/// wild point would hide the step.
+/// The suspects that stand alone among the points of their target, in measuring order, or out of the segment that they stand in: twice as
+/// far off as half of it. A reflector that slipped makes a segment of suspects, where the other reflectors hold the fit, and all by as much; a
+/// outlier would hide the step.
 fn lone_suspects(
     observed: &Observed,
     order: &[usize],
-    wild: Option<&Wild>,
-    shortest_stretch: usize,
+    outliers: Option<&Outliers>,
+    shortest_segment: usize,
 ) -> Vec<usize> {
-    let sizes: BTreeMap<usize, f64> = wild
+    let sizes: BTreeMap<usize, f64> = outliers
         .iter()
         .flat_map(|w| w.points.iter().copied().zip(w.sizes_mm.iter().copied()))
         .collect();
@@ -313,8 +322,8 @@ fn lone_suspects(
     {
         let is_of_target = |p: &&usize| observed.targets[**p] == target;
         let of_target: Vec<usize> = order.iter().filter(is_of_target).copied().collect();
-        for stretch in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
-            let mut by_size: Vec<f64> = stretch
+        for segment in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
+            let mut by_size: Vec<f64> = segment
                 .iter()
                 .filter_map(|p| sizes.get(p).copied())
                 .collect();
@@ -323,10 +332,10 @@ fn lone_suspects(
                 continue;
             };
             let stands_out = |p: &usize| {
-                stretch.len() < shortest_stretch
+                segment.len() < shortest_segment
                     || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
             };
-            lone.extend(stretch.iter().copied().filter(stands_out));
+            lone.extend(segment.iter().copied().filter(stands_out));
         }
     }
     lone
@@ -405,26 +414,36 @@ fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> us
     }
 }
 
-/// What the wild points are to the fit.
-fn judge(
+/// What the outliers are to the fit.
+fn leave_out(
     request: &CalibrationRequest,
     observed: &mut Observed,
     screening: &mut Screening,
-    wild: &Wild,
+    outliers: &Outliers,
 ) {
-    let size = |(point, size): (&usize, &f64)| WildPoint {
+    let size = |(point, size): (&usize, &f64)| Outlier {
         row: *point,
         size_mm: size / observed.all[*point].weight.sqrt(),
     };
-    screening.wild = wild.points.iter().zip(&wild.sizes_mm).map(size).collect();
-    screening.scale_mm = wild.scale_mm;
+    screening.outliers = outliers
+        .points
+        .iter()
+        .zip(&outliers.sizes_mm)
+        .map(size)
+        .collect();
+    screening.scale_mm = outliers.scale_mm;
     let is_more_than =
-        |share: f64| wild.points.len() > (share * observed.all.len() as f64).ceil() as usize;
+        |share: f64| outliers.points.len() > (share * observed.all.len() as f64).ceil() as usize;
     screening.is_for_review = is_more_than(REVIEW_SHARE);
     screening.is_down_weighted = request.options.loss.is_none() && !is_more_than(LEFT_OUT_SHARE);
     if screening.is_down_weighted {
         let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
-        let down: Vec<usize> = wild.points.iter().filter(to_identify).copied().collect();
+        let down: Vec<usize> = outliers
+            .points
+            .iter()
+            .filter(to_identify)
+            .copied()
+            .collect();
         down.iter()
             .for_each(|point| observed.all[*point].weight = 0.0);
     }

@@ -5,7 +5,7 @@ use crate::calibration::preparation::observe::stated_scale_mm;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::{CorrectionsChoice, Preset};
-use crate::calibration::validation::robust_comparison::judged;
+use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::{Event, Monitor};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::corrections::{Evidence, Fitted, Setting, select};
@@ -148,8 +148,8 @@ pub fn veto(
         })
         .collect();
     // points that both miss wildly do not count
-    let judged = judged(&errors_mm);
-    let (links_mm, corrected_mm) = (judged.before_rms_mm, judged.after_rms_mm);
+    let comparison = robust_comparison(&errors_mm);
+    let (links_mm, corrected_mm) = (comparison.before_rms_mm, comparison.after_rms_mm);
     if corrected_mm <= links_mm || errors_mm.is_empty() {
         return (found, None);
     }
@@ -168,7 +168,7 @@ pub fn veto(
          with its links alone: all were dropped, and the set predicts by its links alone. Identify from poses that cover the workspace of \
          the points to verify, and check that payload and mounting are as stated",
         points.len(),
-        judged.remark()
+        comparison.remark()
     );
     let warning = Warning {
         code: "corrections_worse_on_verify_points",

@@ -157,8 +157,8 @@ impl<'a> Problem<'a> {
     pub fn over_all_points(&self, model: &KinematicModel) -> Result<Self, Error> {
         let mut observed = self.observed.clone();
         observed.subsets.fill(Subset::Identify);
-        let wild = self.screening.wild.iter().map(|wild| wild.row);
-        let without_weight = wild.filter(|_| self.screening.is_down_weighted);
+        let outliers = self.screening.outliers.iter().map(|outliers| outliers.row);
+        let without_weight = outliers.filter(|_| self.screening.is_down_weighted);
         let unfitted = self.screening.unfitted_rows.iter().copied();
         for row in without_weight.chain(unfitted) {
             observed.all[row].weight = 0.0;

@@ -49,7 +49,7 @@ impl Problem<'_> {
         })
     }
 
-    /// The estimate with the request's loss. Noise and widths are those of the points that belong together: wild ones would tell of neither.
+    /// The estimate with the request's loss. Noise and widths are those of the points that belong together: outliers would tell of neither.
     pub fn robust_fit(
         &self,
         start: &KinematicModel,

@@ -9,7 +9,7 @@ use crate::measurement::set::SAME_JOINT_RAD;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Of the points that belong and were measured at the same joint values (to 0.05°) of the same target, in the same stretch between steps;
+/// Of the points that belong and were measured at the same joint values (to 0.05°) of the same target, in the same segment between steps;
 /// `None` where no pose was visited twice. `robot` is in the frame of the fit.
 pub fn repeatability(
     problem: &Problem<'_>,
@@ -17,9 +17,9 @@ pub fn repeatability(
     robot: Option<&IdentifiedRobot>,
 ) -> Option<Repeatability> {
     let all = &problem.observed.all;
-    let wild: BTreeSet<usize> = problem.screening.wild.iter().map(|w| w.row).collect();
+    let outliers: BTreeSet<usize> = problem.screening.outliers.iter().map(|w| w.row).collect();
     let mut of_label: BTreeMap<(&str, usize), Vec<Vec<usize>>> = BTreeMap::new();
-    for row in (0..all.len()).filter(|row| !wild.contains(row)) {
+    for row in (0..all.len()).filter(|row| !outliers.contains(row)) {
         let poses = of_label
             .entry((&problem.observed.configurations[row], all[row].target))
             .or_default();

@@ -47,7 +47,7 @@ pub fn errors_mm(
     Ok(report
         .per_point
         .iter()
-        .map(PointErrors::to_judge)
+        .map(PointErrors::errors_mm)
         .map(|[_, links, corrected]| if is_links { links } else { corrected })
         .collect())
 }

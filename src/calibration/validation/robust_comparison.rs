@@ -1,13 +1,13 @@
 //! Two robots on the same points: which of them is nearer, whatever a broken beam does to a point.
 //!
 //! A point that is off by centimetres is so for every robot, and by chance a little more for one of them: in the rms of both it outweighs all
-//! others. So what both miss wildly is set aside, and only that: a point that one of the two misses alone is what is to be judged.
+//! others. So what both miss by far is left out, and only that: a point that one of the two misses alone counts.
 
-/// Wild is what each misses by more than this many times what it misses half of the points by; of noise alike in all directions one point in
+/// An outlier is what each misses by more than this many times what it misses half of the points by; of noise alike in all directions one point in
 /// ten thousand is.
-const WILD: f64 = 3.0;
-/// Nearer than this share of what the one misses half of the points by, nothing is wild: the other may meet half of them by chance, or in a simulation.
-const NEVER_WILD: f64 = 0.25;
+const OUTLYING: f64 = 3.0;
+/// Nearer than this share of what the one misses half of the points by, nothing is an outlier: the other may meet half of them by chance, or in a simulation.
+const NEVER_OUTLYING: f64 = 0.25;
 /// One point in this many, and one of fewer, may be set aside; more are no accident, and all count.
 const ONE_IN: usize = 20;
 /// Of fewer points none is.
@@ -15,8 +15,8 @@ const FEWEST: usize = 10;
 
 /// Errors of two robots on the points that count.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
-    /// Points that both miss wildly: they do not count.
+pub struct RobustComparison {
+    /// Points that both miss by far: they do not count.
     pub n_set_aside: usize,
     /// Of the one, mm; not a number where there are no points.
     pub before_rms_mm: f64,
@@ -24,7 +24,7 @@ pub struct Judged {
     pub after_rms_mm: f64,
 }
 
-impl Judged {
+impl RobustComparison {
     /// Whether the other is nearer; not where that cannot be told.
     pub fn is_better(&self) -> bool {
         self.after_rms_mm < self.before_rms_mm
@@ -40,21 +40,21 @@ impl Judged {
     }
 }
 
-/// Judges by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
+/// Compares by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
 /// none).
-pub fn judged(points: &[[f64; 3]]) -> Judged {
+pub fn robust_comparison(points: &[[f64; 3]]) -> RobustComparison {
     let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
-    let limits_mm = medians_mm.map(|mm| (WILD * mm).max(NEVER_WILD * medians_mm[0]));
-    let is_wild = |point: &&[f64; 3]| point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
-    let n_wild = points.iter().filter(is_wild).count();
-    let n_set_aside = if points.len() >= FEWEST && n_wild <= points.len().div_ceil(ONE_IN) {
-        n_wild
+    let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
+    let is_outlier = |point: &&[f64; 3]| point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
+    let n_outliers = points.iter().filter(is_outlier).count();
+    let n_set_aside = if points.len() >= FEWEST && n_outliers <= points.len().div_ceil(ONE_IN) {
+        n_outliers
     } else {
         0
     };
     let counted: Vec<&[f64; 3]> = points
         .iter()
-        .filter(|point| n_set_aside == 0 || !is_wild(point))
+        .filter(|point| n_set_aside == 0 || !is_outlier(point))
         .collect();
     let rms = |of: usize| {
         (counted
@@ -65,7 +65,7 @@ pub fn judged(points: &[[f64; 3]]) -> Judged {
             .sqrt()
     };
     let (links, corrected) = (rms(1), rms(2));
-    Judged {
+    RobustComparison {
         n_set_aside,
         before_rms_mm: rms(0),
         after_rms_mm: if corrected > links { corrected } else { links },
@@ -83,7 +83,7 @@ fn median(errors_mm: impl Iterator<Item = f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Judged, judged};
+    use super::{RobustComparison, robust_comparison};
 
     /// Twenty points that the one robot misses by 0.8 mm and the other by 0.9 mm.
     fn worse() -> Vec<[f64; 3]> {
@@ -95,20 +95,20 @@ mod tests {
         for (before, after) in [(10.0, 9.5), (9.5, 10.5), (50.0, 49.0)] {
             let mut points = worse();
             points[7] = [before, after, after];
-            let judged = judged(&points);
+            let comparison = robust_comparison(&points);
             assert_eq!(
-                (judged.n_set_aside, judged.is_better()),
+                (comparison.n_set_aside, comparison.is_better()),
                 (1, false),
-                "{judged:?}"
+                "{comparison:?}"
             );
             assert!(
-                (judged.before_rms_mm - 0.8).abs() < 1e-12
-                    && (judged.after_rms_mm - 0.9).abs() < 1e-12,
-                "{judged:?}"
+                (comparison.before_rms_mm - 0.8).abs() < 1e-12
+                    && (comparison.after_rms_mm - 0.9).abs() < 1e-12,
+                "{comparison:?}"
             );
             points.iter_mut().for_each(|point| point.swap(0, 1));
             points.iter_mut().for_each(|point| point[2] = point[1]);
-            assert!(super::judged(&points).is_better());
+            assert!(super::robust_comparison(&points).is_better());
         }
     }
 
@@ -117,12 +117,15 @@ mod tests {
         let mut points = vec![[0.8, 0.1, 0.1]; 20];
         points[3] = [0.8, 12.0, 12.0];
         assert_eq!(
-            (judged(&points).n_set_aside, judged(&points).is_better()),
+            (
+                robust_comparison(&points).n_set_aside,
+                robust_comparison(&points).is_better()
+            ),
             (0, false)
         );
         let mut points = vec![[0.8, 0.1, 0.1]; 20];
         points[3] = [0.8, 0.1, 12.0];
-        assert!(!judged(&points).is_better(), "with corrections");
+        assert!(!robust_comparison(&points).is_better(), "with corrections");
     }
 
     #[test]
@@ -130,14 +133,16 @@ mod tests {
         let mut points = worse();
         points[3] = [10.0, 9.0, 9.0];
         points[4] = [10.0, 9.0, 9.0];
-        assert_eq!(judged(&points).n_set_aside, 0);
-        assert_eq!(judged(&points[..9]).n_set_aside, 0);
-        let Judged {
+        assert_eq!(robust_comparison(&points).n_set_aside, 0);
+        assert_eq!(robust_comparison(&points[..9]).n_set_aside, 0);
+        let RobustComparison {
             before_rms_mm,
             after_rms_mm,
             ..
-        } = judged(&[]);
-        assert!(before_rms_mm.is_nan() && after_rms_mm.is_nan() && !judged(&[]).is_better());
-        assert_eq!(judged(&[[1e-9, 0.0, 0.0]; 20]).n_set_aside, 0);
+        } = robust_comparison(&[]);
+        assert!(
+            before_rms_mm.is_nan() && after_rms_mm.is_nan() && !robust_comparison(&[]).is_better()
+        );
+        assert_eq!(robust_comparison(&[[1e-9, 0.0, 0.0]; 20]).n_set_aside, 0);
     }
 }

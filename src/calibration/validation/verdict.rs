@@ -5,7 +5,7 @@ use crate::calibration::report::{
 };
 use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
-use crate::calibration::validation::robust_comparison::{Judged, judged};
+use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
 use crate::calibration::validation::session_fit::{HeldOut, SessionFit, session_fit};
 use crate::calibration::warnings::plausibility;
 use crate::kinematics::{Link, Robot, reach_mm};
@@ -22,7 +22,7 @@ pub struct Verdict {
     /// A parameter set was scored, and not the nominal robot alone.
     pub is_identified: bool,
     /// The errors of both robots.
-    pub judged: Judged,
+    pub comparison: RobustComparison,
     /// How they fit together.
     pub fit: SessionFit,
     /// What was found when the set was identified.
@@ -32,9 +32,9 @@ pub struct Verdict {
 impl Verdict {
     /// In one sentence.
     pub fn in_words(&self) -> String {
-        let (before, after) = (self.judged.before_rms_mm, self.judged.after_rms_mm);
-        let remark = self.judged.remark();
-        let said = match (self.is_identified, self.fit, self.judged.is_better()) {
+        let (before, after) = (self.comparison.before_rms_mm, self.comparison.after_rms_mm);
+        let remark = self.comparison.remark();
+        let said = match (self.is_identified, self.fit, self.comparison.is_better()) {
             (false, SessionFit::DoesNotFit, _) => format!(
                 "this file does not fit this robot ({before:.4} mm rms of the nominal robot{remark})"
             ),
@@ -56,8 +56,8 @@ impl Verdict {
 
     /// What one should know before a release.
     pub fn warning(&self) -> Option<Warning> {
-        let (before, after) = (self.judged.before_rms_mm, self.judged.after_rms_mm);
-        let remark = self.judged.remark();
+        let (before, after) = (self.comparison.before_rms_mm, self.comparison.after_rms_mm);
+        let remark = self.comparison.remark();
         let at_identification = self.held_out.map_or(String::new(), |held_out| {
             format!(
                 "; when the parameter set was identified it was {:.4} mm and {:.4} mm",
@@ -88,7 +88,7 @@ impl Verdict {
                      robot has changed, or the parameter set holds only near the poses that it was identified from"
                 ),
             ),
-            _ if !self.judged.is_better() => (
+            _ if !self.comparison.is_better() => (
                 "no_better_than_nominal",
                 format!(
                     "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
@@ -151,7 +151,7 @@ pub fn of_another_session(
     };
     let verdict = Verdict {
         is_identified: true,
-        judged: judged(errors_mm),
+        comparison: robust_comparison(errors_mm),
         fit: session_fit(errors_mm, Some(&held_out), robot, own_scatter_mm),
         held_out: Some(held_out),
     };
@@ -182,18 +182,18 @@ pub fn warnings(
                 .per_point
                 .iter()
                 .filter(|point| point.subset == Subset::Verify);
-            let judged = judged(
+            let comparison = robust_comparison(
                 &to_verify
                     .map(|point| [point.before_mm, point.after_mm, point.after_mm])
                     .collect::<Vec<_>>(),
             );
-            if !judged.is_better() {
+            if !comparison.is_better() {
                 let detail = format!(
                     "on points that the fit has not seen{} the identified robot ({:.4} mm rms) is no better than the nominal one ({:.4} mm rms): do \
                      not use it",
-                    judged.remark(),
-                    judged.after_rms_mm,
-                    judged.before_rms_mm
+                    comparison.remark(),
+                    comparison.after_rms_mm,
+                    comparison.before_rms_mm
                 );
                 warnings.push(warning("no_better_than_nominal", detail));
             }

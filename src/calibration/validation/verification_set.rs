@@ -1,5 +1,5 @@
 //! Points to verify on, as they are scored: base and targets placed anew for each robot that is compared; stations, and what moved while
-//! the points were measured, apart; wild points named.
+//! the points were measured, apart; outliers named.
 //!
 //! What moved is looked for with the links held at the robot that fits best: nothing of the robot is taken from these points.
 
@@ -39,9 +39,9 @@ pub struct Layout<'a> {
 pub struct Placed {
     /// With base and targets where they fit best.
     pub model: KinematicModel,
-    /// The points, carried into one frame, each with the target of its stretch.
+    /// The points, carried into one frame, each with the target of its segment.
     pub observed: Observed,
-    /// (target, stretch) of each of the model's targets; stretches count from 0.
+    /// (target, segment) of each of the model's targets; segments count from 0.
     pub segments: Vec<(usize, usize)>,
 }
 

@@ -12,7 +12,7 @@ use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::stage;
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::errors::{corrected_errors, per_point, verify_without};
-use crate::calibration::validation::robust_comparison::judged;
+use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{nominal_fit, own_scatter_mm, session_fit};
 use crate::calibration::validation::verdict::Verdict;
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
@@ -232,7 +232,12 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
     let (before, after) = (layout.place(&before)?, layout.place(&after)?);
     let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
     let remarks = screening_warnings(&layout.screening, &after.observed, None);
-    let outliers = layout.screening.wild.iter().map(|wild| wild.row).collect();
+    let outliers = layout
+        .screening
+        .outliers
+        .iter()
+        .map(|outliers| outliers.row)
+        .collect();
     Ok(Scored {
         before,
         after,
@@ -256,10 +261,10 @@ fn report(
         (&scored.after.observed, &scored.after.model),
         scored.corrected.as_ref(),
     );
-    let errors_mm: Vec<[f64; 3]> = per_point.iter().map(PointErrors::to_judge).collect();
+    let errors_mm: Vec<[f64; 3]> = per_point.iter().map(PointErrors::errors_mm).collect();
     let verdict = Verdict {
         is_identified,
-        judged: judged(&errors_mm),
+        comparison: robust_comparison(&errors_mm),
         fit: match is_identified {
             true => session_fit(
                 &errors_mm,

@@ -1,7 +1,7 @@
 //! What screening found, in words.
 
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::preparation::screening::{FoundStep, Screening, WhatMoved, WildPoint};
+use crate::calibration::preparation::screening::{FoundStep, Outlier, Screening, WhatMoved};
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::Loss;
@@ -17,7 +17,7 @@ const BEYOND: f64 = 2.0;
 /// It is worth a word if this share of the points to verify lies there.
 const MANY_BEYOND: f64 = 0.1;
 
-/// The warnings about wild points and about what moved. `asked` is the loss that the request asks for.
+/// The warnings about outliers and about what moved. `asked` is the loss that the request asks for.
 pub fn screening_warnings(
     screening: &Screening,
     observed: &Observed,
@@ -124,10 +124,10 @@ fn moved(step: &FoundStep) -> Warning {
 }
 
 fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<Warning> {
-    if screening.wild.is_empty() {
+    if screening.outliers.is_empty() {
         return None;
     }
-    let rows: Vec<usize> = screening.wild.iter().map(|w| w.row).collect();
+    let rows: Vec<usize> = screening.outliers.iter().map(|w| w.row).collect();
     let n_fitted = rows
         .iter()
         .filter(|row| observed.subsets[**row] == Subset::Identify)
@@ -137,7 +137,7 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
         rows.len(),
         observed.all.len(),
         screening.scale_mm,
-        listed(&screening.wild)
+        listed(&screening.outliers)
     );
     let is_left_out = screening.is_down_weighted;
     let (code, consequence) = match (screening.is_for_review, asked) {
@@ -167,14 +167,14 @@ fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<W
     })
 }
 
-fn listed(wild: &[WildPoint]) -> String {
-    let mut names: Vec<String> = wild
+fn listed(outliers: &[Outlier]) -> String {
+    let mut names: Vec<String> = outliers
         .iter()
         .take(LISTED)
         .map(|w| format!("row {} by {:.3} mm", w.row, w.size_mm))
         .collect();
-    if wild.len() > LISTED {
-        names.push(format!("and {} more", wild.len() - LISTED));
+    if outliers.len() > LISTED {
+        names.push(format!("and {} more", outliers.len() - LISTED));
     }
     names.join(", ")
 }

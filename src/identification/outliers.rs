@@ -1,6 +1,6 @@
 //! Points that do not belong: found from the linear problem at a fit, without knowing how many there are.
 //!
-//! Least squares spreads a wild point over its neighbours, so its own residual does not show it. Two starts that do not do that (the
+//! Least squares spreads an outlier over its neighbours, so its own residual does not show it. Two starts that do not do that (the
 //! fit of least absolute lengths, and deleting point after point by the residual it would have if it were not fitted) are each carried
 //! on by Tukey's biweight at the scale found there (an MM-estimate [Yohai 1987]). Of the two the one is kept whose best nine tenths
 //! scatter least (least trimmed squares [Rousseeuw 1984]). Points are then put in and out by the residual that each would have if it
@@ -10,8 +10,8 @@ use crate::identification::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Vector3};
 
-/// A point is wild from so many standard deviations of its predicted residual on: one in 10⁷ normal points.
-const WILD_SIGMAS: f64 = 6.0;
+/// A point is an outlier from so many standard deviations of its predicted residual on: one in 10⁷ normal points.
+const OUTLIER_SIGMAS: f64 = 6.0;
 /// And if noise would show a residual as large in at most one of a thousand sets of this size.
 const FALSE_ALARMS: f64 = 1e-3;
 /// Iterations of each start and of the biweight; the weights settle in about ten.
@@ -19,11 +19,11 @@ const REWEIGHTINGS: usize = 30;
 /// Times that points are put in and out.
 const EXCHANGES: usize = 20;
 /// Points times rounds of deletions at most, and so many rounds at least: of up to a thousand points one is deleted at a time, of a hundred
-/// thousand a tenth of those that may be wild.
+/// thousand a tenth of those that may be an outlier.
 const DELETION_WORK: usize = 100_000;
 const FEWEST_DELETIONS: usize = 10;
-/// Share of the points that may be wild before the search gives up on them.
-const MOST_WILD: f64 = 0.1;
+/// Share of the points that may be an outlier before the search gives up on them.
+const MOST_OUTLIERS: f64 = 0.1;
 /// Numbers in the points' squares at most, 64 MiB; of larger problems they are made anew for every fit.
 const MOST_KEPT: usize = 8 << 20;
 /// Median of the length of three standard normal numbers.
@@ -44,7 +44,7 @@ pub struct Linearised {
 
 /// What does not belong.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Wild {
+pub struct Outliers {
     /// Indices of the points, ascending.
     pub points: Vec<usize>,
     /// The residual each of them has when it is not fitted, mm (times the root of its weight).
@@ -104,7 +104,7 @@ impl Linearised {
         self.residuals.len() / 3
     }
 
-    /// The points with weights 1 and more residuals than twice the combinations; fewer cannot tell which is wild.
+    /// The points with weights 1 and more residuals than twice the combinations; fewer cannot tell which is an outlier.
     fn is_overdetermined(&self) -> bool {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
@@ -134,9 +134,9 @@ impl Linearised {
 
     /// The points that do not belong; none where there are too few to tell.
     /// A coordinate's standard deviation counts as at least `least_scale_mm`.
-    pub fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
+    pub fn outliers(&self, least_scale_mm: f64) -> Option<Outliers> {
         self.is_overdetermined()
-            .then(|| Blocks::new(self).wild(least_scale_mm.max(self.rounding_mm)))?
+            .then(|| Blocks::new(self).outliers(least_scale_mm.max(self.rounding_mm)))?
     }
 }
 
@@ -301,12 +301,12 @@ impl<'a> Blocks<'a> {
         Some((best, scale))
     }
 
-    fn wild(&self, least_scale_mm: f64) -> Option<Wild> {
+    fn outliers(&self, least_scale_mm: f64) -> Option<Outliers> {
         let (residuals, scale) = self.robust()?;
         let n = self.of.n_points();
         let mut kept: Vec<bool> = residuals
             .iter()
-            .map(|r| r.norm() <= WILD_SIGMAS * scale.max(least_scale_mm))
+            .map(|r| r.norm() <= OUTLIER_SIGMAS * scale.max(least_scale_mm))
             .collect();
         let mut fit = self.keep(&kept).or_else(|| {
             kept = vec![true; n];
@@ -314,7 +314,7 @@ impl<'a> Blocks<'a> {
         })?;
         for _ in 0..EXCHANGES {
             let next: Vec<bool> = (0..n)
-                .map(|i| !is_wild(fit.surprise(i, kept[i]), &fit, least_scale_mm, n))
+                .map(|i| !is_outlier(fit.surprise(i, kept[i]), &fit, least_scale_mm, n))
                 .collect();
             if next == kept {
                 break;
@@ -324,7 +324,7 @@ impl<'a> Blocks<'a> {
         }
         let points: Vec<usize> = (0..n).filter(|i| !kept[*i]).collect();
         let sizes_mm = points.iter().map(|i| fit.residuals[*i].norm()).collect();
-        Some(Wild {
+        Some(Outliers {
             points,
             sizes_mm,
             scale_mm: fit.variance.sqrt().max(least_scale_mm),
@@ -346,17 +346,17 @@ impl Kept {
     }
 }
 
-fn is_wild(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -> bool {
+fn is_outlier(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -> bool {
     let square = surprise / fit.variance.max(least_scale_mm * least_scale_mm);
-    square > WILD_SIGMAS * WILD_SIGMAS
+    square > OUTLIER_SIGMAS * OUTLIER_SIGMAS
         && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
 }
 
 fn most_wild(n_points: usize) -> usize {
-    (MOST_WILD * n_points as f64).ceil() as usize
+    (MOST_OUTLIERS * n_points as f64).ceil() as usize
 }
 
-/// Sum of the smallest squares, without the share that may be wild.
+/// Sum of the smallest squares, without the share that may be an outlier.
 fn trimmed(residuals: &[Vector3<f64>]) -> f64 {
     let mut squares: Vec<f64> = residuals.iter().map(Vector3::norm_squared).collect();
     squares.sort_by(f64::total_cmp);
