@@ -148,7 +148,7 @@ FAULTS = [
     Fault("a cancellation that comes too late", "service", "a_waiting_job_is_cancelled", [
         ("status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end", "status = 'succeeded'")]),
     # Release
-    Fault("a broken beam decides a release", "core", "one_wild_point", [
+    Fault("a broken beam decides a release", "core", "one_outlier", [
         ("let n_set_aside = if points", "let n_set_aside = if points.is_empty() && points")]),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
         ("find(|session| !session.verification.is_better)", "find(|session| session.seq == -1)")]),

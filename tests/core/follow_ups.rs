@@ -108,7 +108,7 @@ fn verdict(report: &CalibrationReport) -> (bool, RobustComparison) {
 }
 
 #[test]
-fn one_wild_point_decides_neither_for_nor_against_a_parameter_set() {
+fn one_outlier_decides_neither_for_nor_against_a_parameter_set() {
     let robot = paper_robot();
     let (mut n_bad, mut n_good) = (0, 0);
     for seed in 0..10 {
