@@ -5,7 +5,7 @@ mod robots;
 #[path = "../tests/support/simulation.rs"]
 mod simulation;
 
-use kincal::calibration::upload_checks::alignment::{Look, look};
+use kincal::calibration::upload_checks::alignment::{Alignment, align};
 use kincal::measurement::Frame;
 use std::time::Instant;
 
@@ -58,7 +58,10 @@ fn look_ms(frame: Frame, n_points: usize) -> f64 {
     let mut times: Vec<f64> = (0..LOOKS)
         .map(|_| {
             let begun = Instant::now();
-            assert!(matches!(look(nominal, &set), Look::Fine), "a right set");
+            assert!(
+                matches!(align(nominal, &set), Alignment::Fits),
+                "a right set"
+            );
             begun.elapsed().as_secs_f64() * 1e3
         })
         .collect();

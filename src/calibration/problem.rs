@@ -38,11 +38,11 @@ pub struct Problem<'a> {
     /// What the identify subset can see, at the nominal robot, scaled by the stated priors.
     pub decomposition: Decomposition,
     /// What is known of the parameters beforehand.
-    pub priors: Option<KnownBefore>,
+    pub priors: Option<StatedPriors>,
 }
 
 /// The priors of a problem, and what its points say without them.
-pub struct KnownBefore {
+pub struct StatedPriors {
     /// The priors, weighed.
     pub priors: Priors,
     /// The answer of the points alone.

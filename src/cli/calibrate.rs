@@ -5,7 +5,7 @@ use super::options::{IdentifyOptions, SetOptions};
 use super::table;
 use super::terminal::{Output, in_commands};
 use super::usage::Usage;
-use crate::calibration::upload_checks::alignment::{self, Finding, Look};
+use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
@@ -155,17 +155,17 @@ fn check_upload<'a>(
     set: &MeasurementSet,
     arguments: &'a Arguments,
 ) -> anyhow::Result<Option<&'a str>> {
-    let Look::Off(rms_mm) = alignment::look(robot, set) else {
+    let Alignment::Misses(rms_mm) = alignment::align(robot, set) else {
         return Ok(None);
     };
     let insist = arguments.set_options.insist.map(Insist::as_str);
     let (code, detail, insisted_on) = match alignment::explain(robot, set, rms_mm, &[]) {
-        Finding::Odd { code, detail } => (code.to_owned(), detail, None),
-        Finding::Wrong(suspicion) if insist == Some(suspicion.code) => {
+        Explanation::Warning { code, detail } => (code.to_owned(), detail, None),
+        Explanation::Refusal(suspicion) if insist == Some(suspicion.code) => {
             let warning = suspicion::insisted(&suspicion);
             (warning.code, warning.detail, insist)
         }
-        Finding::Wrong(suspicion) => {
+        Explanation::Refusal(suspicion) => {
             let issues = [suspicion::refusal(&suspicion)];
             return Err(Usage(cannot_be_used(&arguments.set, &[], &issues)).into());
         }

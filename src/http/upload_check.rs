@@ -1,7 +1,7 @@
 //! Checks whether an upload can have been measured on its robot. If it does not fit and the cause is clear, it is refused; otherwise it gets a
 //! warning.
 
-use crate::calibration::upload_checks::alignment::{self, Finding, Look};
+use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
 use crate::http::auth::Caller;
 use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
@@ -23,13 +23,13 @@ pub struct Misfit {
 
 /// Compares an upload with the nominal robot; `None` if it fits or is too small to decide.
 pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit>, Error> {
-    Ok(match alignment::look(&Robot::try_from(robot)?, &set) {
-        Look::Off(rms_mm) => Some(Misfit {
+    Ok(match alignment::align(&Robot::try_from(robot)?, &set) {
+        Alignment::Misses(rms_mm) => Some(Misfit {
             robot: robot.clone(),
             set,
             rms_mm,
         }),
-        Look::Fine => None,
+        Alignment::Fits => None,
     })
 }
 
@@ -75,10 +75,10 @@ pub async fn diagnose(
         }
     }
     match app
-        .compute(RequestClass::Write, move || finding(&misfit, &others))
+        .compute(RequestClass::Write, move || explanation(&misfit, &others))
         .await?
     {
-        Finding::Odd { code, detail } => {
+        Explanation::Warning { code, detail } => {
             let warning = Warning {
                 code: code.into(),
                 detail,
@@ -89,7 +89,7 @@ pub async fn diagnose(
                 insisted_on: None,
             })
         }
-        Finding::Wrong(suspicion)
+        Explanation::Refusal(suspicion)
             if insist.is_some_and(|insist| insist.as_str() == suspicion.code) =>
         {
             Ok(Diagnosis {
@@ -97,7 +97,7 @@ pub async fn diagnose(
                 insisted_on: insist,
             })
         }
-        Finding::Wrong(suspicion) => Err(Invalid {
+        Explanation::Refusal(suspicion) => Err(Invalid {
             code: suspicion.code,
             issues: vec![refusal(&suspicion)],
         }
@@ -105,7 +105,7 @@ pub async fn diagnose(
     }
 }
 
-fn finding(misfit: &Misfit, others: &[RobotBody]) -> Result<Finding, Error> {
+fn explanation(misfit: &Misfit, others: &[RobotBody]) -> Result<Explanation, Error> {
     let named = others
         .iter()
         .map(|body| Ok((body.name.clone(), Robot::try_from(body)?)));

@@ -7,7 +7,7 @@ use crate::identification::objective::weighted_jacobian;
 use crate::identification::parameters::Parameter;
 use crate::identification::parameters::moved;
 use crate::identification::parameters::{apply_into, left_jacobian};
-use crate::identification::priors::{Known, Priors};
+use crate::identification::priors::{PriorRows, Priors};
 use crate::identification::problem::reach_mm;
 use crate::identification::search_space::SearchSpace;
 use crate::kinematics::batch::{Along, InstructionSet, Lanes, Moved, OneRobot, PoseLanes};
@@ -167,7 +167,7 @@ impl SearchSpace {
     }
 
     /// As [`Self::singular`], of the points and the priors together: one coordinate per combination that either says something of.
-    pub fn singular_knowing(
+    pub fn singular_with_priors(
         reference: KinematicModel,
         parameters: Vec<Parameter>,
         scale: Vec<f64>,
@@ -179,7 +179,7 @@ impl SearchSpace {
         let known = priors.from(&reference);
         let rows = rows_along(&reference, &parameters, &directions, observations, &known);
         let turned = &directions * decompose(rows, &vec![1.0; directions.ncols()], 0.0).directions;
-        Self::along(reference, parameters, scale, turned).knowing(known)
+        Self::along(reference, parameters, scale, turned).with_priors(known)
     }
 }
 
@@ -189,15 +189,15 @@ fn rows_along(
     parameters: &[Parameter],
     directions: &DMatrix<f64>,
     observations: &[Observation],
-    known: &Known,
+    known: &PriorRows,
 ) -> DMatrix<f64> {
     let of_points =
         weighted_jacobian(reference, parameters, observations, &Vector3::zeros()) * directions;
     let n = of_points.nrows();
-    let mut rows = of_points.resize_vertically(n + known.pulls.len(), 0.0);
-    for (k, pull) in known.pulls.iter().enumerate() {
+    let mut rows = of_points.resize_vertically(n + known.rows.len(), 0.0);
+    for (k, row) in known.rows.iter().enumerate() {
         rows.row_mut(n + k)
-            .copy_from(&(directions.row(pull.parameter) * pull.weight));
+            .copy_from(&(directions.row(row.parameter) * row.weight));
     }
     rows
 }

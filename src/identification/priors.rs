@@ -36,15 +36,15 @@ pub struct Priors {
     parameters: Vec<Parameter>,
 }
 
-/// A prior as a row of least squares: residual = weight · (away − deviation).
+/// A prior as a row of least squares: residual = weight · (mean − deviation).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pull {
+pub struct PriorRow {
     /// Index of the parameter.
     pub parameter: usize,
     /// σ/std, mm per mm or rad.
     pub weight: f64,
     /// Where the parameter is expected, as a deviation, mm or rad.
-    pub away: f64,
+    pub mean: f64,
 }
 
 /// Bounds of a deviation, mm or rad.
@@ -65,21 +65,21 @@ impl Limit {
     }
 }
 
-/// What is known, counted from some model: its deviations are 0.
+/// Priors and bounds, counted from some model: its deviations are 0.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Known {
+pub struct PriorRows {
     /// Priors.
-    pub pulls: Vec<Pull>,
+    pub rows: Vec<PriorRow>,
     /// Bounds, of those parameters that have any.
     pub limits: Vec<Limit>,
 }
 
-impl Known {
+impl PriorRows {
     /// Residuals of the priors, mm.
     pub fn residuals<'a>(&'a self, deviation: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
-        self.pulls
+        self.rows
             .iter()
-            .map(|pull| pull.weight * (pull.away - deviation[pull.parameter]))
+            .map(|row| row.weight * (row.mean - deviation[row.parameter]))
     }
 
     /// What the priors add to F, mm².
@@ -107,16 +107,16 @@ impl Priors {
             .collect()
     }
 
-    /// What is known, counted from a model.
-    pub fn from(&self, model: &KinematicModel) -> Known {
+    /// Priors and bounds, counted from a model.
+    pub fn from(&self, model: &KinematicModel) -> PriorRows {
         let of = |(prior, at): (&Prior, f64)| {
-            let pull = Pull {
+            let row = PriorRow {
                 parameter: prior.parameter,
                 weight: self.scale_mm / prior.std,
-                away: prior.mean - at,
+                mean: prior.mean - at,
             };
             (
-                pull,
+                row,
                 Limit {
                     parameter: prior.parameter,
                     low: prior.min - at,
@@ -124,10 +124,10 @@ impl Priors {
                 },
             )
         };
-        let (pulls, limits): (Vec<Pull>, Vec<Limit>) =
+        let (rows, limits): (Vec<PriorRow>, Vec<Limit>) =
             self.all.iter().zip(self.deviations(model)).map(of).unzip();
-        Known {
-            pulls,
+        PriorRows {
+            rows,
             limits: limits
                 .into_iter()
                 .filter(|l| l.low.is_finite() || l.high.is_finite())

@@ -2,7 +2,7 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, apply_into};
-use crate::identification::priors::Known;
+use crate::identification::priors::PriorRows;
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -20,7 +20,7 @@ pub struct SearchSpace {
     /// Each coordinate is one parameter.
     is_raw: bool,
     /// What is known beforehand, counted from the reference.
-    known: Known,
+    known: PriorRows,
 }
 
 impl SearchSpace {
@@ -33,7 +33,7 @@ impl SearchSpace {
             directions,
             scale,
             is_raw: true,
-            known: Known::default(),
+            known: PriorRows::default(),
         }
     }
 
@@ -51,17 +51,17 @@ impl SearchSpace {
             directions,
             scale,
             is_raw: false,
-            known: Known::default(),
+            known: PriorRows::default(),
         }
     }
 
     /// With what is known beforehand: deviations beyond a limit stop at it, and pulls add to the cost.
-    pub fn knowing(self, known: Known) -> Self {
+    pub fn with_priors(self, known: PriorRows) -> Self {
         Self { known, ..self }
     }
 
     /// What is known beforehand.
-    pub fn known(&self) -> &Known {
+    pub fn prior_rows(&self) -> &PriorRows {
         &self.known
     }
 

@@ -294,7 +294,7 @@ impl SearchSpace {
         } else {
             combine_coordinates(self.directions().as_slice(), positions, first, deviations);
         }
-        for limit in &self.known().limits {
+        for limit in &self.prior_rows().limits {
             let of_parameter = &mut deviations[limit.parameter];
             of_parameter
                 .0
@@ -380,14 +380,14 @@ pub fn run_bounded_swarm(
     };
     let mut cost = SwarmCost::bounded(space, observations, bound).on_threads(n_cores());
     let mut of_swarm = |positions: &Positions, costs: &mut [f64]| {
-        if space.known().pulls.is_empty() {
+        if space.prior_rows().rows.is_empty() {
             return cost.evaluate_below(positions, costs);
         }
         // the bounds are of F with the priors: to give up early by them is not exact
         cost.evaluate(positions, costs);
         for (particle, cost) in costs.iter_mut().enumerate() {
             *cost += space
-                .known()
+                .prior_rows()
                 .cost_mm2(&space.deviation(&positions.particle(particle)));
         }
     };

@@ -92,12 +92,12 @@ impl Estimator {
                 .copy_from(&(directions.row(*j) * (priors.scale_mm / std)));
         }
         let mut right = linear.y.clone().resize_vertically(n + stds.len(), 0.0);
-        let pulls = priors.from(model).pulls;
-        let held = pulls
+        let of_priors = priors.from(model).rows;
+        let held = of_priors
             .iter()
-            .filter(|pull| decomposition.scale[pull.parameter] > 0.0);
-        for (k, pull) in held.enumerate() {
-            right[n + k] = pull.weight * pull.away;
+            .filter(|row| decomposition.scale[row.parameter] > 0.0);
+        for (k, row) in held.enumerate() {
+            right[n + k] = row.weight * row.mean;
         }
         let (q, r) = rows.qr().unpack();
         let step = q.tr_mul(&right);

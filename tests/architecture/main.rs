@@ -605,7 +605,7 @@ fn a_warning_without_words_is_found_however_it_is_written() {
         "Warning { code: \"not_thought_of\", detail, rows: vec![] }",
         "warnings.push(warning(\n    \"not_thought_of\",\n    detail));",
         "let (code, what): (&str, &str) = (\"not_thought_of\", \"words\"); Warning { code, detail }",
-        "Finding::Odd { code: \"not_thought_of\", detail }",
+        "Explanation::Warning { code: \"not_thought_of\", detail }",
         "pub const NEW: &str = \"not_thought_of\"; Warning { code: NEW, detail }",
     ] {
         assert_eq!(words::warnings(line), ["not_thought_of"], "{line}");

@@ -21,7 +21,7 @@ pub fn worded(table: &str) -> Vec<&'static str> {
 /// Codes of the warnings in a source file: `code: "…"`, `warning("…"`, `const NAME: &str = "…"`, and tables of `("…", "words")`, in files about
 /// warnings or suspicions.
 pub fn warnings(text: &str) -> Vec<&str> {
-    if !["Warning", "Finding::Odd", "warning("]
+    if !["Warning", "warning("]
         .iter()
         .any(|word| text.contains(word))
     {

@@ -3,7 +3,7 @@
 use crate::robots::{CLEAN, Tolerances, clean_robots, measured, models};
 use crate::simulation::Normal;
 use kincal::calibration::upload_checks::alignment::{
-    BETTER, FITS, Finding, Look, Suspicion, explain, look,
+    Alignment, BETTER, Explanation, FITS, Suspicion, align, explain,
 };
 use kincal::kinematics::{JointMap, Robot};
 use kincal::measurement::{Frame, MeasurementSet, csv};
@@ -20,17 +20,17 @@ fn check_upload(
     robot: &Robot,
     set: &MeasurementSet,
     others: &[(String, Robot)],
-) -> Option<Finding> {
-    match look(robot, set) {
-        Look::Fine => None,
-        Look::Off(rms_mm) => Some(explain(robot, set, rms_mm, others)),
+) -> Option<Explanation> {
+    match align(robot, set) {
+        Alignment::Fits => None,
+        Alignment::Misses(rms_mm) => Some(explain(robot, set, rms_mm, others)),
     }
 }
 
 #[track_caller]
 fn suspicion(robot: &Robot, set: &MeasurementSet) -> Suspicion {
     match check_upload(robot, set, &[]) {
-        Some(Finding::Wrong(found)) => found,
+        Some(Explanation::Refusal(found)) => found,
         other => panic!("not refused: {other:?}"),
     }
 }
@@ -45,7 +45,7 @@ fn wrong(robot: &Robot, set: &MeasurementSet, code: &str, words: &str) {
 
 #[track_caller]
 fn not_refused(robot: &Robot, set: &MeasurementSet, what: &str) {
-    if let Some(Finding::Wrong(found)) = check_upload(robot, set, &[]) {
+    if let Some(Explanation::Refusal(found)) = check_upload(robot, set, &[]) {
         panic!("{what}: {found:?}");
     }
 }
@@ -217,7 +217,7 @@ fn a_set_of_another_known_robot_is_found_by_its_name() {
         ("cell 9".to_owned(), models[1].1.clone()),
     ];
     match check_upload(&models[0].1, &set, &known) {
-        Some(Finding::Wrong(found)) if found.code == "robot_mismatch" => {
+        Some(Explanation::Refusal(found)) if found.code == "robot_mismatch" => {
             assert_eq!(found.columns, None);
             assert!(found.detail.contains("cell 9"), "{}", found.detail);
         }
@@ -232,12 +232,12 @@ fn an_unmastered_joint_alone_warns_and_names_the_joint() {
     for_each_make(|name, robot, set| {
         let unmastered = changed(set, |q, _| q[2] += 4.0f64.to_radians());
         match check_upload(robot, &unmastered, &[]) {
-            Some(Finding::Odd {
+            Some(Explanation::Warning {
                 code: "joint_offset_suspect",
                 detail,
             }) => assert!(detail.contains("(joint 3)"), "{name}: {detail}"),
             None => {} // a small arm: 4° are less than the limit
-            Some(Finding::Odd {
+            Some(Explanation::Warning {
                 code: "poor_alignment",
                 ..
             }) if name == "four axes" => {} // hardly above the limit
@@ -390,11 +390,11 @@ fn a_turn_about_joint_1_alone_is_an_unmastered_joint_up_to_45_degrees_and_anothe
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
         let set = changed(&set, |_, p| *p = turn * *p);
         match check_upload(&robot, &set, &[]) {
-            Some(Finding::Odd {
+            Some(Explanation::Warning {
                 code: "joint_offset_suspect",
                 detail,
             }) if turn_deg.abs() < 45.0 => assert!(detail.contains("(joint 1)"), "{detail}"),
-            Some(Finding::Wrong(found)) if turn_deg.abs() > 45.0 => {
+            Some(Explanation::Refusal(found)) if turn_deg.abs() > 45.0 => {
                 assert_eq!(found.code, "frame_suspect", "{turn_deg}: {found:?}");
             }
             other => panic!("{turn_deg}: {other:?}"),
@@ -457,7 +457,7 @@ fn makers_joint_conventions_are_told_with_the_joint_map_that_mends_them() {
                 assert_eq!(set.frame, Frame::Instrument, "{what}");
                 continue;
             };
-            let Finding::Wrong(found) = found else {
+            let Explanation::Refusal(found) = found else {
                 panic!("{what}: {found:?}");
             };
             assert_eq!(found.code, "joint_map_suspect", "{what}: {found:?}");
@@ -554,7 +554,7 @@ fn another_robot_is_refused_whatever_its_frame() {
                 |robot: &&(&str, Robot)| robot.1.links.len() == measured_on.links.len();
             for (other, robot) in models.iter().filter(|m| m.0 != *name).filter(same_joints) {
                 match check_upload(robot, &set, &[]) {
-                    Some(Finding::Wrong(_)) => {}
+                    Some(Explanation::Refusal(_)) => {}
                     found => panic!("a file of {name} on {other}, {frame:?}: {found:?}"),
                 }
             }

@@ -162,7 +162,7 @@ pub const CLEAN: Tolerances = Tolerances {
 
 /// Result of a study of robots without faults: how many were refused, had a warning, or fitted.
 pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
-    use kincal::calibration::upload_checks::alignment::{Finding, Look, explain, look};
+    use kincal::calibration::upload_checks::alignment::{Alignment, Explanation, align, explain};
     let models = models();
     let others: Vec<(String, Robot)> = models
         .iter()
@@ -194,11 +194,11 @@ pub fn clean_robots(n: usize, seed: u64) -> Vec<(&'static str, [usize; 3])> {
             .filter(|(name, _)| name != models[index].0)
             .cloned()
             .collect();
-        let outcome = match look(nominal, &set) {
-            Look::Fine => 2,
-            Look::Off(rms_mm) => match explain(nominal, &set, rms_mm, &without) {
-                Finding::Wrong(_) => 0,
-                Finding::Odd { .. } => 1,
+        let outcome = match align(nominal, &set) {
+            Alignment::Fits => 2,
+            Alignment::Misses(rms_mm) => match explain(nominal, &set, rms_mm, &without) {
+                Explanation::Refusal(_) => 0,
+                Explanation::Warning { .. } => 1,
             },
         };
         counts[index].1[outcome] += 1;

@@ -5,7 +5,7 @@ use crate::calibration::preparation::motions::parameters_of;
 use crate::calibration::preparation::observe::{Observed, observe};
 use crate::calibration::preparation::placement::nominal_model;
 use crate::calibration::preparation::screening::screen;
-use crate::calibration::preparation::stated_priors::known_before;
+use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::settings::settings;
@@ -50,7 +50,7 @@ impl<'a> Problem<'a> {
             decomposition,
             priors,
         };
-        problem.priors = known_before(&problem)?;
+        problem.priors = stated_priors(&problem)?;
         Ok(problem)
     }
 }

@@ -3,8 +3,8 @@
 use crate::calibration::Error;
 use crate::calibration::preparation::observe::{free_parameters, model_parameters};
 use crate::calibration::preparation::placement::placed;
-use crate::calibration::problem::KnownBefore;
 use crate::calibration::problem::Problem;
+use crate::calibration::problem::StatedPriors;
 use crate::calibration::problem::value_of;
 use crate::calibration::report::{PriorOutcome, Warning};
 use crate::calibration::request::{CalibrationRequest, ParameterPrior};
@@ -155,7 +155,7 @@ fn from_unit(parameter: &Parameter, value: f64) -> f64 {
 ///
 /// # Errors
 /// The first of [`prior_faults`].
-pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error> {
+pub fn stated_priors(problem: &Problem<'_>) -> Result<Option<StatedPriors>, Error> {
     let request = problem.request;
     if request.priors.is_empty() {
         return Ok(None);
@@ -205,7 +205,7 @@ pub fn known_before(problem: &Problem<'_>) -> Result<Option<KnownBefore>, Error>
     }
     let with = estimate(&rows, &alone.x, 0.0, &mut go_on);
     priors.scale_mm = with.evidence.sigma_mm;
-    Ok(Some(KnownBefore {
+    Ok(Some(StatedPriors {
         priors,
         alone: alone.model,
     }))

@@ -7,7 +7,7 @@ use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::outcome::stated_uncertainty::{estimated, why_not_stated};
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::motions::fit_motions;
-use crate::calibration::preparation::stated_priors::known_before;
+use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{FinalErrors, Warning};
 use crate::calibration::request::{FinalFit, Preset};
@@ -181,7 +181,7 @@ impl<'a> Problem<'a> {
             decomposition: self.decomposition.clone(),
             priors: None,
         };
-        problem.priors = known_before(&problem)?;
+        problem.priors = stated_priors(&problem)?;
         Ok(problem.decomposed_with_tool_of(model))
     }
 }

@@ -92,14 +92,18 @@ fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpac
         problem.priors.as_ref().map(|known| &known.priors),
     ) {
         (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
-        (true, Some(priors)) => {
-            SearchSpace::singular_knowing(reference, parameters, scale, &problem.identify, priors)
-        }
+        (true, Some(priors)) => SearchSpace::singular_with_priors(
+            reference,
+            parameters,
+            scale,
+            &problem.identify,
+            priors,
+        ),
         (false, priors) => {
             let known = priors
                 .map(|priors| priors.from(&reference))
                 .unwrap_or_default();
-            SearchSpace::raw(reference, parameters, scale).knowing(known)
+            SearchSpace::raw(reference, parameters, scale).with_priors(known)
         }
     }
 }

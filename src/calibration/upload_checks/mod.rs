@@ -5,7 +5,7 @@ pub mod alignment;
 
 use crate::calibration::report::FEWEST_TO_PROVE;
 use crate::calibration::report::Warning;
-use crate::calibration::upload_checks::alignment::{Look, look};
+use crate::calibration::upload_checks::alignment::{Alignment, align};
 use crate::calibration::validation::coverage;
 use crate::calibration::validation::verify::{FEW_RESIDUALS, too_small_to_verify};
 use crate::calibration::{CalibrationRequest, Error, check};
@@ -50,7 +50,7 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     else {
         return None;
     };
-    if let Look::Off(rms_mm) = look(robot, set) {
+    if let Alignment::Misses(rms_mm) = align(robot, set) {
         let detail = format!(
             "kept, but too small to identify from, and as it was read it does not fit this robot ({rms_mm:.1} mm rms): a job of kind verify would find \
              that, and the robot would have to be checked: {detail}"

@@ -4,28 +4,28 @@
 
 mod affine;
 mod convention;
-mod finding;
+mod explanation;
 mod fitting;
 mod hypotheses;
 mod joint_maps;
 mod suspect;
 
-pub use finding::{BETTER, COMES_NEAR, FITS, Finding, Suspicion, UNMASTERED_RAD};
+pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD};
 pub use hypotheses::{Hypothesis, hypotheses};
 
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
-use finding::{observations, of_one_target_and_station};
+use explanation::{observations, of_one_target_and_station};
 use fitting::{placed_thoroughly, quickly_placed, reach_mm};
 use suspect::Suspect;
 
-/// How a set looks when it arrives.
+/// Whether the nominal robot fits a set that arrives, with the best alignment of base and target.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Look {
-    /// The nominal robot fits, or there are too few points to tell.
-    Fine,
-    /// It does not: rms with the best alignment, mm.
-    Off(f64),
+pub enum Alignment {
+    /// It fits, or there are too few points to tell.
+    Fits,
+    /// It does not: rms, mm.
+    Misses(f64),
 }
 
 /// Codes of refusals by suspicion: a caller may insist on the upload all the same.
@@ -39,19 +39,19 @@ pub const SUSPICIONS: [&str; 6] = [
 ];
 
 /// The check of every upload.
-pub fn look(robot: &Robot, set: &MeasurementSet) -> Look {
+pub fn align(robot: &Robot, set: &MeasurementSet) -> Alignment {
     let observations = observations(robot, &of_one_target_and_station(set));
     let Some(quick) = quickly_placed(&robot.links, &observations, set.frame) else {
-        return Look::Fine;
+        return Alignment::Fits;
     };
     let fits_mm = FITS * reach_mm(&robot.links, &observations);
     if quick.rms_mm <= fits_mm {
-        return Look::Fine;
+        return Alignment::Fits;
     }
     match placed_thoroughly(&robot.links, &observations, set.frame) {
-        Some(found) if found.rms_mm <= fits_mm => Look::Fine,
-        Some(found) => Look::Off(found.rms_mm),
-        None => Look::Off(quick.rms_mm),
+        Some(found) if found.rms_mm <= fits_mm => Alignment::Fits,
+        Some(found) => Alignment::Misses(found.rms_mm),
+        None => Alignment::Misses(quick.rms_mm),
     }
 }
 
@@ -61,7 +61,7 @@ pub fn explain(
     set: &MeasurementSet,
     off_mm: f64,
     others: &[(String, Robot)],
-) -> Finding {
+) -> Explanation {
     let suspect = Suspect::new(robot, set, off_mm);
     let zeros = suspect.zeros(set.frame);
     let best = suspect.best_hypothesis(others);
@@ -79,7 +79,7 @@ pub fn explain(
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
         && !best.what.is_turned()
     {
-        return Finding::Wrong(suspect.told(best, others));
+        return Explanation::Refusal(suspect.suspicion(best, others));
     }
     if set.frame == Frame::Base
         && let Some(free) = suspect
@@ -89,28 +89,28 @@ pub fn explain(
         return suspect.frame(&free, "");
     }
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
-        return Finding::Wrong(suspect.told(best, others));
+        return Explanation::Refusal(suspect.suspicion(best, others));
     }
     if let Some(found) = suspect
         .convention_and_zeros(set.frame)
         .filter(|found| explains(found.rms_mm))
     {
-        return Finding::Wrong(suspect.told(&found, others));
+        return Explanation::Refusal(suspect.suspicion(&found, others));
     }
     if let Some(best) = best.filter(|best| best.rms_mm <= suspect.near_mm) {
-        return Finding::Wrong(suspect.told(&best, others));
+        return Explanation::Refusal(suspect.suspicion(&best, others));
     }
     if let Some(zeros) = zeros
         .as_ref()
         .filter(|zeros| zeros.rms_mm <= suspect.near_mm && BETTER * zeros.rms_mm <= off_mm)
-        && let Some(finding) = suspect.unmastered(zeros)
+        && let Some(explanation) = suspect.unmastered(zeros)
     {
-        return finding;
+        return explanation;
     }
     if set.frame == Frame::Base
-        && let Some(finding) = suspect.frame_and_joints()
+        && let Some(explanation) = suspect.frame_and_joints()
     {
-        return finding;
+        return explanation;
     }
     suspect.poor(zeros.as_ref())
 }

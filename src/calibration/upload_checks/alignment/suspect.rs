@@ -1,8 +1,8 @@
 //! A set that the nominal robot does not fit: what may be the case, how near the robot then comes, and how it is told.
 
 use super::convention::Convention;
-use super::finding::{
-    BETTER, COMES_NEAR, FITS, Finding, Suspicion, UNMASTERED_RAD, observations,
+use super::explanation::{
+    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD, observations,
     of_one_target_and_station,
 };
 use super::fitting::{
@@ -187,8 +187,8 @@ impl<'a> Suspect<'a> {
         )
     }
 
-    /// In words.
-    pub fn told(&self, supposed: &Supposed, others: &[(String, Robot)]) -> Suspicion {
+    /// The refusal for a hypothesis that fits.
+    pub fn suspicion(&self, supposed: &Supposed, others: &[(String, Robot)]) -> Suspicion {
         let (off_mm, found_mm) = (mm(self.off_mm), mm(supposed.rms_mm));
         let as_it_is = format!(
             "as it is, the nominal robot fits these points only to {off_mm} mm (rms, best alignment)"
@@ -248,7 +248,7 @@ impl<'a> Suspect<'a> {
     }
 
     /// Positions in another frame: refused where they are far off, else the base frame is known badly.
-    pub fn frame(&self, free: &Fitted, also: &str) -> Finding {
+    pub fn frame(&self, free: &Fitted, also: &str) -> Explanation {
         let base = &free.model.t_instrument_base;
         let (at, turned_deg) = (base.translation.vector, base.rotation.angle().to_degrees());
         let detail = format!(
@@ -261,7 +261,7 @@ impl<'a> Suspect<'a> {
             at.z
         );
         if self.off_mm <= self.near_mm {
-            return Finding::Odd {
+            return Explanation::Warning {
                 code: "frame_suspect",
                 detail: format!(
                     "{detail}: check the base frame, or read them with ?frame=instrument"
@@ -271,11 +271,11 @@ impl<'a> Suspect<'a> {
         let detail = format!(
             "{detail}: these are positions in the instrument's frame; read them with ?frame=instrument"
         );
-        Finding::Wrong(suspicion("frame_suspect", None, detail))
+        Explanation::Refusal(suspicion("frame_suspect", None, detail))
     }
 
     /// Another frame, and joints that are off or counted otherwise as well.
-    pub fn frame_and_joints(&self) -> Option<Finding> {
+    pub fn frame_and_joints(&self) -> Option<Explanation> {
         let free = placed(&self.robot.links, &self.observations, Frame::Instrument)?;
         let with = |rms_mm: f64| Fitted {
             rms_mm,
@@ -309,14 +309,14 @@ impl<'a> Suspect<'a> {
     }
 
     /// Joints that were never mastered: a remark that names them.
-    pub fn unmastered(&self, zeros: &Zeroed) -> Option<Finding> {
+    pub fn unmastered(&self, zeros: &Zeroed) -> Option<Explanation> {
         let detail = format!(
             "the nominal robot fits these points only to {} mm; with joint values that are off by {} it fits to {} mm: an unmastered joint?",
             mm(self.off_mm),
             offsets(zeros)?,
             mm(zeros.rms_mm)
         );
-        Some(Finding::Odd {
+        Some(Explanation::Warning {
             code: "joint_offset_suspect",
             detail,
         })
@@ -333,7 +333,7 @@ impl<'a> Suspect<'a> {
     }
 
     /// Nothing explains it.
-    pub fn poor(&self, zeros: Option<&Zeroed>) -> Finding {
+    pub fn poor(&self, zeros: Option<&Zeroed>) -> Explanation {
         let nearest_mm = zeros.map_or(self.off_mm, |zeros| zeros.rms_mm.min(self.off_mm));
         let detail = format!(
             "the nominal robot fits these points only to {} mm (rms, best alignment), with other joint zeros to {} mm; right data fit \
@@ -343,7 +343,7 @@ impl<'a> Suspect<'a> {
             mm(self.fits_mm)
         );
         if zeros.is_none() || nearest_mm <= self.fits_mm || self.n_poses() < FEWEST_POSES {
-            return Finding::Odd {
+            return Explanation::Warning {
                 code: "poor_alignment",
                 detail,
             };
@@ -352,7 +352,7 @@ impl<'a> Suspect<'a> {
             "{detail}, and no other frame, unit, order of columns or joint convention does better: is it this robot, and do the joint values and \
              the position of each row belong together?"
         );
-        Finding::Wrong(suspicion("poor_alignment", None, detail))
+        Explanation::Refusal(suspicion("poor_alignment", None, detail))
     }
 }
 

@@ -25,11 +25,11 @@ const MAX_POINTS: usize = 40;
 
 /// What is probably wrong.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Finding {
+pub enum Explanation {
     /// The set is to be refused, unless the caller insists.
-    Wrong(Suspicion),
-    /// A remark.
-    Odd {
+    Refusal(Suspicion),
+    /// It is accepted with a warning.
+    Warning {
         /// `joint_offset_suspect`, `frame_suspect` or `poor_alignment`.
         code: &'static str,
         /// In words.
