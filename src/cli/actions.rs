@@ -136,7 +136,10 @@ pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
         client.create(&path, "application/json", body).await
     })?;
     arguments.output.print(&robot, || {
-        format!("{} is well: releases are made again", arguments.id)
+        format!(
+            "{} is no longer in the state check_robot: sets can be released again",
+            arguments.id
+        )
     })
 }
 

@@ -122,7 +122,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (status, what) in [
         (
             Status::NearSingular,
-            "near a singularity: as near as the joints get without a wild motion",
+            "near a singularity: the closest without a large motion of the joints",
         ),
         (
             Status::JointLimit,

@@ -36,7 +36,7 @@ impl Failed {
     /// An error while the answer was read.
     pub fn reading(url: &str, error: &reqwest::Error) -> Self {
         Self::Lost(anyhow::anyhow!(
-            "the connection to {url} broke within an answer: {}",
+            "the connection to {url} was lost during an answer: {}",
             cause(error)
         ))
     }
@@ -108,7 +108,7 @@ fn advice(cause: &str) -> Option<&'static str> {
         } else if reason.to_lowercase().contains("not valid for") && reason.contains("name") {
             "name the server in --server as its certificate does, or make one whose subjectAltName has this name or address"
         } else if reason.contains("expired") || reason.contains("not valid yet") {
-            "renew the server's certificate and start it anew, or set the clock of this machine right"
+            "renew the server's certificate and restart the server, or correct the clock of this machine"
         } else {
             "docs/operations.md has under TLS how to make a certificate that works"
         },

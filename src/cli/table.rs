@@ -169,7 +169,7 @@ fn evidence(report: &Report) -> String {
     match report.evidence {
         Evidence::None => format!("none; {}", why_no_evidence(report)),
         Evidence::SameUpload => "same upload; a wrong tool, base or scale would not show".into(),
-        Evidence::IndependentSession => "independent session; the strongest there is here".into(),
+        Evidence::IndependentSession => "independent session; the strongest evidence".into(),
     }
 }
 

@@ -164,7 +164,7 @@ impl TryFrom<ApiKeyRow> for Caller {
     }
 }
 
-/// The scopes of a key. A scope that this version does not know, as of a key that a newer version made, gives no right.
+/// The scopes of a key. An unknown scope, from a key that a newer version made, is ignored.
 fn known_scopes(row: &ApiKeyRow) -> Result<Vec<Scope>, Error> {
     let names: Vec<String> = serde_json::from_str(&row.scopes_json)?;
     let mut scopes = Vec::with_capacity(names.len());

@@ -104,7 +104,7 @@ impl Metrics {
         out.family(
             "kincal_request_duration_seconds",
             "histogram",
-            "From a request's header to its answer's.",
+            "Time from the request's header to the answer's header.",
         );
         for (route, histogram) in &counts.durations {
             let name = "kincal_request_duration_seconds_bucket";

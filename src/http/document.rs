@@ -21,6 +21,7 @@ const KEY_SCHEME: &str = "key";
 /// Operations that accept an `Idempotency-Key`.
 const IDEMPOTENT: &[&str] = &[
     "createRobot",
+    "checkedRobot",
     "createMeasurementSet",
     "createFrames",
     "createJob",
@@ -125,7 +126,7 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
             .entry(status.into())
             .or_insert_with(|| RefOr::T(problem(status, description)));
     };
-    add("500", "Something went wrong inside");
+    add("500", "Internal error; the log has the cause");
     if PUBLIC_ROUTES.contains(&path) {
         return;
     }
@@ -133,20 +134,26 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
     add("401", "A key is needed");
     add("403", "The key lacks the scope");
     if path.contains('{') {
-        add("404", "No such thing, or none that this key may see");
+        add("404", "It does not exist, or this key may not see it");
     }
     add("503", "The database is busy: try again");
     if UNPROCESSABLE.contains(&id.as_str()) {
-        add("422", "Understood, but wrong: `errors` says where");
+        add(
+            "422",
+            "The request was parsed, but values in it are invalid: see `errors`",
+        );
     }
     if takes_body {
         add("408", "The body did not arrive in time");
         add("413", "The body is too large");
         add("415", "The body is of another type");
-        add("422", "Understood, but wrong: `errors` says where");
+        add(
+            "422",
+            "The request was parsed, but values in it are invalid: see `errors`",
+        );
     }
     if CONFLICTS.contains(&id.as_str()) {
-        add("409", "It does not fit how things stand");
+        add("409", "It conflicts with the current state");
     }
     if id == "createJob" {
         add("429", "Too many jobs of this robot wait");

@@ -26,7 +26,7 @@ pub enum Error {
     )]
     NoActiveParameterSet,
     /// The contract has no such path.
-    #[error("there is nothing at this path; /openapi.yaml lists what there is")]
+    #[error("this path does not exist; /openapi.yaml lists all paths")]
     NoSuchRoute,
     /// The path exists, but takes other methods.
     #[error("this path does not take this method; see the Allow header")]
@@ -90,7 +90,7 @@ pub enum Error {
     )]
     HeaderTooLarge,
     /// The URI is too long.
-    #[error("the request's address is too long: send less than 32 KiB")]
+    #[error("the request's URI is too long: send less than 32 KiB")]
     UriTooLong,
     /// The body did not arrive in time.
     #[error("the request did not arrive in time")]
@@ -208,12 +208,12 @@ fn from_store(error: &store::Error) -> Problem {
         E::Conflict(Conflict::ActiveChanged) => (
             409,
             "release_refused",
-            format!("{error}: look at that one, then try again"),
+            format!("{error}: check that set, then try again"),
         ),
         E::Conflict(Conflict::ChecksOutdated) => (
             409,
             "release_refused",
-            format!("{error}: look again, then try again"),
+            format!("{error}: check the gates again, then try again"),
         ),
         E::Conflict(Conflict::RefusedBySchema { .. }) => {
             (409, "release_refused", format!("{error}: see its gates"))
@@ -225,7 +225,7 @@ fn from_store(error: &store::Error) -> Problem {
         E::NoRoom { .. } => (
             507,
             "no_room",
-            format!("{error}: make room, or move the data directory"),
+            format!("{error}: free space on the disk, or move the data directory"),
         ),
         E::Open { .. } | E::Database(_) if error.is_unavailable() => (
             503,

@@ -75,7 +75,7 @@ struct ImportQuery {
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "exportParameterSet",
     params(("id" = String, Path, description = "The parameter set"), ExportQuery),
-    responses((status = 200, description = "The text; json and yaml are the same document, ur_kinematics is YAML of its own shape", content(
+    responses((status = 200, description = "The text; json and yaml are the same document, ur_kinematics is the YAML file of Universal Robots' drivers", content(
         (ExportAnswer = "application/json"), (serde_json::Value = "application/yaml"), (String = "text/csv"), (String = "application/xml")
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
@@ -126,7 +126,7 @@ async fn patch_urdf(
 #[utoipa::path(
     post, path = "/v1/robot-imports", tag = "robots", operation_id = "importRobot", params(ImportQuery),
     request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"))),
-    responses((status = 200, description = "The robot, and what links cannot hold", body = ImportAnswer))
+    responses((status = 200, description = "The robot, and the transformations that its links cannot represent", body = ImportAnswer))
 )]
 async fn import_robot(
     State(app): State<App>,

@@ -182,7 +182,7 @@ pub fn parse_small<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     if bytes.len() > MAX_JSON_BYTES {
         return Err(Error::TooLarge {
             limit: MAX_JSON_BYTES,
-            advice: "this document is small by nature: look for what was repeated",
+            advice: "documents of this kind are small: check it for repeated content",
         });
     }
     Ok(json::parse(bytes)?)

@@ -142,7 +142,7 @@ fn identified(row: &ParameterSetRow, inputs: &JobInputs) -> Result<IdentifiedSet
         id: row.id.clone(),
         content: answers::content(row)?,
         request: request_of(inputs)
-            .map_err(|_| Error::Internal("what a comparison rests on cannot be read".into()))?,
+            .map_err(|_| Error::Internal("the inputs of a comparison cannot be read".into()))?,
         upload_sha256: inputs.set.row.sha256.clone(),
     })
 }

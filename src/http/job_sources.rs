@@ -35,7 +35,7 @@ pub struct Sources {
     pub frames: Option<FramesContent>,
     /// Networks that the job may start from, newest first.
     pub networks: Vec<NetworkWeights>,
-    /// Residual networks whose training may go on, newest first.
+    /// Residual networks from which training may continue, newest first.
     pub residual_networks: Vec<ResidualSource>,
     /// The parameter set that a `verify` job scores, or with which an `identify` job is compared.
     pub parameter_set: Option<ParameterSetRow>,

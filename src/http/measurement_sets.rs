@@ -76,7 +76,7 @@ struct Upload {
         description = "CSV: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`",
         content((String = "text/csv"), (MeasurementSetBody = "application/json"))
     ),
-    responses((status = 201, description = "What was understood", body = SetSummary, headers(("Location" = String, description = "Its path"))))
+    responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
 )]
 async fn create(
     State(app): State<App>,

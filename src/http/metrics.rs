@@ -17,7 +17,7 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(metrics))
 }
 
-/// Counters and the state of the queue, in Prometheus's text format. Takes a key for all robots.
+/// Counters and the state of the queue, in Prometheus's text format. Requires a key that is not limited to robots.
 #[utoipa::path(
     get, path = "/metrics", tag = "service", operation_id = "metrics",
     responses((status = 200, description = "Prometheus text format 0.0.4", body = String, content_type = "text/plain"))
@@ -39,7 +39,7 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
     out.family(
         "kincal_permits_available",
         "gauge",
-        "Free permits by kind; a request is refused when none of its kind is free.",
+        "Free permits by kind. At 0 a request is refused, or waits if it computes.",
     );
     for (kind, left) in app.limits.free() {
         out.sample("kincal_permits_available", &[("kind", kind)], left as f64);

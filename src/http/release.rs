@@ -202,7 +202,7 @@ impl ReleaseCheck {
         if !self.decision.is_releasable() {
             return Err(refused(self.decision.failed().map(Gate::issue).collect()));
         }
-        // Counted again, because the schema refuses a release with a failed gate whatever the code above does.
+        // Counts for the schema's trigger, which refuses a release with a failed gate.
         let n_gates = |passed: bool| {
             let gates = self.decision.gates.iter();
             i64::try_from(gates.filter(|gate| gate.passed == passed).count()).unwrap_or(i64::MAX)

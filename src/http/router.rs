@@ -1,10 +1,9 @@
 //! The whole service: the routes and the middleware around them.
 
 use crate::http::index::Contract;
-use crate::http::limits::{MAX_BODY_BYTES, response_memory};
+use crate::http::limits::response_memory;
 use crate::http::routes::routes;
 use crate::http::{App, auth, document, host, layers};
-use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn_with_state, map_response_with_state};
 use axum::{Extension, Router};
 
@@ -23,7 +22,6 @@ pub fn router(app: App) -> Router {
         .layer(map_response_with_state(app.clone(), response_memory::count))
         .layer(from_fn_with_state(app.clone(), auth::authorize))
         .layer(Extension(app.limits.clone()))
-        .layer(DefaultBodyLimit::max(MAX_BODY_BYTES))
         .layer(from_fn_with_state(app.clone(), host::check));
     layers::with_middleware(guarded, app.metrics.clone()).with_state(app)
 }

@@ -33,7 +33,7 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
     })
 }
 
-/// Why an upload that does not fit is stored all the same.
+/// Result for an upload that is stored although it does not fit.
 pub struct Diagnosis {
     /// The warning that the set keeps.
     pub warning: Warning,

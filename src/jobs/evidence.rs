@@ -112,7 +112,7 @@ fn broken(cause: &str) -> Box<Problem> {
     Box::new(Problem::new(
         500,
         "internal",
-        "something that this release rests on cannot be read; the log has the cause",
+        "a stored document for this release cannot be read; the log has the cause",
     ))
 }
 
@@ -122,7 +122,7 @@ fn broken(cause: &str) -> Box<Problem> {
 /// A problem if stored documents cannot be parsed.
 pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Problem>> {
     if stored.n_without_facts > 0 {
-        return Err(broken("jobs about this set of which no facts were kept"));
+        return Err(broken("some jobs about this set have no stored facts"));
     }
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();

@@ -11,7 +11,7 @@ use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress
 use crate::release::facts::{
     MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
 };
-use crate::release::{NO_USE, insisted_warning};
+use crate::release::{insisted_warning, is_usable};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
@@ -289,13 +289,6 @@ fn run_timed(
     })
 }
 
-/// Whether the result fits and is better than nominal.
-fn is_usable(core: &CalibrationReport) -> bool {
-    core.warnings
-        .iter()
-        .all(|warning| !NO_USE.contains(&warning.code))
-}
-
 /// Code of the suspicion that the uploader of the set, or of the set to verify on, overrode with `insist`.
 fn insisted_on(inputs: &JobInputs) -> Option<&str> {
     [Some(&inputs.set), inputs.verify_set.as_ref()]
@@ -420,7 +413,7 @@ fn broken(cause: impl std::fmt::Display) -> JobFailure {
     failed(&Problem::new(
         500,
         "internal",
-        "something that this job needs cannot be read or written; the log has the cause",
+        "a stored document of this job cannot be read or written; the log has the cause",
     ))
 }
 

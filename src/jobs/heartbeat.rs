@@ -19,13 +19,13 @@ pub(super) enum ShutdownStage {
     Running,
     /// No new job is claimed.
     StopClaiming,
-    /// Computations are told to stop.
+    /// Computations are asked to stop.
     StopComputing,
     /// The pool no longer waits for computations that did not stop.
     Abandon,
 }
 
-/// Why a computation was told to stop.
+/// Why a computation was asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stop {
     /// Cancellation of the job was requested.
@@ -43,7 +43,7 @@ pub(super) enum Stop {
 pub(super) struct Control {
     progress: Mutex<Option<Progress>>,
     stop: OnceLock<Stop>,
-    told_to_stop: Notify,
+    stop_requested: Notify,
 }
 
 impl Control {
@@ -60,13 +60,13 @@ impl Control {
     /// Asks the computation to stop. The first reason counts.
     pub(super) fn stop(&self, reason: Stop) {
         let _ = self.stop.set(reason);
-        self.told_to_stop.notify_one();
+        self.stop_requested.notify_one();
     }
 
     /// Resolves when the computation was asked to stop because of a cancellation. Only one task may wait.
     pub(super) async fn cancelled(&self) {
         while self.stopped() != Some(Stop::Cancelled) {
-            self.told_to_stop.notified().await;
+            self.stop_requested.notified().await;
         }
     }
 
@@ -140,12 +140,12 @@ impl Renewal {
         let mut renewed = Instant::now();
         let mut written = None;
         loop {
-            let asked = self.wait(tick).await;
+            let renew_now = self.wait(tick).await;
             let progress = self
                 .control
                 .progress()
                 .filter(|progress| written != Some(*progress));
-            if !asked && progress.is_none() && renewed.elapsed() < renew_every {
+            if !renew_now && progress.is_none() && renewed.elapsed() < renew_every {
                 continue;
             }
             let begun = Instant::now();

@@ -9,7 +9,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout
 
 use super::heartbeat::{ShutdownStage, reached};
 use super::run_alone::RunAlone;
-use super::worker::STOP_WITHIN;
+use super::worker::COMPUTATION_STOP_TIMEOUT;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
 use crate::store::{Store, jobs};
 
@@ -91,18 +91,20 @@ impl WorkerPool {
         let stages = [
             (
                 ShutdownStage::StopClaiming,
-                deadline.checked_sub(2 * STOP_WITHIN).unwrap_or(deadline),
+                deadline
+                    .checked_sub(2 * COMPUTATION_STOP_TIMEOUT)
+                    .unwrap_or(deadline),
             ),
             (
                 ShutdownStage::StopComputing,
                 deadline
-                    .checked_sub(STOP_WITHIN)
+                    .checked_sub(COMPUTATION_STOP_TIMEOUT)
                     .unwrap_or(deadline)
-                    .max(Instant::now() + STOP_WITHIN / 2),
+                    .max(Instant::now() + COMPUTATION_STOP_TIMEOUT / 2),
             ),
             (
                 ShutdownStage::Abandon,
-                deadline.max(Instant::now() + STOP_WITHIN),
+                deadline.max(Instant::now() + COMPUTATION_STOP_TIMEOUT),
             ),
         ];
         for (stage, until) in stages {

@@ -64,7 +64,7 @@ enum AttemptEnd {
 }
 
 /// Time for a computation to stop after it was asked to.
-pub(super) const STOP_WITHIN: Duration = Duration::from_secs(1);
+pub(super) const COMPUTATION_STOP_TIMEOUT: Duration = Duration::from_secs(1);
 /// Time after which a cancelled job ends even if its computation has not stopped.
 const CANCEL_TIMEOUT: Duration = Duration::from_millis(250);
 /// Retry interval while the database is unavailable.
@@ -222,7 +222,7 @@ impl Attempt<'_> {
             match self.control().stopped() {
                 Some(Stop::Cancelled) => return Err(AttemptEnd::Cancelled),
                 None if Instant::now() < until => {}
-                // If the lease has expired meanwhile, the fence makes this a no-op.
+                // If the lease has expired meanwhile, the fencing condition refuses this write.
                 _ => return Err(AttemptEnd::HandedBack),
             }
             tracing::warn!(job_id = job.id, error = %error.cause(), "the job's inputs could not be read; trying again");
@@ -286,7 +286,9 @@ impl Attempt<'_> {
                     );
                     AttemptEnd::GaveUp
                 }
-                None => AttemptEnd::Failed(internal(job_id, "it stopped without being told to")),
+                None => {
+                    AttemptEnd::Failed(internal(job_id, "it stopped although nobody requested it"))
+                }
             },
             Err(error) => {
                 log_panic(job_id, error);
@@ -339,7 +341,7 @@ impl Unresponsive {
         let left = context
             .max_duration
             .saturating_sub(self.begun.elapsed())
-            .saturating_add(STOP_WITHIN);
+            .saturating_add(COMPUTATION_STOP_TIMEOUT);
         let mut drain = context.drain.subscribe();
         tokio::select! {
             _ = self.thread => {}
@@ -354,7 +356,7 @@ impl Unresponsive {
 async fn overdue(max_duration: Duration, control: &Control) {
     tokio::time::sleep(max_duration).await;
     control.stop(Stop::TooLong);
-    tokio::time::sleep(STOP_WITHIN).await;
+    tokio::time::sleep(COMPUTATION_STOP_TIMEOUT).await;
 }
 
 /// Resolves if the computation of a cancelled job has not stopped in time. The job then ends without waiting for it.
@@ -380,7 +382,7 @@ fn internal(job_id: &str, what: &str) -> String {
     queue::problem_json(&Problem::new(
         500,
         "internal",
-        "the computation broke; the server's log says why",
+        "the computation failed; the server's log has the cause under the job's id",
     ))
 }
 

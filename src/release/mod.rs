@@ -21,4 +21,4 @@ pub use facts::{Facts, LastCheck};
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use sessions::Session;
 pub use trend::{ScoredJob, ScoredSession, scored_sessions, trend};
-pub use verdict::{NO_USE, insisted_warning, unusable_because, why_no_evidence};
+pub use verdict::{NO_USE, insisted_warning, is_usable, unusable_because, why_no_evidence};

@@ -2,7 +2,7 @@
 
 use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
 use crate::calibration::{
-    DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
+    CalibrationReport, DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
 };
 use crate::wire::report_shape::Report;
 use crate::wire::warning::Warning;
@@ -45,6 +45,12 @@ pub fn has_warning(report: &Report, code: &str) -> bool {
 /// Code of the warning with which the result cannot be used, if there is one.
 pub fn unusable_because(report: &Report) -> Option<&'static str> {
     NO_USE.into_iter().find(|code| has_warning(report, code))
+}
+
+/// Whether a result may train a network: it fits, and is better than nominal.
+pub fn is_usable(core: &CalibrationReport) -> bool {
+    let mut warnings = core.warnings.iter();
+    warnings.all(|warning| !NO_USE.contains(&warning.code))
 }
 
 /// Reason why the verification is no evidence.

@@ -5,7 +5,7 @@ use std::fmt;
 /// End of the names of those events that are the first about their subject.
 pub(super) const CREATION: &str = "_created";
 
-/// What an entry of the audit chain says. Old entries stay, so a name never changes.
+/// Event of an entry in the audit chain. Its name never changes, because old entries stay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AuditEvent {
     /// A robot was stored.

@@ -4,8 +4,7 @@ use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as NotAName;
 
-/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are enums that are stored by their names and held to them
-/// by the schema, `optional` ones may be null; `nested` fields are structs that are read from the same row.
+/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are enums that are stored by name; the schema allows only these names, `optional` ones may be null; `nested` fields are structs that are read from the same row.
 macro_rules! from_row {
     ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(optional { $($optional:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
         impl<'r> sqlx::FromRow<'r, sqlx::any::AnyRow> for $row {

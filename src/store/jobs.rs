@@ -110,7 +110,7 @@ pub struct NewJob {
     pub request_json: String,
     /// Jobs with a higher number run first; usually 0.
     pub priority: i64,
-    /// Who posts it. Clients take turns.
+    /// Who posts it. Among equal priorities the queue takes one job of each client in turn.
     pub client: String,
 }
 

@@ -146,7 +146,7 @@ impl Checker {
             self.note(
                 pointer,
                 "nul_character",
-                "it holds U+0000, which no database text may hold: take it out",
+                "it contains U+0000, which the database cannot store: remove it",
             );
         }
     }

@@ -104,7 +104,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
         }
         // serde_json also reports a list that is too long as a syntax error.
         Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
-            let detail = format!("this list has more items than belong here ({text})");
+            let detail = format!("this list has too many items ({text})");
             Error::Shape(Invalid {
                 code: "invalid_body",
                 issues: vec![Issue::at(pointer, "invalid_body", detail)],

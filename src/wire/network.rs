@@ -38,7 +38,7 @@ pub struct NetworkAnswer {
     pub training_error: f64,
     /// Mean squared error on the particles held out, in units of the search box; of a residual network, the cross-validated error, mm².
     pub validation_error: f64,
-    /// SHA-256 of the tensors (see the weights' own documentation).
+    /// SHA-256 of the tensors, in the order of their names.
     pub sha256: String,
     /// When it was trained: RFC 3339, UTC.
     pub created_at: String,

@@ -383,7 +383,11 @@ fn check_coupling(rows: &[Vec<f64>], n: usize, checker: &mut Checker) {
         }
     }
     if square && matrix(rows).determinant().abs() < MIN_COUPLING_DETERMINANT {
-        checker.note(at, "not_invertible", "the matrix cannot be inverted: two joints would be one; an uncoupled robot has the identity");
+        checker.note(
+            at,
+            "not_invertible",
+            "the matrix cannot be inverted; a robot without couplings has the identity",
+        );
     }
 }
 

@@ -28,10 +28,9 @@ pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Concurrent reads. A read takes 0.1 ms of one of two cores, so the last one waits some 15 ms.
 const MAX_READS: usize = 256;
-/// Concurrent requests that compute or read a whole document, and store nothing. Cheap reads and writes have their own permits: a key that only
-/// reads must not keep them out.
+/// Concurrent requests that compute or read a whole document, and store nothing. Other reads and writes have permits of their own, so that these requests cannot block them.
 const MAX_CALCULATIONS: usize = 64;
-/// Concurrent writes. SQLite has one writer: the last write, or a withdrawal behind it, waits for all the others.
+/// Concurrent writes. SQLite has one writer, so a withdrawal may wait for this many writes.
 const MAX_WRITES: usize = 64;
 /// Concurrent requests of [`RequestClass::Safety`]. They wait for a permit.
 const MAX_SAFETY: usize = 8;
@@ -47,13 +46,12 @@ const SMALL_BODIES_KIB: usize = 64 * 1024;
 pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
 /// Memory of a large body, as a multiple of its size: parsing it takes more than the bytes.
 const LARGE_BODY_FACTOR: usize = 2;
-/// Memory of all large answers that are not sent yet. It is apart from that of bodies, so that clients that do not read their answers keep nobody
-/// from writing. A report of 100,000 points has 45 MiB.
+/// Memory of all large answers that are not sent yet. It is separate from that of bodies, so that clients that do not read their answers cannot block writes. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: usize = 64 * 1024;
 /// Computations for requests that store nothing, and whole documents (reports, uploads, weights) that are read from the database. Reading a document
 /// takes several times its size in memory.
 const MAX_COMPUTING_READS: usize = 2;
-/// Computations for writes. They are apart from those for reads, behind which an upload would wait for dozens of plans.
+/// Computations for writes. They are separate from those for reads. Otherwise an upload would wait for dozens of pose plans.
 const MAX_COMPUTING_WRITES: usize = 8;
 /// Longest wait for a permit, where requests wait; then the request is refused, and clients retry.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(10);
@@ -435,7 +433,7 @@ mod tests {
         assert!(
             limits.admit(RequestClass::Read).is_ok()
                 && limits.admit(RequestClass::Calculation).is_ok(),
-            "what reads has its own"
+            "reads have permits of their own"
         );
         drop((held, reserve));
         assert_eq!(limits.0.writes.available_permits(), MAX_WRITES);

@@ -79,7 +79,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     let head = audit::head(store).await?;
     let mut check = Check::new(
         "I8",
-        "the audit chain holds: nothing in it was edited, deleted or moved",
+        "the audit chain is intact: no entry was edited, deleted or moved",
     );
     let mut events: BTreeMap<String, Vec<_>> = BTreeMap::new();
     let mut answers = BTreeMap::new();
@@ -148,7 +148,7 @@ fn check_entry(check: &mut Check, row: &AuditRow, seq_before: i64, sha256_before
     });
     check.require(row.sha256 == audit_chain::hash(sha256_before, row), || {
         format!(
-            "entry {} ({} {}) does not fit its hash and the entry before",
+            "entry {} ({} {}) does not match its hash or the entry before it",
             row.seq, row.event, row.subject
         )
     });

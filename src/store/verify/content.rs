@@ -79,7 +79,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
                 found += 1;
                 let now = sha256_hex(&body);
                 check.require(kept.is_empty() || kept == now, || {
-                    format!("{id}: its bytes are not those of its hash")
+                    format!("{id}: its bytes do not match its hash")
                 });
                 compare_with_entry(&mut check, chain, &id, field, &now);
             }
@@ -111,14 +111,14 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         }
     }
     check.n_examined = found;
-    summaries_say_the_same(&mut check, store).await?;
+    compare_summaries(&mut check, store).await?;
     rules::match_entries(&mut check, store, chain).await?;
     check_lost_rows(&mut check, store, chain).await?;
     Ok(check)
 }
 
 /// Compares each summary with its report. The order of fields does not count.
-async fn summaries_say_the_same(check: &mut Check, store: &Store) -> Result<()> {
+async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
     let mut after = String::new();
     loop {
         let rows = report_summaries::with_reports(store, &after, BATCH).await?;
@@ -135,7 +135,7 @@ async fn summaries_say_the_same(check: &mut Check, store: &Store) -> Result<()> 
                 matches!((expected, found), (Ok(expected), Ok(found)) if expected == found)
             });
             check.require(says_the_same, || {
-                format!("{}: its summary is not that of its report", row.job_id)
+                format!("{}: its summary does not match its report", row.job_id)
             });
         }
     }
@@ -189,7 +189,7 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
 pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I2",
-        "a request happened wholly or not at all, and once per Idempotency-Key",
+        "a request takes effect completely or not at all, and once per Idempotency-Key",
     );
     let mut after = IdempotencyScope::default();
     loop {
@@ -355,7 +355,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             check.n_examined += 1;
             let report: Value = serde_json::from_str(&job.report_json).unwrap_or_default();
             check.require(report["result_sha256"] == *result_sha256, || {
-                format!("{id}: its report is not the one that was hashed")
+                format!("{id}: its report does not match its result hash")
             });
             let field = EntryField {
                 event: AuditEvent::JobSucceeded,
@@ -378,7 +378,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
                 .entry(inputs)
                 .or_insert_with(|| (id.clone(), result_sha256.clone()));
             check.require(*expected == result_sha256, || {
-                format!("{id} and {first} asked for the same and got different results")
+                format!("{id} and {first} have equal inputs and different results")
             });
         }
     }
