@@ -78,6 +78,8 @@ pub struct PointErrors {
     pub after_vector_mm: Vector3<f64>,
     /// Residual with corrections, where they were looked for: as that of the links where none was kept.
     pub corrected_vector_mm: Option<Vector3<f64>>,
+    /// A warning names it as an outlier, and outliers are few enough not to count in comparisons.
+    pub is_outlier: bool,
 }
 
 impl PointErrors {
@@ -90,6 +92,12 @@ impl PointErrors {
                 .map_or(self.after_mm, |vector| vector.norm()),
         ]
     }
+}
+
+/// [`PointErrors::errors_mm`] of the points that count in comparisons.
+pub fn counted_errors_mm(points: &[PointErrors]) -> Vec<[f64; 3]> {
+    let counted = points.iter().filter(|point| !point.is_outlier);
+    counted.map(PointErrors::errors_mm).collect()
 }
 
 /// One parameter's outcome, in the unit of the wire (mm or deg).

@@ -37,7 +37,7 @@ pub enum Base {
 #[schema(as = CompensateStatus)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// Reached within 1 µm and 0.0001°.
+    /// Reached within 4e-7 of the reach (1 µm on an arm of 2.5 m) and 0.0001°.
     Ok,
     /// Near a singularity: the closest without a large motion of the joints.
     NearSingular,

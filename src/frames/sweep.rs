@@ -13,9 +13,10 @@ pub const MIN_ARC_RAD: f64 = std::f64::consts::FRAC_PI_4;
 pub const MIN_SWEEP_POINTS: usize = 5;
 /// Joints that should stand still may move by this much, rad (0.05°).
 const STILL_RAD: f64 = 8.7e-4;
-/// Points farther than this off one circle, rms, as a share of the reach (0.5 mm on an arm of 2 m), were not made by one joint: trackers repeat
-/// to some hundredths of a millimetre, and a joint that is moved alone to some tenths.
+/// Points farther than this off one circle, rms, were not made by one joint: a joint that is moved alone repeats to this share of the reach ...
 const MAX_CIRCLE_RMS_PER_REACH: f64 = 2.5e-4;
+/// ... and instruments measure to this, mm, however small the arm.
+const INSTRUMENT_RMS_MM: f64 = 0.5;
 /// The measured arc may differ from the joint's by this much, rad (3°): an unmastered joint shifts an arc, it does not stretch it.
 const ARC_MISMATCH_RAD: f64 = 0.052;
 
@@ -65,7 +66,7 @@ pub fn fit_sweep(robot: &Robot, set: &MeasurementSet, joint: usize) -> Result<Sw
     }
     let positions: Vec<Vector3<f64>> = swept.iter().map(|(_, p)| *p).collect();
     let circle = fit_circle(joint, &positions)?;
-    let limit_mm = MAX_CIRCLE_RMS_PER_REACH * reach_mm(&robot.links);
+    let limit_mm = (MAX_CIRCLE_RMS_PER_REACH * reach_mm(&robot.links)).max(INSTRUMENT_RMS_MM);
     if circle.rms_mm > limit_mm {
         return Err(Error::PoorCircle {
             joint,

@@ -19,10 +19,10 @@ const REWEIGHTINGS: usize = 30;
 /// Times that points are put in and out.
 const EXCHANGES: usize = 20;
 /// Points times rounds of deletions at most, and so many rounds at least: of up to a thousand points one is deleted at a time, of a hundred
-/// thousand a tenth of those that may be an outlier.
+/// thousand a tenth of those that may be outliers.
 const DELETION_WORK: usize = 100_000;
 const FEWEST_DELETIONS: usize = 10;
-/// Share of the points that may be an outlier before the search gives up on them.
+/// Share of the points that may be outliers before the search gives up on them.
 const MOST_OUTLIERS: f64 = 0.1;
 /// Numbers in the points' squares at most, 64 MiB; of larger problems they are made anew for every fit.
 const MOST_KEPT: usize = 8 << 20;
@@ -252,10 +252,10 @@ impl<'a> Blocks<'a> {
     fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
         let n = self.of.n_points();
         let n_rounds = (DELETION_WORK / n).max(FEWEST_DELETIONS);
-        let at_once = most_wild(n).div_ceil(n_rounds);
+        let at_once = most_outliers(n).div_ceil(n_rounds);
         let mut kept = vec![true; n];
         let mut fit = self.keep(&kept)?;
-        for _ in 0..most_wild(n).div_ceil(at_once) {
+        for _ in 0..most_outliers(n).div_ceil(at_once) {
             let mut surprises: Vec<(usize, f64)> = (0..n)
                 .filter(|i| kept[*i])
                 .map(|i| (i, fit.surprise(i, true)))
@@ -352,7 +352,7 @@ fn is_outlier(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -
         && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
 }
 
-fn most_wild(n_points: usize) -> usize {
+fn most_outliers(n_points: usize) -> usize {
     (MOST_OUTLIERS * n_points as f64).ceil() as usize
 }
 
@@ -360,6 +360,6 @@ fn most_wild(n_points: usize) -> usize {
 fn trimmed(residuals: &[Vector3<f64>]) -> f64 {
     let mut squares: Vec<f64> = residuals.iter().map(Vector3::norm_squared).collect();
     squares.sort_by(f64::total_cmp);
-    squares.truncate(squares.len() - most_wild(squares.len()).min(squares.len()));
+    squares.truncate(squares.len() - most_outliers(squares.len()).min(squares.len()));
     squares.iter().sum()
 }

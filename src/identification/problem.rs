@@ -9,7 +9,7 @@ use crate::identification::objective::{Observation, derivative_by};
 use crate::identification::parameters::{
     Parameter, Quantity, apply_into, deviation_from, left_jacobian, placement_parameters,
 };
-use crate::kinematics::{self, Link, PositionJacobian, placement_jacobian, position_jacobian};
+use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jacobian};
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
 use std::ops::Range;
 
@@ -113,7 +113,7 @@ pub fn reach_mm<'a>(
     links: &[Link],
     observations: impl Iterator<Item = &'a Observation> + Clone,
 ) -> f64 {
-    let of_links = kinematics::reach_mm(links);
+    let of_links: f64 = links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
     let positions = observations.map(|o| o.position_mm);
     let middle = Vector3::from_fn(|axis, _| median(positions.clone().map(|p| p[axis]).collect()));
     let of_points = median(positions.map(|p| (p - middle).norm()).collect());

@@ -76,9 +76,16 @@ pub struct Robot {
     pub mounting: Option<Mounting>,
 }
 
-/// Length of an arm along its links, mm: sum of |a| + |d|. The unit of every length that decides something.
+/// Reach of the arm of which comments say what a share of the reach is in millimetres.
+pub const USUAL_REACH_MM: f64 = 1700.0;
+
+/// Length of an arm along its links, mm: sum of |a| + |d|. The unit of every length that decides something. An arm without lengths, as of axes that
+/// meet in a point, has all of its reach in tool and targets, which the links do not tell: it counts as [`USUAL_REACH_MM`].
 pub fn reach_mm(links: &[Link]) -> f64 {
-    links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum()
+    match links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum() {
+        0.0 => USUAL_REACH_MM,
+        reach_mm => reach_mm,
+    }
 }
 
 impl Robot {

@@ -8,7 +8,7 @@ use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::release::comparison::Comparison;
 use crate::release::sessions::Session;
-use crate::release::verdict::{INSISTED, WRONG_ROBOT, has_warning};
+use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS, WRONG_ROBOT, has_warning};
 use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::policy::PolicyBody;
@@ -19,8 +19,6 @@ use std::collections::BTreeSet;
 
 /// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
-/// Warning of more outliers than a robust loss may down-weight: somebody has to check the file.
-const TOO_MANY_OUTLIERS: &str = "outliers_review";
 /// Fewest configurations of a session; fewer are no evidence, however often each was measured.
 const MIN_CONFIGURATIONS: usize = 5;
 /// Share of rows repeated from earlier uploads above which a session counts as a repeat.
@@ -131,7 +129,8 @@ pub fn evidence_of(
     is_insisted_on: bool,
     is_another_session: bool,
 ) -> Evidence {
-    if is_insisted_on || !core.is_evidence() {
+    let is_for_review = core.warnings.iter().any(|w| w.code == TOO_MANY_OUTLIERS);
+    if is_insisted_on || is_for_review || !core.is_evidence() {
         Evidence::None
     } else if is_another_session {
         Evidence::IndependentSession
@@ -230,13 +229,14 @@ pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], session: &MeasurementS
     repeated.len() as f64 > MAX_REPEATED * session.points.len() as f64
 }
 
-/// Errors of each verify point, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
+/// Errors of each verify point that is no outlier, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).
 pub fn verify_errors_mm(per_point: &[PointReport]) -> Vec<[f64; 3]> {
     errors_mm(per_point, Subset::Verify)
 }
 
 fn errors_mm(per_point: &[PointReport], subset: Subset) -> Vec<[f64; 3]> {
-    let points = per_point.iter().filter(|point| point.subset == subset);
+    let counts = |point: &&PointReport| point.subset == subset && !point.outlier;
+    let points = per_point.iter().filter(counts);
     points
         .map(|p| {
             let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);

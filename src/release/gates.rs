@@ -9,6 +9,7 @@ use crate::release::session_gates::{
 use crate::release::sessions::supports;
 use crate::release::texts::{errors_in_words, sessions};
 use crate::release::verdict::INSISTED;
+use crate::release::verdict::TOO_MANY_OUTLIERS;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::{Evidence, SubsetReport};
@@ -71,11 +72,20 @@ fn verified(facts: &Facts<'_>) -> Gate {
             "{n} points were held out to verify, {} scored",
             sessions(facts.sessions.len())
         ),
+        false if is_for_review(facts) => "more than a twentieth of the points are outliers: look at them, take them out of the file and identify again, \
+             or score another session"
+            .to_owned(),
         false => format!(
             "{n} points were held out to verify, and at least {MIN_VERIFY_POINTS} configurations that fit are needed: post a job with verify, or of kind verify"
         ),
     };
     Gate::new("verified", passed, detail)
+}
+
+/// Whether a warning of the identification asks somebody to look at its outliers.
+fn is_for_review(facts: &Facts<'_>) -> bool {
+    let mut warnings = facts.report.warnings.iter();
+    warnings.any(|warning| warning.code == TOO_MANY_OUTLIERS)
 }
 
 fn errors_improved(facts: &Facts<'_>) -> Gate {

@@ -23,6 +23,9 @@ pub const NO_USE: [&str; 6] = {
     ]
 };
 
+/// Warning of so many outliers that somebody has to check the file first.
+pub const TOO_MANY_OUTLIERS: &str = "outliers_review";
+
 /// Warning of a report whose upload was accepted with `insist`. Such a report is no evidence.
 pub const INSISTED: &str = "insisted_upload";
 
@@ -61,6 +64,8 @@ pub fn why_no_evidence(report: &Report) -> &'static str {
         "this file does not fit this robot"
     } else if has_warning(report, NO_FIT) {
         "the identified robot does not fit the points"
+    } else if has_warning(report, TOO_MANY_OUTLIERS) {
+        "so many points are outliers that somebody has to look at the file first"
     } else if has_warning(report, INSISTED) {
         "these points were refused, and kept because the uploader insisted"
     } else if has_warning(report, SHOWS_LITTLE) {

@@ -232,6 +232,7 @@ impl From<&PointErrors> for PointReport {
             before_vector_mm: Some(p.before_vector_mm.into()),
             after_vector_mm: Some(p.after_vector_mm.into()),
             corrected_vector_mm: p.corrected_vector_mm.map(Into::into),
+            outlier: p.is_outlier,
         }
     }
 }

@@ -162,6 +162,9 @@ pub struct PointReport {
     /// Measured − predicted by the links with corrections, in the measuring frame, mm; as `corrected_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_vector_mm: Option<[f64; 3]>,
+    /// A warning names the point as an outlier, and comparisons leave it out; absent if false.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub outlier: bool,
 }
 
 /// Result for one parameter.

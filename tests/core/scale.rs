@@ -1,10 +1,10 @@
-//! A robot and its measurements of another size are answered alike: no length in mm decides anything. The oracle is the same
+//! A robot and its measurements of another size are identified and corrected alike: no length in mm decides there. The oracle is the same
 //! request in another unit: lengths, positions and noise times a power of two, which changes no rounding of a product.
 
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
-use kincal::compensation::{Compensation, Mode, Tool};
+use kincal::compensation::{Compensation, Mode, Status, Tool};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::{MeasurementSet, Subset};
@@ -12,7 +12,7 @@ use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use rand::RngExt;
 use std::ops::ControlFlow;
 
-/// An arm of 30 mm and one of 30 m, beside the one of 1.9 m.
+/// An arm of 39 mm and one of 40 m (sum of |a| and |d|), beside the one of 2.5 m.
 const SIZES: [f64; 2] = [1.0 / 64.0, 16.0];
 /// Relative difference of lengths, and difference of angles in rad: where least squares ends, and rounding in sums of mm and rad.
 const ALIKE: f64 = 1e-6;
@@ -112,22 +112,28 @@ fn assert_same(what: &str, one: &CalibrationReport, other: &CalibrationReport, s
     );
 }
 
-fn assert_alike_at_every_size(what: &str, made: &Made) {
+/// `told` is a warning that the answer has, at every size.
+fn assert_alike_at_every_size(what: &str, made: &Made, told: Option<&str>) {
     let one = run(&made.request(1.0));
+    let codes: Vec<&str> = one.warnings.iter().map(|w| w.code).collect();
+    assert!(
+        told.is_none_or(|code| codes.contains(&code)),
+        "{what}: {codes:?}"
+    );
     for size in SIZES {
         assert_same(what, &one, &run(&made.request(size)), size);
     }
 }
 
 #[test]
-fn an_arm_of_30_mm_and_one_of_30_m_are_identified_alike() {
-    assert_alike_at_every_size("plain", &Made::new(900, 1, 0.0));
-    assert_alike_at_every_size("two targets", &Made::new(901, 2, 0.0));
+fn an_arm_of_39_mm_and_one_of_40_m_are_identified_alike() {
+    assert_alike_at_every_size("plain", &Made::new(900, 1, 0.0), None);
+    assert_alike_at_every_size("two targets", &Made::new(901, 2, 0.0), None);
     let mut noiseless = Made::new(902, 1, 0.0);
     for point in &mut noiseless.set.points {
         point.position_mm = noiseless.truth.position(&point.q_rad, 0);
     }
-    assert_alike_at_every_size("without noise", &noiseless);
+    assert_alike_at_every_size("without noise", &noiseless, None);
 }
 
 /// Targets near a singularity, where lengths and angles are weighed against each other, among them.
@@ -153,6 +159,8 @@ fn targets_are_corrected_alike_at_every_size() {
         targets.iter().map(correct).collect::<Vec<_>>()
     };
     let one = corrected(1.0);
+    let near_singular = one.iter().filter(|c| c.status == Status::NearSingular);
+    assert!((1..10).contains(&near_singular.count()));
     for size in SIZES {
         for (k, (a, b)) in one.iter().zip(corrected(size)).enumerate() {
             assert_eq!(a.status, b.status, "target {k}, {size}");
@@ -170,7 +178,7 @@ fn gross_rows_are_named_alike_at_every_size() {
         let direction = made.random.vector().normalize();
         made.set.points[row].position_mm += direction * made.random.0.random_range(5.0..1000.0);
     }
-    assert_alike_at_every_size("gross rows", &made);
+    assert_alike_at_every_size("gross rows", &made, Some("outliers"));
 }
 
 #[test]
@@ -182,7 +190,7 @@ fn what_moved_and_stations_are_found_alike_at_every_size() {
         point.position_mm +=
             after.position(&point.q_rad, 0) - slipped.truth.position(&point.q_rad, 0);
     }
-    assert_alike_at_every_size("slipped", &slipped);
+    assert_alike_at_every_size("slipped", &slipped, Some("target_moved"));
     let mut stations = Made::new(921, 1, 0.0);
     let turn = Rotation3::new(Vector3::new(0.3, -0.2, 2.0));
     for (row, point) in stations.set.points.iter_mut().enumerate() {
@@ -191,12 +199,12 @@ fn what_moved_and_stations_are_found_alike_at_every_size() {
             point.position_mm = turn * point.position_mm + Vector3::new(4000.0, -700.0, 90.0);
         }
     }
-    assert_alike_at_every_size("stations", &stations);
+    assert_alike_at_every_size("stations", &stations, None);
 }
 
 #[test]
 fn sag_and_joints_that_were_never_mastered_are_found_alike_at_every_size() {
-    assert_alike_at_every_size("sag", &Made::new(930, 2, 1e-3));
+    assert_alike_at_every_size("sag", &Made::new(930, 2, 1e-3), None);
     let mut unmastered = Made::new(931, 1, 0.0);
     for (link, off_deg) in [(1, 20.0f64), (3, -35.0)] {
         unmastered.truth.links[link].theta_offset_rad += off_deg.to_radians();
@@ -205,5 +213,9 @@ fn sag_and_joints_that_were_never_mastered_are_found_alike_at_every_size() {
         point.position_mm =
             unmastered.truth.position(&point.q_rad, 0) + unmastered.random.vector() * 0.05;
     }
-    assert_alike_at_every_size("never mastered", &unmastered);
+    assert_alike_at_every_size(
+        "never mastered",
+        &unmastered,
+        Some("implausible_parameters"),
+    );
 }

@@ -167,6 +167,9 @@ pub fn report(
         (&problem.observed, model),
         robot.as_ref(),
     );
+    for row in problem.screening.rows_left_out() {
+        per_point[row].is_outlier = true;
+    }
     // errors are those of the fit that was verified, all else is said of the delivered one
     let (delivered_problem, delivered_model) = match final_fit {
         Some(last) => (&last.problem, &last.model),
@@ -205,19 +208,23 @@ pub fn report(
                 after,
                 corrected,
             });
-        let there = errors::per_point(
+        let mut there = errors::per_point(
             (&before.observed, &before.model),
             (&after.observed, &after.model),
             robot_there.as_ref(),
         );
-        let errors_mm: Vec<[f64; 3]> = there.iter().map(PointErrors::errors_mm).collect();
+        for row in layout.screening.rows_left_out() {
+            there[row].is_outlier = true;
+        }
+        let errors_mm = counted_errors_mm(&there);
+        let fitted = errors::without_outliers(&per_point, Subset::Identify).unwrap_or(identify);
         fit = fit.or_else(|| {
-            verdict::of_another_session(&errors_mm, &identify, &request.robot, || {
+            verdict::of_another_session(&errors_mm, &fitted, &request.robot, || {
                 own_scatter_mm(&after.model, &after.observed.all)
             })
         });
         let of_set = layout.screening.outliers.iter();
-        outliers.extend(of_set.map(|outliers| per_point.len() + outliers.row));
+        outliers.extend(of_set.map(|outlier| per_point.len() + outlier.row));
         per_point.extend(there);
         of_verify_set = match &request.verify {
             VerifySource::Set(set) => shows_little(&request.robot, set),

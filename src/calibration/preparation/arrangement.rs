@@ -185,7 +185,7 @@ impl Arrangement {
         point.map_or(0, |point| self.setups[*point])
     }
 
-    /// Segmentes without an identify point cannot be fitted: they join the one before (or after). The points that did.
+    /// Segments without an identify point cannot be fitted: they join the one before (or after). The points that did.
     pub fn join_unfitted(&mut self, observed: &Observed) -> Vec<usize> {
         let mut joined = Vec::new();
         for target in 0..self.n_targets {

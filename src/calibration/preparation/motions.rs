@@ -129,21 +129,22 @@ pub fn fit_motions(
             subset.is_none_or(|s| observed.subsets[*p] == s) && observed.all[*p].weight > 0.0
         })
         .collect();
-    let mut model = None;
+    let (mut nominal, mut model) = (None, None);
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
         let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
         if subset.is_some() && arrangement.motions.len() < 2 {
             break;
         }
+        let nominal =
+            &*nominal.get_or_insert_with(|| nominal_model(request, &fitted, targets.len()));
         let start = model.take().unwrap_or_else(|| {
-            let nominal = nominal_model(request, &fitted, targets.len());
-            best_start(&nominal, None, &parameters, &fitted, &|links, points| {
+            best_start(nominal, None, &parameters, &fitted, &|links, points| {
                 placed(request, links, points, targets.len())
             })
             .model
         });
-        let rows = Problem::new(start.clone(), &parameters, &fitted);
+        let rows = Problem::new(nominal.clone(), &parameters, &fitted);
         let fit = least_squares(&rows, &start);
         let found = if arrangement.motions.len() < 2 {
             true

@@ -25,6 +25,8 @@ const REVIEW_SHARE: f64 = 0.05;
 const LEFT_OUT_SHARE: f64 = 0.1;
 /// Fewer rows in a row that are far off are gross errors; as many may be those of a target that moved.
 const FEWEST_MOVED: usize = 3;
+/// Share of the points to identify that may be left out: by chance more outliers may be among these.
+const LEFT_OUT_OF_SUBSET: f64 = 0.2;
 /// A row that stands alone and is this share of the reach from where the others put it is a gross error, not something that moved: 8 mm on an arm of
 /// 1.7 m.
 const GROSS_PER_REACH: f64 = 5e-3;
@@ -82,6 +84,8 @@ pub struct Screening {
     pub is_down_weighted: bool,
     /// So many points are outliers that a person has to look.
     pub is_for_review: bool,
+    /// The outliers are few enough not to count in comparisons.
+    pub are_few: bool,
     /// Steps, by row.
     pub steps: Vec<FoundStep>,
     /// Rows of segments without identify points: they are scored with the segment before.
@@ -98,6 +102,14 @@ struct AllFit {
     features: DMatrix<f64>,
     columns: Columns,
     reach_mm: f64,
+}
+
+impl Screening {
+    /// Rows that do not count in comparisons.
+    pub fn rows_left_out(&self) -> impl Iterator<Item = usize> {
+        let counted_out = self.outliers.iter().filter(|_| self.are_few);
+        counted_out.map(|outlier| outlier.row)
+    }
 }
 
 /// Screens the points, and arranges them for the fit: outliers lose their weight, what moved is taken apart.
@@ -217,7 +229,7 @@ fn search(
 
 /// All points fitted but the gross errors.
 struct WithoutGross {
-    /// The gross errors: rows that stand alone, and are further off than anything that moves in a cell.
+    /// The gross errors: rows that stand alone and are off by more than [`GROSS_PER_REACH`].
     gross: Vec<usize>,
     fit: AllFit,
     /// All outliers, the gross errors among them.
@@ -240,7 +252,10 @@ fn without_gross(
         let rest = arrangement.order.iter().filter(|p| !gross.contains(p));
         let rest: Vec<usize> = rest.copied().collect();
         let lone = lone_suspects(observed, &rest, outliers.as_ref(), FEWEST_MOVED);
-        let is_alone = |point: &usize| gross.contains(point) || lone.contains(point);
+        let together = outlying_together(observed, &rest, outliers.as_ref());
+        let is_alone = |point: &usize| {
+            gross.contains(point) || (lone.contains(point) && !together.contains(point))
+        };
         let sizes = outliers
             .iter()
             .flat_map(|w| w.points.iter().zip(&w.sizes_mm));
@@ -297,6 +312,23 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
     } else {
         after
     }
+}
+
+/// Suspects in a row at an end of the file that are all points of two configurations or more with several targets: what was knocked moves like that.
+fn outlying_together(
+    observed: &Observed,
+    order: &[usize],
+    outliers: Option<&Outliers>,
+) -> Vec<usize> {
+    let n_targets = observed.targets.iter().max().map_or(1, |target| target + 1);
+    let is_suspect = |p: &usize| outliers.is_some_and(|found| found.points.contains(p));
+    let runs = order.chunk_by(|a, b| is_suspect(a) == is_suspect(b));
+    let is_at_end = |run: &&[usize]| run.first() == order.first() || run.last() == order.last();
+    runs.filter(|run| n_targets > 1 && run.len() >= 2 * n_targets && is_suspect(&run[0]))
+        .filter(is_at_end)
+        .flatten()
+        .copied()
+        .collect()
 }
 
 /// The suspects that stand alone among the points of their target, in measuring order, or out of the segment that they stand in: twice as
@@ -435,9 +467,13 @@ fn leave_out(
     let is_more_than =
         |share: f64| outliers.points.len() > (share * observed.all.len() as f64).ceil() as usize;
     screening.is_for_review = is_more_than(REVIEW_SHARE);
-    screening.is_down_weighted = request.options.loss.is_none() && !is_more_than(LEFT_OUT_SHARE);
+    let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
+    let n_to_identify = observed.of(Subset::Identify).len() as f64;
+    let n_left_out = outliers.points.iter().filter(to_identify).count() as f64;
+    screening.are_few =
+        !is_more_than(LEFT_OUT_SHARE) && n_left_out <= (LEFT_OUT_OF_SUBSET * n_to_identify).ceil();
+    screening.is_down_weighted = request.options.loss.is_none() && screening.are_few;
     if screening.is_down_weighted {
-        let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
         let down: Vec<usize> = outliers
             .points
             .iter()

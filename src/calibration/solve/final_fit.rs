@@ -157,7 +157,7 @@ impl<'a> Problem<'a> {
     pub fn over_all_points(&self, model: &KinematicModel) -> Result<Self, Error> {
         let mut observed = self.observed.clone();
         observed.subsets.fill(Subset::Identify);
-        let outliers = self.screening.outliers.iter().map(|outliers| outliers.row);
+        let outliers = self.screening.outliers.iter().map(|outlier| outlier.row);
         let without_weight = outliers.filter(|_| self.screening.is_down_weighted);
         let unfitted = self.screening.unfitted_rows.iter().copied();
         for row in without_weight.chain(unfitted) {

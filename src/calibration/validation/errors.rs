@@ -25,22 +25,30 @@ pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -
     statistics(&observations.iter().map(size).collect::<Vec<f64>>())
 }
 
-/// Errors of the points to verify without those that are named as outliers, by their index in `per_point`; `None` if none of them is.
+/// Errors of the points to verify without those that are named as outliers, by their index in `per_point`; `None` if none or all of them are.
 pub fn verify_without(
     per_point: &[PointErrors],
     outliers: &BTreeSet<usize>,
 ) -> Option<SubsetErrors> {
     let verify = (0..per_point.len()).filter(|i| per_point[*i].subset == Subset::Verify);
     let (named, others): (Vec<usize>, Vec<usize>) = verify.partition(|i| outliers.contains(i));
-    if named.is_empty() {
-        return None;
-    }
+    let others: Vec<&PointErrors> = others.into_iter().map(|i| &per_point[i]).collect();
+    (!named.is_empty()).then(|| of_points(&others)).flatten()
+}
+
+/// Errors of the points of a subset that count in comparisons; `None` for no points.
+pub fn without_outliers(per_point: &[PointErrors], subset: Subset) -> Option<SubsetErrors> {
+    let counts = |point: &&PointErrors| point.subset == subset && !point.is_outlier;
+    of_points(&per_point.iter().filter(counts).collect::<Vec<_>>())
+}
+
+fn of_points(points: &[&PointErrors]) -> Option<SubsetErrors> {
     let sizes = |of: fn(&PointErrors) -> Option<f64>| -> Option<Errors> {
-        let sizes: Option<Vec<f64>> = others.iter().map(|i| of(&per_point[*i])).collect();
+        let sizes: Option<Vec<f64>> = points.iter().map(|point| of(point)).collect();
         statistics(&sizes?)
     };
     Some(SubsetErrors {
-        n_points: others.len(),
+        n_points: points.len(),
         before: sizes(|point| Some(point.before_mm))?,
         after: sizes(|point| Some(point.after_mm))?,
         corrected: sizes(|point| point.corrected_vector_mm.map(|v| v.norm())),
@@ -100,6 +108,7 @@ pub fn per_point(
             before_vector_mm: before[i],
             after_vector_mm: after[i],
             corrected_vector_mm: corrected(i),
+            is_outlier: false,
         })
         .collect()
 }

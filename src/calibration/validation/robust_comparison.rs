@@ -45,7 +45,12 @@ impl RobustComparison {
 pub fn robust_comparison(points: &[[f64; 3]]) -> RobustComparison {
     let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
     let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
-    let is_outlier = |point: &&[f64; 3]| point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
+    // what is wrong with a point is as wrong for either robot; by how much their own errors differ there, counts
+    let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
+    let is_outlier = |point: &&[f64; 3]| {
+        let is_far = point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
+        is_far && (1..3).all(|of| (point[of] - point[0]).abs() <= alike_mm)
+    };
     let n_outliers = points.iter().filter(is_outlier).count();
     let n_set_aside = if points.len() >= FEWEST && n_outliers <= points.len().div_ceil(ONE_IN) {
         n_outliers

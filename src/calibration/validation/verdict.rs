@@ -181,7 +181,7 @@ pub fn warnings(
             let to_verify = report
                 .per_point
                 .iter()
-                .filter(|point| point.subset == Subset::Verify);
+                .filter(|point| point.subset == Subset::Verify && !point.is_outlier);
             let comparison = robust_comparison(
                 &to_verify
                     .map(|point| [point.before_mm, point.after_mm, point.after_mm])

@@ -5,8 +5,8 @@ use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::preparation::equations::n_equations;
 use crate::calibration::preparation::observe::{observe_to_verify, observe_verify_set};
 use crate::calibration::report::{
-    BASE_NOT_CHECKED, CalibrationReport, Errors, FEW_VERIFY_POINTS, Identifiability, PointErrors,
-    SubsetErrors, Warning,
+    BASE_NOT_CHECKED, CalibrationReport, Errors, FEW_VERIFY_POINTS, Identifiability, SubsetErrors,
+    Warning, counted_errors_mm,
 };
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::stage;
@@ -51,6 +51,8 @@ struct Scored {
     remarks: Vec<Warning>,
     /// Rows that are named as outliers.
     outliers: BTreeSet<usize>,
+    /// Those that do not count in comparisons.
+    left_out: Vec<usize>,
 }
 
 /// The checks of [`verify`] that need no fit.
@@ -236,7 +238,7 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
         .screening
         .outliers
         .iter()
-        .map(|outliers| outliers.row)
+        .map(|outlier| outlier.row)
         .collect();
     Ok(Scored {
         before,
@@ -247,6 +249,7 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
             && identified.is_some_and(|model| base_is_known(request, model)),
         remarks,
         outliers,
+        left_out: layout.screening.rows_left_out().collect(),
     })
 }
 
@@ -256,12 +259,15 @@ fn report(
     scored: Scored,
     verify: SubsetErrors,
 ) -> CalibrationReport {
-    let per_point = per_point(
+    let mut per_point = per_point(
         (&scored.before.observed, &scored.before.model),
         (&scored.after.observed, &scored.after.model),
         scored.corrected.as_ref(),
     );
-    let errors_mm: Vec<[f64; 3]> = per_point.iter().map(PointErrors::errors_mm).collect();
+    for row in &scored.left_out {
+        per_point[*row].is_outlier = true;
+    }
+    let errors_mm = counted_errors_mm(&per_point);
     let verdict = Verdict {
         is_identified,
         comparison: robust_comparison(&errors_mm),

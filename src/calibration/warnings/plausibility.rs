@@ -2,8 +2,10 @@
 
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
+use crate::calibration::validation::errors::without_outliers;
 use crate::identification::problem::{BASE_MM, BASE_RAD};
 use crate::kinematics::{Link, reach_mm};
+use crate::measurement::Subset;
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
@@ -144,9 +146,9 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
         );
         warnings.push(warning("implausible_parameters", detail));
     }
-    let measured_mm = report
-        .verify
-        .map_or(report.identify.after.rms_mm, |verify| verify.after.rms_mm);
+    let measured = without_outliers(&report.per_point, Subset::Verify)
+        .or_else(|| without_outliers(&report.per_point, Subset::Identify));
+    let measured_mm = measured.unwrap_or(report.identify).after.rms_mm;
     if let Some(tool) = report.tool_uncertainty.filter(|tool| {
         tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_PER_REACH * reach_mm(nominal))
     }) {

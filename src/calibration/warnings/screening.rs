@@ -25,7 +25,7 @@ pub fn screening_warnings(
 ) -> Vec<Warning> {
     let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
     if !screening.unfitted_rows.is_empty() {
-        let detail = "no point to identify lies in the stretch after a step: these rows are scored as if nothing had moved";
+        let detail = "no point to identify lies in the segment after a step: these rows are scored as if nothing had moved";
         warnings.push(Warning {
             code: "stretch_without_identify_points",
             detail: detail.into(),

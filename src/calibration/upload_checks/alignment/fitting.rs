@@ -45,7 +45,8 @@ pub(super) struct Fitted {
 
 /// The robot's length along its links; no less than how far the points lie apart, for an arm without lengths.
 pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
-    kinematics::reach_mm(links).max(spread_mm(observations))
+    let of_links: f64 = links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
+    of_links.max(spread_mm(observations))
 }
 
 /// rms distance of the points from their centre, mm.
