@@ -1,8 +1,10 @@
 //! From a request to the problem that is solved: checks, screening, segments and set-ups, priors.
 
+mod all_fit;
 pub mod arrangement;
 pub mod check;
 pub mod equations;
+mod gross_errors;
 pub mod loss;
 pub mod motions;
 pub mod observe;

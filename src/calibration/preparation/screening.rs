@@ -4,34 +4,23 @@
 //! robot is taken from the fits made here.
 
 use crate::calibration::Error;
+use crate::calibration::preparation::all_fit::{AllFit, fit_all};
 use crate::calibration::preparation::arrangement::{Arrangement, FittedTargets, motion};
-use crate::calibration::preparation::motions::{
-    derivatives, fit_motions, parameters_of, place_setups,
-};
-use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
+use crate::calibration::preparation::gross_errors::{WithoutGross, lone_suspects, without_gross};
+use crate::calibration::preparation::motions::{fit_motions, place_setups};
+use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
-use crate::identification::misfit::{features, gravity_directions};
-use crate::identification::objective::weighted_residuals;
-use crate::identification::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
-use crate::identification::problem::reach_mm;
-use crate::identification::steps::{Campaign, Columns, Moved, Step, TargetShift, Whitened};
+use crate::identification::outliers::Outliers;
+use crate::identification::steps::{Campaign, Moved, Step, TargetShift, Whitened};
 use crate::measurement::Subset;
-use nalgebra::{DMatrix, Vector3};
-use std::collections::BTreeMap;
+use nalgebra::Vector3;
 
 /// Share of all points from which on a person has to look at the outliers.
 const REVIEW_SHARE: f64 = 0.05;
 /// Share of all points that may be left out of the fit.
 const LEFT_OUT_SHARE: f64 = 0.1;
-/// Fewer rows in a row that are far off are gross errors; as many may be those of a target that moved.
-const FEWEST_MOVED: usize = 3;
 /// Share of the points to identify that may be left out: by chance more outliers may be among these.
 const LEFT_OUT_OF_SUBSET: f64 = 0.2;
-/// A row that stands alone and is this share of the reach from where the others put it is a gross error, not something that moved: 8 mm on an arm of
-/// 1.7 m.
-const GROSS_PER_REACH: f64 = 5e-3;
-/// An outlier in a segment of suspects is this many times as far off as half of them.
-const STANDS_OUT: f64 = 2.0;
 /// If this share of the points on the smaller side of a step is an outlier with it, it is no step: two or three outliers are explained by one
 /// but for as many coordinates, and one of two, or two of three, stays an outlier.
 const SCATTERED: f64 = 0.25;
@@ -92,16 +81,6 @@ pub struct Screening {
     pub unfitted_rows: Vec<usize>,
     /// The targets of the fit.
     pub targets: FittedTargets,
-}
-
-/// A fit to all points, and the linear problem there.
-struct AllFit {
-    linear: Linearised,
-    least_scale_mm: f64,
-    /// What the misfit of a robot looks like, 3·N × m.
-    features: DMatrix<f64>,
-    columns: Columns,
-    reach_mm: f64,
 }
 
 impl Screening {
@@ -227,57 +206,6 @@ fn search(
     Ok(outliers)
 }
 
-/// All points fitted but the gross errors.
-struct WithoutGross {
-    /// The gross errors: rows that stand alone and are off by more than [`GROSS_PER_REACH`].
-    gross: Vec<usize>,
-    fit: AllFit,
-    /// All outliers, the gross errors among them.
-    outliers: Option<Outliers>,
-}
-
-/// Rows that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide there what moved. They are left out before
-/// anything is searched for, again from each fit without those found.
-fn without_gross(
-    request: &CalibrationRequest,
-    observed: &mut Observed,
-    arrangement: &mut Arrangement,
-) -> Result<WithoutGross, Error> {
-    let mut gross: Vec<usize> = Vec::new();
-    let mut n_searches = 0;
-    loop {
-        let fit = fit_all(request, observed, arrangement, &gross)?;
-        let outliers = fit.linear.outliers(fit.least_scale_mm);
-        let limit_mm = GROSS_PER_REACH * fit.reach_mm;
-        let rest = arrangement.order.iter().filter(|p| !gross.contains(p));
-        let rest: Vec<usize> = rest.copied().collect();
-        let lone = lone_suspects(observed, &rest, outliers.as_ref(), FEWEST_MOVED);
-        let together = outlying_together(observed, &rest, outliers.as_ref());
-        let is_alone = |point: &usize| {
-            gross.contains(point) || (lone.contains(point) && !together.contains(point))
-        };
-        let sizes = outliers
-            .iter()
-            .flat_map(|w| w.points.iter().zip(&w.sizes_mm));
-        let found: Vec<usize> = sizes
-            .filter(|(point, size_mm)| {
-                let weight = observed.all[**point].weight;
-                is_alone(point) && **size_mm > limit_mm * weight.sqrt()
-            })
-            .map(|(point, _)| *point)
-            .collect();
-        n_searches += 1;
-        if found == gross || n_searches == MAX_SEARCHES {
-            return Ok(WithoutGross {
-                gross,
-                fit,
-                outliers,
-            });
-        }
-        gross = found;
-    }
-}
-
 /// Points that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide others there. Looks again from the
 /// fit without them; `None` if there were none.
 fn search_again(
@@ -312,65 +240,6 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
     } else {
         after
     }
-}
-
-/// Suspects in a row at an end of the file that are all points of two configurations or more with several targets: what was knocked moves like that.
-fn outlying_together(
-    observed: &Observed,
-    order: &[usize],
-    outliers: Option<&Outliers>,
-) -> Vec<usize> {
-    let n_targets = observed.targets.iter().max().map_or(1, |target| target + 1);
-    let is_suspect = |p: &usize| outliers.is_some_and(|found| found.points.contains(p));
-    let runs = order.chunk_by(|a, b| is_suspect(a) == is_suspect(b));
-    let is_at_end = |run: &&[usize]| run.first() == order.first() || run.last() == order.last();
-    runs.filter(|run| n_targets > 1 && run.len() >= 2 * n_targets && is_suspect(&run[0]))
-        .filter(is_at_end)
-        .flatten()
-        .copied()
-        .collect()
-}
-
-/// The suspects that stand alone among the points of their target, in measuring order, or out of the segment that they stand in: twice as
-/// far off as half of it. A reflector that slipped makes a segment of suspects, where the other reflectors hold the fit, and all by as much; a
-/// outlier would hide the step.
-fn lone_suspects(
-    observed: &Observed,
-    order: &[usize],
-    outliers: Option<&Outliers>,
-    shortest_segment: usize,
-) -> Vec<usize> {
-    let sizes: BTreeMap<usize, f64> = outliers
-        .iter()
-        .flat_map(|w| w.points.iter().copied().zip(w.sizes_mm.iter().copied()))
-        .collect();
-    let mut lone = Vec::new();
-    for target in 0..observed
-        .targets
-        .iter()
-        .map(|target| target + 1)
-        .max()
-        .unwrap_or(0)
-    {
-        let is_of_target = |p: &&usize| observed.targets[**p] == target;
-        let of_target: Vec<usize> = order.iter().filter(is_of_target).copied().collect();
-        for segment in of_target.chunk_by(|a, b| sizes.contains_key(a) == sizes.contains_key(b)) {
-            let mut by_size: Vec<f64> = segment
-                .iter()
-                .filter_map(|p| sizes.get(p).copied())
-                .collect();
-            by_size.sort_by(f64::total_cmp);
-            let Some(median) = by_size.get(by_size.len() / 2) else {
-                continue;
-            };
-            let stands_out = |p: &usize| {
-                segment.len() < shortest_segment
-                    || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
-            };
-            lone.extend(segment.iter().copied().filter(stands_out));
-        }
-    }
-    lone
 }
 
 fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {
@@ -494,47 +363,4 @@ pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
         Loss::Squares
     };
     request.options.loss.unwrap_or(ours)
-}
-
-/// Least squares on all points but a few, with the motions between set-ups; and the linear problem of all points there.
-fn fit_all(
-    request: &CalibrationRequest,
-    observed: &mut Observed,
-    arrangement: &mut Arrangement,
-    without: &[usize],
-) -> Result<AllFit, Error> {
-    let weights: Vec<f64> = observed.all.iter().map(|o| o.weight).collect();
-    without.iter().for_each(|p| observed.all[*p].weight = 0.0);
-    let model = fit_motions(request, observed, arrangement, None)?;
-    let all = observed.all.iter_mut().zip(weights);
-    all.for_each(|(o, weight)| o.weight = weight);
-    arrangement.apply(observed);
-    let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
-    let columns = Columns::new(&model, &observed.all);
-    let everything: Vec<usize> = (0..observed.all.len()).collect();
-    let derivatives = derivatives(
-        &model,
-        &parameters,
-        &observed.all,
-        &columns,
-        arrangement,
-        &everything,
-    );
-    let reach_mm = reach_mm(&model.links, observed.all.iter());
-    let rounding_mm = ROUNDING_PER_REACH * reach_mm;
-    let residuals = weighted_residuals(&model, &observed.all);
-    let linear = Linearised::new(&residuals, derivatives, rounding_mm);
-    let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
-    let poses = observed
-        .all
-        .iter()
-        .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
-    let features = features(&model, poses, &gravity);
-    Ok(AllFit {
-        linear,
-        columns,
-        features,
-        least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
-        reach_mm,
-    })
 }

@@ -1,0 +1,66 @@
+//! The fit to all points of an upload that screening looks at, and the linear problem there.
+
+use crate::calibration::Error;
+use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::motions::{derivatives, fit_motions, parameters_of};
+use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
+use crate::calibration::request::CalibrationRequest;
+use crate::identification::misfit::{features, gravity_directions};
+use crate::identification::objective::weighted_residuals;
+use crate::identification::outliers::{Linearised, ROUNDING_PER_REACH};
+use crate::identification::problem::reach_mm;
+use crate::identification::steps::Columns;
+use nalgebra::DMatrix;
+
+/// A fit to all points, and the linear problem there.
+pub(super) struct AllFit {
+    pub linear: Linearised,
+    pub least_scale_mm: f64,
+    /// What the misfit of a robot looks like, 3·N × m.
+    pub features: DMatrix<f64>,
+    pub columns: Columns,
+    pub reach_mm: f64,
+}
+
+/// Least squares on all points but a few, with the motions between set-ups; and the linear problem of all points there.
+pub(super) fn fit_all(
+    request: &CalibrationRequest,
+    observed: &mut Observed,
+    arrangement: &mut Arrangement,
+    without: &[usize],
+) -> Result<AllFit, Error> {
+    let weights: Vec<f64> = observed.all.iter().map(|o| o.weight).collect();
+    without.iter().for_each(|p| observed.all[*p].weight = 0.0);
+    let model = fit_motions(request, observed, arrangement, None)?;
+    let all = observed.all.iter_mut().zip(weights);
+    all.for_each(|(o, weight)| o.weight = weight);
+    arrangement.apply(observed);
+    let parameters = parameters_of(request, &arrangement.fitted_targets(observed))?;
+    let columns = Columns::new(&model, &observed.all);
+    let everything: Vec<usize> = (0..observed.all.len()).collect();
+    let derivatives = derivatives(
+        &model,
+        &parameters,
+        &observed.all,
+        &columns,
+        arrangement,
+        &everything,
+    );
+    let reach_mm = reach_mm(&model.links, observed.all.iter());
+    let rounding_mm = ROUNDING_PER_REACH * reach_mm;
+    let residuals = weighted_residuals(&model, &observed.all);
+    let linear = Linearised::new(&residuals, derivatives, rounding_mm);
+    let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
+    let poses = observed
+        .all
+        .iter()
+        .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
+    let features = features(&model, poses, &gravity);
+    Ok(AllFit {
+        linear,
+        columns,
+        features,
+        least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
+        reach_mm,
+    })
+}
