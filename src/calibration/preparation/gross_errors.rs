@@ -8,8 +8,8 @@ use crate::calibration::request::CalibrationRequest;
 use crate::identification::outliers::Outliers;
 use std::collections::BTreeMap;
 
-/// Searches at most, each from the fit without those found before.
-const MAX_SEARCHES: usize = 4;
+/// Searches for outliers at most, each from the fit without those found before.
+pub(super) const MAX_SEARCHES: usize = 4;
 
 /// Fewer rows in a row that are far off are gross errors; as many may be those of a target that moved.
 const FEWEST_MOVED: usize = 3;

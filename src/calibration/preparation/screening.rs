@@ -6,7 +6,9 @@
 use crate::calibration::Error;
 use crate::calibration::preparation::all_fit::{AllFit, fit_all};
 use crate::calibration::preparation::arrangement::{Arrangement, FittedTargets, motion};
-use crate::calibration::preparation::gross_errors::{WithoutGross, lone_suspects, without_gross};
+use crate::calibration::preparation::gross_errors::{
+    MAX_SEARCHES, WithoutGross, lone_suspects, without_gross,
+};
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
@@ -24,8 +26,6 @@ const LEFT_OUT_OF_SUBSET: f64 = 0.2;
 /// If this share of the points on the smaller side of a step is an outlier with it, it is no step: two or three outliers are explained by one
 /// but for as many coordinates, and one of two, or two of three, stays an outlier.
 const SCATTERED: f64 = 0.25;
-/// Searches for outliers at most, each from the fit without those found before.
-const MAX_SEARCHES: usize = 4;
 /// Steps at most; a campaign with more is not worth fitting.
 const MAX_STEPS: usize = 4;
 
