@@ -1,24 +1,14 @@
 //! Outliers: is the fit as good as without them, and are they named?
 
+use crate::bad_campaigns::clean_verify_rms_mm;
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::request::Loss;
-use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, calibrate};
+use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::measurement::{MeasurementSet, Subset};
 use rand::RngExt;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
-
-/// What a fit left on the clean points to verify, mm rms.
-fn clean_verify_rms(report: &CalibrationReport, outliers: &BTreeSet<usize>) -> f64 {
-    let clean = report
-        .per_point
-        .iter()
-        .enumerate()
-        .filter(|(row, p)| p.subset == Subset::Verify && !outliers.contains(row));
-    let errors: Vec<f64> = clean.map(|(_, p)| p.after_mm * p.after_mm).collect();
-    (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
-}
 
 /// Displaces a share of the points by 5 to 20 mm in any direction; their rows.
 pub fn displace(set: &mut MeasurementSet, share: f64, random: &mut Normal) -> BTreeSet<usize> {
@@ -103,7 +93,7 @@ fn run(
             continue;
         };
         let ratio =
-            clean_verify_rms(&report, &rows) / clean_verify_rms(&reference, &BTreeSet::new());
+            clean_verify_rms_mm(&report, &rows) / clean_verify_rms_mm(&reference, &BTreeSet::new());
         counts.within += usize::from(ratio <= 1.1);
         counts.worst = counts.worst.max(ratio);
         counts.mean += ratio / n_robots as f64;

@@ -1,7 +1,7 @@
 //! Faults in a cell: outliers, reflectors that slip, instruments that are set up again. Simulated robots with planted faults; the
 //! oracle is the truth, or the same fit to the same set without the fault. The long form is `examples/identification_study.rs`.
 
-use crate::bad_campaigns::{bad_campaign, unseen_rms_mm};
+use crate::bad_campaigns::{bad_campaign, clean_verify_rms_mm, unseen_rms_mm};
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::report::{Warning, counted_errors_mm};
@@ -77,16 +77,6 @@ fn without(set: &MeasurementSet, rows: &BTreeSet<usize>) -> MeasurementSet {
     MeasurementSet::new(set.frame, points.collect())
 }
 
-fn clean_rms(report: &CalibrationReport, outliers: &BTreeSet<usize>) -> f64 {
-    let clean = report
-        .per_point
-        .iter()
-        .enumerate()
-        .filter(|(row, p)| p.subset == Subset::Verify && !outliers.contains(row));
-    let squares: Vec<f64> = clean.map(|(_, p)| p.after_mm * p.after_mm).collect();
-    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
-}
-
 fn warning<'a>(report: &'a CalibrationReport, code: &str) -> Option<&'a Warning> {
     report.warnings.iter().find(|w| w.code == code)
 }
@@ -96,7 +86,7 @@ fn with_a_twentieth_of_the_points_wild_the_fit_is_as_good_as_without_them_and_na
     for seed in 0..8 {
         let (robot, _, set, mut random) = campaign(seed, CAMPAIGN);
         let (faulty, rows) = displaced(&set, 3, &mut random);
-        let reference = clean_rms(
+        let reference = clean_verify_rms_mm(
             &run(&CalibrationRequest::new(
                 robot.clone(),
                 without(&set, &rows),
@@ -107,7 +97,7 @@ fn with_a_twentieth_of_the_points_wild_the_fit_is_as_good_as_without_them_and_na
             let mut request = CalibrationRequest::new(robot.clone(), faulty.clone());
             request.options.loss = loss;
             let report = run(&request);
-            let rms = clean_rms(&report, &rows);
+            let rms = clean_verify_rms_mm(&report, &rows);
             assert!(
                 rms <= AS_GOOD_AS_WITHOUT * reference,
                 "robot {seed}, {loss:?}: {rms} against {reference}"
@@ -129,7 +119,7 @@ fn with_a_twentieth_of_the_points_wild_the_fit_is_as_good_as_without_them_and_na
         squares.options.loss = Some(Loss::Squares);
         let report = run(&squares);
         let is_fitted = |row: &usize| report.per_point[*row].subset == Subset::Identify;
-        let pulled = clean_rms(&report, &rows) / reference;
+        let pulled = clean_verify_rms_mm(&report, &rows) / reference;
         println!("robot {seed}: with squares alone {pulled:.2} times as far off");
         assert!(
             pulled > 1.5 || !rows.iter().any(is_fitted),
@@ -148,7 +138,7 @@ fn with_hubers_loss_swarm_and_least_squares_are_as_good_as_without_the_wild_poin
         },
     );
     let (faulty, rows) = displaced(&set, 5, &mut random);
-    let reference = clean_rms(
+    let reference = clean_verify_rms_mm(
         &run(&CalibrationRequest::new(
             robot.clone(),
             without(&set, &rows),
@@ -163,7 +153,7 @@ fn with_hubers_loss_swarm_and_least_squares_are_as_good_as_without_the_wild_poin
         };
         request.options.loss = Some(Loss::Huber);
         let report = run(&request);
-        let rms = clean_rms(&report, &rows);
+        let rms = clean_verify_rms_mm(&report, &rows);
         assert!(
             rms <= AS_GOOD_AS_WITHOUT * reference,
             "{method:?}: {rms} against {reference}"
@@ -430,7 +420,7 @@ fn wild_points_do_not_hide_the_slip_of_one_reflector_of_several() {
             outliers,
             "robot {seed}"
         );
-        let rms = clean_rms(&report, &outliers);
+        let rms = clean_verify_rms_mm(&report, &outliers);
         assert!(rms < 1.25 * clean, "robot {seed}: {rms} against {clean}");
     }
 }

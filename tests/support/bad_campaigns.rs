@@ -100,3 +100,11 @@ pub fn unseen_rms_mm(report: &CalibrationReport, truth: &KinematicModel) -> f64 
     let square = |q: &Vec<f64>| (model.position(q, 1) - truth.position(q, 1)).norm_squared();
     (unseen.iter().map(square).sum::<f64>() / N_UNSEEN as f64).sqrt()
 }
+
+/// What a fit left on the points to verify that are not among these rows, mm rms.
+pub fn clean_verify_rms_mm(report: &CalibrationReport, bad: &BTreeSet<usize>) -> f64 {
+    let points = report.per_point.iter().enumerate();
+    let clean = points.filter(|(row, p)| p.subset == Subset::Verify && !bad.contains(row));
+    let squares: Vec<f64> = clean.map(|(_, p)| p.after_mm * p.after_mm).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// Searches for outliers at most, each from the fit without those found before.
 pub(super) const MAX_SEARCHES: usize = 4;
 
-/// Fewer rows in a row that are far off are gross errors; as many may be those of a target that moved.
+/// A run of fewer far rows of a target is gross errors. A run of this many may be a target that moved.
 const FEWEST_MOVED: usize = 3;
 /// A row that stands alone and is this share of the reach from where the others put it is a gross error, not something that moved: 8 mm on an arm of
 /// 1.7 m.

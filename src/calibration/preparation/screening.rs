@@ -21,7 +21,7 @@ use nalgebra::Vector3;
 const REVIEW_SHARE: f64 = 0.05;
 /// Share of all points that may be left out of the fit.
 const LEFT_OUT_SHARE: f64 = 0.1;
-/// Share of the points to identify that may be left out: by chance more outliers may be among these.
+/// Share of the points to identify that may be left out. It is larger, because by chance most outliers may be among them.
 const LEFT_OUT_OF_SUBSET: f64 = 0.2;
 /// If this share of the points on the smaller side of a step is an outlier with it, it is no step: two or three outliers are explained by one
 /// but for as many coordinates, and one of two, or two of three, stays an outlier.
@@ -86,8 +86,8 @@ pub struct Screening {
 impl Screening {
     /// Rows that do not count in comparisons.
     pub fn rows_left_out(&self) -> impl Iterator<Item = usize> {
-        let counted_out = self.outliers.iter().filter(|_| self.are_few);
-        counted_out.map(|outlier| outlier.row)
+        let left_out = self.outliers.iter().filter(|_| self.are_few);
+        left_out.map(|outlier| outlier.row)
     }
 }
 
