@@ -19,7 +19,7 @@ use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::tool_uncertainty;
 use crate::kinematics::{Link, Robot};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, DMatrixView, Vector3};
 
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
@@ -239,9 +239,7 @@ fn held_errors(
     let jacobian = |parameters: &[Parameter]| {
         weighted_jacobian(&model, parameters, &problem.identify, &at_fit)
     };
-    let roots = [&earlier.uncertainty.noise, &earlier.uncertainty.misfit];
-    let columns: Vec<_> = roots.iter().flat_map(|root| root.column_iter()).collect();
-    let errors = DMatrix::from_fn(held.len(), columns.len(), |i, k| columns[k][at[i]]);
+    let errors = earlier.uncertainty.root.select_rows(&at);
     let directions = problem.decomposition.seen_directions();
     let of_free = jacobian(&problem.parameters);
     let (q, r) = (&of_free * &directions).qr().unpack();
@@ -264,21 +262,22 @@ fn held_errors(
 
 /// Uncertainty of the free parameters, and below them of the held ones.
 fn of_both(own: &Uncertainty, of_held: &HeldErrors) -> Uncertainty {
-    let (n_free, n_own) = own.noise.shape();
-    let (n_held, n_errors) = of_held.errors.shape();
-    let mut both = own.clone();
-    both.noise = DMatrix::zeros(n_free + n_held, n_own + n_errors);
-    both.noise
-        .view_mut((0, 0), (n_free, n_own))
-        .copy_from(&own.noise);
-    both.noise
-        .view_mut((0, n_own), (n_free, n_errors))
-        .copy_from(&of_held.moved);
-    both.noise
-        .view_mut((n_free, n_own), (n_held, n_errors))
-        .copy_from(&of_held.errors);
-    both.misfit = own.misfit.clone().resize_vertically(n_free + n_held, 0.0);
-    both
+    let (n_free, n_held) = (own.n_parameters, of_held.held.len());
+    let (n_own, n_errors) = (own.root.ncols(), of_held.errors.ncols());
+    let n_features = own.root.nrows() - n_free;
+    let mut root = DMatrix::zeros(n_free + n_held + n_features, n_own + n_errors);
+    let mut put = |row: usize, column: usize, part: DMatrixView<'_, f64>| {
+        root.view_mut((row, column), part.shape()).copy_from(&part)
+    };
+    put(0, 0, own.root.rows(0, n_free));
+    put(0, n_own, of_held.moved.as_view());
+    put(n_free, n_own, of_held.errors.as_view());
+    put(n_free + n_held, 0, own.root.rows(n_free, n_features));
+    Uncertainty {
+        root,
+        n_parameters: n_free + n_held,
+        ..own.clone()
+    }
 }
 
 /// States it: parameter by parameter, and of the tool.

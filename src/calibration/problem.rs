@@ -13,6 +13,7 @@ use crate::identification::parameters::{Parameter, quantity_mut};
 use crate::identification::priors::Priors;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::measurement::Subset;
+use std::cmp::Ordering;
 use std::collections::BTreeSet;
 
 /// Everything that does not change while methods run on a request.
@@ -105,6 +106,20 @@ impl Problem<'_> {
                 weight: weight(o, row),
                 ..o.clone()
             })
+            .collect()
+    }
+
+    /// The set-up of the instrument of each point to identify, from 0; `None` for the one whose frame the model stands in.
+    pub fn stations_to_identify(&self) -> Vec<Option<usize>> {
+        let resting = self.arrangement.resting();
+        let number = |setup: usize| match setup.cmp(&resting) {
+            Ordering::Less => Some(setup),
+            Ordering::Equal => None,
+            Ordering::Greater => Some(setup - 1),
+        };
+        let rows = self.observed.subsets.iter().zip(&self.arrangement.setups);
+        rows.filter(|(subset, _)| **subset == Subset::Identify)
+            .map(|(_, setup)| number(*setup))
             .collect()
     }
 

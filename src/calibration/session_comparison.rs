@@ -82,16 +82,10 @@ pub fn estimate(
     let problem = problem.with_tool_of(&found.model);
     let uncertainty = stated(&problem, &found.model);
     let noise = problem.noise(&found.model);
-    let Problem {
-        parameters,
-        decomposition,
-        ..
-    } = problem;
     Ok(uncertainty.map(|uncertainty| Estimate {
-        parameters,
+        parameters: problem.parameters,
         model: found.model,
         uncertainty,
-        decomposition,
         noise,
     }))
 }

@@ -1,27 +1,29 @@
 //! What two sessions of one robot say differently, and whether that is more than chance.
 //!
-//! Compared are the combinations of parameters that both sessions see, d = after − before, with the covariance of both:
-//! V = V₁ + V₂ + (M₁ − M₂)·(M₁ − M₂)ᵀ. V₁ and V₂ are of noise; M₁ and M₂ say how the misfit of the model bends each session's
-//! parameters: it is the same robot's, so that what bends both alike is no difference. First one joint test, dᵀ·V⁻¹·d against Fisher's F;
-//! only where it alarms are parameters named, by forward selection: the one that explains most, then the one that explains most of the
-//! rest, until the rest is within chance.
+//! Compared are the most probable parameters of both, d = after − before. With a posterior covariance C and a prior covariance P, a session
+//! shows (I − C·P⁻¹) of what the parameters are, and noise. The variance of d is that of the noise of both, and (C₁ − C₂)·P⁻¹·(C₁ − C₂): what
+//! the robot is by its prior, the misfit of the model with it, is the same in both sessions, and only as far as they show it differently does it
+//! make a difference. First one joint test, dᵀ·V⁻¹·d against Fisher's F; only where it alarms are parameters named, by forward selection: the
+//! one that explains most, then the one that explains most of the rest, until the rest is within chance.
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
 use crate::identification::evidence::Noise;
-use crate::identification::identifiability::{Decomposition, prior_scales};
-use crate::identification::parameters::{Parameter, deviation_from};
+use crate::identification::parameters::{Parameter, Quantity, deviation_from};
+use crate::identification::problem::variable;
 use crate::identification::uncertainty::Uncertainty;
 use crate::kinematics::reach_mm;
 use nalgebra::{DMatrix, DVector};
 
 /// Share of unchanged robots that are called changed.
 pub const FALSE_ALARMS: f64 = 0.01;
-/// What displaces the points by less than this share of what counts as seen, rms, is no change however exact the data. Two sessions are compared
-/// along derivatives, and those are not exact.
-const RESOLUTION: f64 = 0.1;
+/// Less than this share of [`usual_error`] is no change, however exact the data. Two sessions are compared along derivatives, and those are not
+/// exact.
+const RESOLUTION: f64 = 1e-3;
 /// Parameters whose effects on what both see have at least this cosine cannot be told apart.
 const SAME_EFFECT: f64 = 0.9999;
+/// See [`alike`].
+const IMPROBABLE: f64 = 3.0;
 /// What the chosen parameters leave of another one's effect, at least, for it to be a choice of its own: the sine to [`SAME_EFFECT`].
 const OWN_EFFECT: f64 = 0.014;
 /// A parameter of which less than this share is seen is not named: what is said of it is said of others.
@@ -38,8 +40,6 @@ pub struct Estimate {
     pub model: KinematicModel,
     /// How far it may be off.
     pub uncertainty: Uncertainty,
-    /// What the session sees.
-    pub decomposition: Decomposition,
     /// What the model leaves over of the session.
     pub noise: Noise,
 }
@@ -77,22 +77,12 @@ pub struct Comparison {
     pub placement: Vec<Tested>,
 }
 
-/// How the misfits of two sessions go together.
-#[derive(Clone, Copy, PartialEq)]
-enum Misfit {
-    /// The parameters are the robot's own: what bends both alike cancels.
-    Cancels,
-    /// The parameters are along axes that may have been turned in between.
-    Adds,
-}
-
 /// Compares two sessions of one robot. `None` where they have no combination of link parameters in common.
 pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
     let robot = tested(
         before,
         after,
         &common(before, after, |p| p.is_link()),
-        Misfit::Cancels,
         named_by_selection,
     )?;
     let is_base = |p: &Parameter| {
@@ -105,7 +95,6 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
         before,
         after,
         &common(before, after, is_base),
-        Misfit::Adds,
         named_each,
     )];
     for target in 0..before
@@ -119,13 +108,7 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
             after,
             |p| matches!(p, Parameter::Target(t, _) if *t == target),
         );
-        placement.push(tested(
-            before,
-            after,
-            &of_target,
-            Misfit::Cancels,
-            named_each,
-        ));
+        placement.push(tested(before, after, &of_target, named_each));
     }
     Some(Comparison {
         robot,
@@ -164,8 +147,11 @@ fn common(
 /// The difference, whitened: noise of unit variance along every row.
 struct Whitened {
     difference: DVector<f64>,
-    /// Of a change of each common parameter by its prior scale.
+    /// Of a change of each common parameter by its scale.
     effects: DMatrix<f64>,
+    /// Combinations that a session sees.
+    n_combinations: usize,
+    /// One standard deviation of each common parameter in robots fresh from the factory, mm or rad.
     scale: Vec<f64>,
     /// Degrees of freedom of the estimated variance.
     freedom: f64,
@@ -178,11 +164,13 @@ fn tested(
     before: &Estimate,
     after: &Estimate,
     common: &[Common],
-    misfit: Misfit,
     naming: Naming,
 ) -> Option<Tested> {
-    let whitened = whitened(before, after, common, misfit)?;
-    let n_combinations = whitened.difference.len();
+    let whitened = whitened(before, after, common)?;
+    let n_combinations = whitened.n_combinations;
+    if n_combinations == 0 {
+        return None;
+    }
     let chi_square = whitened.difference.norm_squared();
     let probability = tail(chi_square, n_combinations, whitened.freedom);
     let changes = if probability < FALSE_ALARMS {
@@ -202,117 +190,125 @@ fn tail(chi_square: f64, n: usize, freedom: f64) -> f64 {
     f_tail(chi_square / n as f64, n as f64, freedom)
 }
 
-fn whitened(
-    before: &Estimate,
-    after: &Estimate,
-    common: &[Common],
-    misfit: Misfit,
-) -> Option<Whitened> {
+fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Whitened> {
     if common.is_empty() {
         return None;
     }
-    let parameters: Vec<Parameter> = common.iter().map(|c| c.parameter).collect();
-    let scale = prior_scales(&parameters, reach_mm(&before.model.links));
+    let reach_mm = reach_mm(&before.model.links);
+    let scale: Vec<f64> = common
+        .iter()
+        .map(|c| usual_error(c.parameter, reach_mm))
+        .collect();
     let at_before: Vec<usize> = common.iter().map(|c| c.before).collect();
     let at_after: Vec<usize> = common.iter().map(|c| c.after).collect();
-    let rows = |of: &DMatrix<f64>, at: &[usize]| {
+    let (u, v) = (&before.uncertainty, &after.uncertainty);
+    // what both sessions know of before they measure: parameters by name, features where they are the same
+    let known = Known::new(before, after);
+    let rows = |of: DMatrix<f64>, at: &[usize]| {
         DMatrix::from_fn(at.len(), of.ncols(), |row, column| {
             of[(at[row], column)] / scale[row]
         })
     };
-    let covariance = |root: DMatrix<f64>| &root * root.transpose();
-    let (u, v) = (&before.uncertainty, &after.uncertainty);
+    let square = |root: &DMatrix<f64>| root * root.transpose();
     let noise = [
-        covariance(rows(&u.noise, &at_before)),
-        covariance(rows(&v.noise, &at_after)),
+        square(&rows(u.of_noise.clone(), &at_before)),
+        square(&rows(v.of_noise.clone(), &at_after)),
     ];
-    let bent = bent(
-        rows(&u.misfit, &at_before),
-        rows(&v.misfit, &at_after),
-        [u.misfit_std_rad, v.misfit_std_rad],
-        misfit,
+    let (pulled, moved) = (
+        rows(known.pull(u, &known.before), &at_before),
+        rows(known.pull(v, &known.after), &at_after),
     );
-    let bent = bent
-        .into_iter()
-        .map(covariance)
-        .fold(DMatrix::zeros(common.len(), common.len()), |sum, part| {
-            sum + part
-        });
-    let unresolved = covariance(rows(&resolution(before), &at_before))
-        + covariance(rows(&resolution(after), &at_after));
-    let variance = &noise[0] + &noise[1] + &bent + unresolved;
-    let root = variance.cholesky()?;
+    let pull = square(&(&moved - &pulled));
+    let effects = DMatrix::from_fn(common.len(), common.len(), |i, j| {
+        v.shown(at_after[i], at_after[j]) * scale[j] / scale[i]
+    });
+    let unresolved =
+        DMatrix::from_diagonal_element(common.len(), common.len(), RESOLUTION * RESOLUTION);
+    let by_chance = &noise[0] + &noise[1] + pull;
+    let seen = &by_chance + square(&effects);
+    let n_combinations = (&seen + &unresolved)
+        .cholesky()?
+        .solve(&seen)
+        .trace()
+        .round() as usize;
+    let root = (by_chance + unresolved).cholesky()?;
     let whiten = |m: &DMatrix<f64>| root.l().solve_lower_triangular(m);
-    let difference = DMatrix::from_iterator(
-        common.len(),
-        1,
-        common
-            .iter()
-            .zip(&scale)
-            .map(|(c, s)| deviation_from(&before.model, &after.model, &c.parameter) / s),
-    );
+    let difference = common.iter().zip(&scale).map(|(c, scale)| {
+        let moved = deviation_from(&before.model, &after.model, &c.parameter);
+        (moved + v.mean(c.after) - u.mean(c.before)) / scale
+    });
+    let difference = DMatrix::from_iterator(common.len(), 1, difference);
     // Satterthwaite (1946): each part's share of the variance, averaged over the combinations
-    let share = |part: &DMatrix<f64>| root.solve(part).trace() / common.len() as f64;
-    let parts = [
-        (&noise[0], u.freedom_of(1.0, 0.0)),
-        (&noise[1], v.freedom_of(1.0, 0.0)),
-        (&bent, misfit_freedom(u, v)),
-    ];
-    let spread: f64 = parts
+    let n = common.len() as f64;
+    let share = |part: &DMatrix<f64>| root.solve(part).trace() / n;
+    let spread: f64 = [(&noise[0], u.freedom), (&noise[1], v.freedom)]
         .iter()
         .map(|(part, freedom)| share(part) * share(part) / freedom)
         .sum();
     Some(Whitened {
         difference: whiten(&difference)?.column(0).into(),
-        effects: whiten(&DMatrix::identity(common.len(), common.len()))?,
+        effects: whiten(&effects)?,
+        n_combinations,
         scale,
         freedom: 1.0 / spread.max(1.0 / MOST_FREEDOM),
     })
 }
 
+/// One standard deviation of a parameter of robots fresh from the factory; of the placement, as large as that of a link, mm or rad.
+fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
+    let of_link = match parameter {
+        Parameter::Link(..) => parameter,
+        Parameter::BaseRotation(_) => Parameter::Link(0, Quantity::Alpha),
+        Parameter::BaseTranslation(_) | Parameter::Target(..) => Parameter::Link(0, Quantity::A),
+    };
+    variable(of_link, reach_mm).width
+}
+
 /// Stands for a variance that is known.
 const MOST_FREEDOM: f64 = 1e6;
 
-/// The roots of the misfit's covariance: of the difference of both where features are the same, else of each.
-fn bent(
-    before: DMatrix<f64>,
-    after: DMatrix<f64>,
-    std_rad: [f64; 2],
-    misfit: Misfit,
-) -> Vec<DMatrix<f64>> {
-    if misfit == Misfit::Adds || before.ncols() != after.ncols() || before.ncols() == 0 {
-        return vec![before, after];
-    }
-    let common_rad = ((std_rad[0] * std_rad[0] + std_rad[1] * std_rad[1]) / 2.0).sqrt();
-    vec![after * (common_rad / std_rad[1]) - before * (common_rad / std_rad[0])]
+/// What two sessions know alike before they measure, by its index in each, with the standard deviation of its prior.
+struct Known {
+    before: Vec<usize>,
+    after: Vec<usize>,
+    std: Vec<f64>,
 }
 
-fn misfit_freedom(before: &Uncertainty, after: &Uncertainty) -> f64 {
-    let of = |u: &Uncertainty| {
-        if u.misfit_std_rad > 0.0 {
-            u.freedom_of(0.0, 1.0)
-        } else {
-            0.0
+impl Known {
+    fn new(before: &Estimate, after: &Estimate) -> Self {
+        let (u, v) = (&before.uncertainty, &after.uncertainty);
+        let mut pairs: Vec<(usize, usize)> = common(before, after, |_| true)
+            .iter()
+            .map(|c| (c.before, c.after))
+            .collect();
+        if u.features == v.features {
+            let n_features =
+                (u.prior_std.len() - u.n_parameters).min(v.prior_std.len() - v.n_parameters);
+            pairs.extend((0..n_features).map(|k| (u.n_parameters + k, v.n_parameters + k)));
         }
-    };
-    (of(before) + of(after)).max(1.0)
-}
-
-/// The combinations that a session sees, each by as much as displaces its points by [`RESOLUTION`].
-fn resolution(estimate: &Estimate) -> DMatrix<f64> {
-    let mut directions = estimate.decomposition.seen_directions();
-    for (mut column, sigma) in directions
-        .column_iter_mut()
-        .zip(&estimate.decomposition.singular_values)
-    {
-        column *= RESOLUTION * estimate.decomposition.visible_mm / sigma;
+        let mean_square = |a: f64, b: f64| ((a * a + b * b) / 2.0).sqrt();
+        Self {
+            std: pairs
+                .iter()
+                .map(|(i, j)| mean_square(u.prior_std[*i], v.prior_std[*j]))
+                .collect(),
+            before: pairs.iter().map(|(i, _)| *i).collect(),
+            after: pairs.iter().map(|(_, j)| *j).collect(),
+        }
     }
-    directions
+
+    /// C·P^(-1/2): how an error of each prior, one standard deviation, moves the most probable values of a session.
+    fn pull(&self, of: &Uncertainty, at: &[usize]) -> DMatrix<f64> {
+        let covariance = of.covariance();
+        DMatrix::from_fn(covariance.nrows(), at.len(), |i, k| {
+            covariance[(i, at[k])] / self.std[k]
+        })
+    }
 }
 
 /// Forward selection until the rest is within chance.
 fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
-    let n = whitened.difference.len();
+    let n = whitened.n_combinations;
     let mut chosen: Vec<usize> = Vec::new();
     let (mut rest, mut apart) = (whitened.difference.clone(), whitened.effects.clone());
     while chosen.len() < n
@@ -334,6 +330,7 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
         if explained(&best) == 0.0 {
             break;
         }
+        let best = alike(whitened, best)[0];
         let direction = apart.column(best).normalize();
         rest -= &direction * direction.dot(&rest);
         apart -= &direction * (direction.transpose() * &apart);
@@ -346,14 +343,17 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
 fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     let effects = whitened.effects.select_columns(chosen);
     let square = effects.tr_mul(&effects);
-    let Some(covariance) = pseudo_inverse(square.clone(), whitened.difference.len()) else {
+    let Some(covariance) = pseudo_inverse(square.clone(), whitened.n_combinations) else {
         return vec![];
     };
     // how much of each parameter is seen: 1, but for those in a combination that is not
     let seen = &covariance * square;
     let fitted = &covariance * effects.transpose() * &whitened.difference;
     let change = |(k, j): (usize, &usize)| Change {
-        parameters: alike(common, whitened, *j),
+        parameters: alike(whitened, *j)
+            .into_iter()
+            .map(|j| common[j].parameter)
+            .collect(),
         delta: fitted[k] * whitened.scale[*j],
         sigmas: fitted[k].abs() / covariance[(k, k)].sqrt(),
     };
@@ -392,19 +392,25 @@ fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
     )
 }
 
-/// The parameters with the same effect on everything both sessions see, the chosen one first.
-fn alike(common: &[Common], whitened: &Whitened, chosen: usize) -> Vec<Parameter> {
-    let direction = whitened.effects.column(chosen).normalize();
+/// The parameters with the same effect on everything both sessions see, the most probable one first; without those that would have to change
+/// by [`IMPROBABLE`] times as many standard deviations.
+fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
+    let effects = &whitened.effects;
+    let direction = effects.column(chosen).normalize();
     let is_alike = |j: &usize| {
-        let effect = whitened.effects.column(*j);
-        *j != chosen
-            && effect.dot(&direction).abs() > SAME_EFFECT * effect.norm()
-            && effect.norm() > 0.0
+        let effect = effects.column(*j);
+        effect.dot(&direction).abs() > SAME_EFFECT * effect.norm()
     };
-    std::iter::once(chosen)
-        .chain((0..common.len()).filter(is_alike))
-        .map(|j| common[j].parameter)
-        .collect()
+    let mut all: Vec<usize> = (0..effects.ncols()).filter(is_alike).collect();
+    all.sort_by(|i, j| {
+        effects
+            .column(*j)
+            .norm()
+            .total_cmp(&effects.column(*i).norm())
+    });
+    let most = all.first().map_or(0.0, |j| effects.column(*j).norm());
+    all.retain(|j| IMPROBABLE * effects.column(*j).norm() > most);
+    all
 }
 
 /// Every parameter for itself, where it stands out of chance with as many looked at.

@@ -15,7 +15,7 @@ use std::ops::ControlFlow;
 /// σ begins at this share of the reach, far below the noise of any robot.
 const FIRST_SIGMA: f64 = 1e-6;
 /// σ is at least this share of the reach: a picometre on an arm of a metre, the last digit of any file.
-const LEAST_SIGMA: f64 = 1e-12;
+pub const LEAST_SIGMA: f64 = 1e-12;
 /// Rounds of least squares and noise at most.
 const ROUNDS: usize = 15;
 /// Relative change of σ and widths that ends them.

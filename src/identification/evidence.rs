@@ -14,14 +14,12 @@
 
 use crate::identification::distributions::f_tail;
 use crate::identification::problem::{KINDS, Prior, Problem};
+use crate::identification::variance::Spectrum;
 use crate::solvers::qr::triangularise;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// ν of Student's t distribution. Links of measured arms are predicted about equally well with 1 to 3, and worse by 3 % with normal priors.
 const TAILS: f64 = 2.0;
-/// Width of a flat prior, in units of the variable's width. Base and targets are anywhere; what no row sees of them alone, such as a shift
-/// of both along an only axis, stays where it was first placed.
-const FLAT: f64 = 1e3;
 /// Updates at most.
 const UPDATES: usize = 100;
 /// Relative change of noise and widths that ends the updates.
@@ -85,12 +83,16 @@ pub struct Posterior {
 }
 
 impl Evidence {
+    /// Width of a flat prior, in units of the variable's width. Base and targets are anywhere; what no row sees of them alone, such as a shift
+    /// of both along an only axis, stays where it was first placed.
+    pub const FLAT: f64 = 1e3;
+
     /// Before anything is measured.
     pub fn first(problem: &Problem<'_>, sigma_mm: f64) -> Self {
         let width = |prior: Prior| match prior {
             Prior::OfKind(_) => 1.0,
             Prior::Stated { std, .. } => std,
-            Prior::Flat => FLAT,
+            Prior::Flat => Self::FLAT,
         };
         Self {
             sigma_mm,
@@ -114,10 +116,8 @@ impl Evidence {
         least_sigma_mm: f64,
     ) -> Self {
         let posterior = at.solve(x, self);
-        let freedom = (at.n_rows as f64 - posterior.n_determined).max(1.0);
-        let sigma_mm = (at.left(&posterior.step) / freedom).sqrt();
         let mut next = Self {
-            sigma_mm: sigma_mm.max(least_sigma_mm),
+            sigma_mm: at.noise_mm(&posterior).max(least_sigma_mm),
             ..self.clone()
         };
         for (k, kind) in KINDS.into_iter().enumerate() {
@@ -143,7 +143,108 @@ impl Evidence {
     }
 }
 
+impl Posterior {
+    /// How far the fit is from the solution, in standard deviations: root mean square over the coordinates that the rows determine.
+    pub fn stds_from_fit(&self) -> f64 {
+        let step = DVector::from_column_slice(&self.step);
+        let whitened = self.root.solve_upper_triangular(&step);
+        whitened.map_or(f64::INFINITY, |stds| {
+            stds.norm() / self.n_determined.max(1.0).sqrt()
+        })
+    }
+}
+
 impl Triangle {
+    /// No rows of `p` coordinates, all of them with flat priors.
+    pub fn empty(p: usize) -> Self {
+        Self {
+            r: DMatrix::zeros(p, p),
+            right: vec![0.0; p],
+            expected: vec![0.0; p],
+            is_flat: vec![true; p],
+            rest: 0.0,
+            n_rows: 0,
+        }
+    }
+
+    /// With more rows: each block has derivatives and residuals.
+    pub fn append(&mut self, blocks: &[(DMatrix<f64>, Vec<f64>)]) {
+        let p = self.right.len();
+        let more: usize = blocks.iter().map(|(_, residuals)| residuals.len()).sum();
+        let mut stacked = DMatrix::zeros(p + more, p);
+        stacked.rows_mut(0, p).copy_from(&self.r);
+        let mut right = self.right.clone();
+        for (matrix, residuals) in blocks {
+            stacked
+                .rows_mut(right.len(), residuals.len())
+                .copy_from(matrix);
+            right.extend(residuals);
+        }
+        triangularise(stacked.as_mut_slice(), p + more, &mut right);
+        self.r = stacked.rows(0, p).upper_triangle();
+        self.rest += right[p..].iter().map(|v| v * v).sum::<f64>();
+        right.truncate(p);
+        self.right = right;
+        self.n_rows += more;
+    }
+
+    /// The first `n` coordinates alone; the others stay at the fit.
+    pub fn leading(&self, n: usize) -> Self {
+        Self {
+            r: self.r.view((0, 0), (n, n)).into_owned(),
+            right: self.right[..n].to_vec(),
+            expected: self.expected[..n].to_vec(),
+            is_flat: self.is_flat[..n].to_vec(),
+            rest: self.rest + self.right[n..].iter().map(|v| v * v).sum::<f64>(),
+            n_rows: self.n_rows,
+        }
+    }
+
+    /// Where the first coordinates of a problem are expected; the other ones are expected at 0.
+    pub fn expect(&mut self, problem: &Problem<'_>) {
+        for (j, variable) in problem.variables.iter().enumerate() {
+            self.expected[j] = problem.expected(j);
+            self.is_flat[j] = variable.prior == Prior::Flat;
+        }
+    }
+
+    /// Coordinates.
+    pub fn n_coordinates(&self) -> usize {
+        self.right.len()
+    }
+
+    /// How noise of standard deviation σ moves a solution: C·Rᵀ/σ, p × p.
+    pub fn by_noise(&self, posterior: &Posterior, sigma_mm: f64) -> DMatrix<f64> {
+        &posterior.root * (posterior.root.transpose() * self.r.transpose()) / sigma_mm
+    }
+
+    /// What tells the variance of the last coordinates, from `first` on: what the rows and the priors of all others leave of them.
+    pub fn spectrum(&self, x: &[f64], evidence: &Evidence, first: usize) -> Option<Spectrum> {
+        let p = self.right.len();
+        let n = p + first;
+        let (mut stacked, mut right) = (DMatrix::zeros(n, p), vec![0.0; n]);
+        stacked.rows_mut(0, p).copy_from(&self.r);
+        right[..p].copy_from_slice(&self.right);
+        for (j, width) in evidence.widths[..first].iter().enumerate() {
+            stacked[(p + j, j)] = evidence.sigma_mm / width;
+            right[p + j] = evidence.sigma_mm * (x[j] - self.expected[j]) / width;
+        }
+        triangularise(stacked.as_mut_slice(), n, &mut right);
+        let left = stacked
+            .view((first, first), (p - first, p - first))
+            .upper_triangle();
+        let rest = self.rest + right[p..].iter().map(|v| v * v).sum::<f64>();
+        // rows of priors are data, except of flat ones
+        let n_flat = self.is_flat[..first].iter().filter(|flat| **flat).count();
+        let n_free = self.n_rows as f64 - n_flat as f64;
+        Spectrum::new(
+            &DVector::from_column_slice(&right[first..p]),
+            &left,
+            rest,
+            n_free,
+        )
+    }
+
     /// The rows at a fit.
     pub fn at(problem: &Problem<'_>, x: &[f64]) -> Self {
         let (n_rows, p) = (problem.n_rows(), x.len());
@@ -197,6 +298,16 @@ impl Triangle {
             n_determined: (0..p).map(taken).sum(),
             root,
         }
+    }
+
+    /// Noise that a solution leaves, mm.
+    pub fn noise_mm(&self, posterior: &Posterior) -> f64 {
+        (self.left(&posterior.step) / self.freedom(posterior)).sqrt()
+    }
+
+    /// Rows less the coordinates that they determine, at least 1.
+    pub fn freedom(&self, posterior: &Posterior) -> f64 {
+        (self.n_rows as f64 - posterior.n_determined).max(1.0)
     }
 
     /// Sum of squares of the rows after a step, mm².

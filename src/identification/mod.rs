@@ -21,7 +21,6 @@ pub mod parameters;
 pub mod priors;
 pub mod problem;
 pub mod search_space;
-pub mod shared;
 pub mod start;
 pub mod steps;
 pub mod swarm;

@@ -127,7 +127,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// A variable with the prior that it has by itself: links by their kind, base and targets flat.
-fn variable(parameter: Parameter, reach_mm: f64) -> Variable {
+pub fn variable(parameter: Parameter, reach_mm: f64) -> Variable {
     let (width, prior) = match parameter {
         Parameter::Link(_, Quantity::A | Quantity::D) => {
             (LENGTH_PER_REACH * reach_mm, Prior::OfKind(Kind::Length))

