@@ -10,7 +10,7 @@ mod simulation;
 use data::paper_robot;
 use kincal::calibration::request::CorrectionsChoice;
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
-use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{Rotation3, Vector3};
 use simulation::{
     Campaign, Normal, intervals_held, limited, measure, poses, position_with_sag,
     tool_intervals_held, true_robot,
@@ -118,7 +118,7 @@ fn main() {
             share(tally.tool)
         );
     }
-    ratios();
+    ratios(&rows_of_ratios());
 }
 
 /// A row of the second table.
@@ -135,7 +135,7 @@ struct Row {
 /// Reach of the paper's arm, mm.
 const REACH_MM: f64 = 2479.0;
 
-fn rows() -> Vec<Row> {
+fn rows_of_ratios() -> Vec<Row> {
     let usual = Row {
         name: "",
         n_poses: 50,
@@ -191,6 +191,12 @@ fn rows() -> Vec<Row> {
     rows
 }
 
+/// What the first station measures, as another one does.
+fn from_station(station: usize, position_mm: &Vector3<f64>) -> Vector3<f64> {
+    let turn = Rotation3::new(Vector3::new(0.1, -0.05, 0.9) * station as f64);
+    turn * position_mm + Vector3::new(1500.0, -400.0, 100.0) * station as f64
+}
+
 /// Stated and true error of one robot's tool, mm; the stated one is `None` where nothing is stated.
 fn stated_and_true_mm(seed: u64, row: &Row) -> (Option<f64>, f64) {
     let size = row.reach_mm / REACH_MM;
@@ -209,9 +215,7 @@ fn stated_and_true_mm(seed: u64, row: &Row) -> (Option<f64>, f64) {
     for (k, point) in set.points.iter_mut().enumerate() {
         let station = k / of_one_station;
         if row.n_stations > 1 {
-            let turn = Rotation3::new(Vector3::new(0.1, -0.05, 0.9) * station as f64);
-            let shift = Vector3::new(1500.0, -400.0, 100.0) * station as f64;
-            point.position_mm = turn * point.position_mm + shift;
+            point.position_mm = from_station(station, &point.position_mm);
             point.station = Some(format!("s{station}"));
         }
         point.position_mm *= size;
@@ -228,55 +232,32 @@ fn stated_and_true_mm(seed: u64, row: &Row) -> (Option<f64>, f64) {
     let report = calibrate(&request, &mut |_| ControlFlow::Continue(()))
         .expect("these campaigns can be identified from");
     let found = simulation::found(&report);
-    // the model stands in the frame of one station: the tool is compared where both are laid onto each other
+    // the model stands in the frame of one of the stations
     let unseen = poses(N_UNSEEN, &mut random);
-    let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = unseen
-        .iter()
-        .map(|q| {
-            let there = position_with_sag(&truth, q, 0, row.sag_rad) * size;
-            (found.position(q, 0), there)
-        })
-        .collect();
-    let laid = match row.n_stations {
-        1 => IsometryMatrix3::identity(),
-        _ => t_laid(&pairs),
+    let squares_from = |station: usize| -> f64 {
+        unseen
+            .iter()
+            .map(|q| {
+                let there = position_with_sag(&truth, q, 0, row.sag_rad);
+                (found.position(q, 0) - from_station(station, &there) * size).norm_squared()
+            })
+            .sum()
     };
-    let squares: f64 = pairs
-        .iter()
-        .map(|(found, there)| {
-            (laid.rotation * found + laid.translation.vector - there).norm_squared()
-        })
-        .sum();
+    let squares = (0..row.n_stations)
+        .map(squares_from)
+        .fold(f64::INFINITY, f64::min);
     let true_mm = (squares / N_UNSEEN as f64).sqrt();
     (report.tool_uncertainty.map(|t| t.mean_mm), true_mm)
 }
 
-/// The turn and shift that lay the first points onto the second ones by least squares [Kabsch 1976].
-fn t_laid(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> IsometryMatrix3<f64> {
-    let n = pairs.len() as f64;
-    let middle = |of: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
-        pairs.iter().map(of).sum::<Vector3<f64>>() / n
-    };
-    let (from, to) = (middle(|p| p.0), middle(|p| p.1));
-    let products = pairs
-        .iter()
-        .map(|(a, b)| (b - to) * (a - from).transpose())
-        .sum::<Matrix3<f64>>();
-    let svd = products.svd(true, true);
-    let (u, v_t) = (svd.u.unwrap(), svd.v_t.unwrap());
-    let sign = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
-    let turn = Rotation3::from_matrix_unchecked(u * sign * v_t);
-    IsometryMatrix3::from_parts(Translation3::from(to - turn * from), turn)
-}
-
-fn ratios() {
+fn ratios(rows: &[Row]) {
     println!(
         "\n## Is the stated uncertainty of the tool its error?\n\n{RATIOS}\n| {N_RATIOS} robots each | stated / true, median (10 % to 90 %) | stated, \
          median | true, median | nothing stated |\n|---|---|---|---|---|"
     );
-    for row in rows() {
+    for row in rows {
         let all: Vec<(Option<f64>, f64)> = (0..N_RATIOS)
-            .map(|seed| stated_and_true_mm(seed, &row))
+            .map(|seed| stated_and_true_mm(seed, row))
             .collect();
         let stated: Vec<(f64, f64)> = all
             .iter()
