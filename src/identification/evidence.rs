@@ -48,6 +48,14 @@ pub struct Noise {
 }
 
 impl Noise {
+    /// Of a fit with this posterior.
+    pub fn of(problem: &Problem<'_>, evidence: &Evidence, posterior: &Posterior) -> Self {
+        Self {
+            std_mm: evidence.sigma_mm,
+            freedom: (problem.n_rows() as f64 - posterior.n_determined).max(1.0),
+        }
+    }
+
     /// Probability that the noise of two fits to samples of the same noise differs as much, or more.
     pub fn chance_of_more(&self, other: &Self) -> f64 {
         let ratio = self.std_mm / other.std_mm;

@@ -1,15 +1,18 @@
 //! The alignment check: files that are wrong as a whole are found by fitting the nominal robot to them, and correct files are not refused.
 
+use crate::data::paper_robot;
 use crate::robots::{CLEAN, Tolerances, clean_robots, measured, models};
-use crate::simulation::Normal;
+use crate::simulation::{Campaign, Normal, limited, measure, poses, robot_of_the_priors};
 use kincal::calibration::upload_checks::alignment::{
     Alignment, BETTER, Explanation, FITS, Suspicion, align, explain,
 };
+use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::kinematics::{JointMap, Robot};
 use kincal::measurement::{Frame, MeasurementSet, csv};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vector3};
 use rand::RngExt;
 use std::f64::consts::PI;
+use std::ops::ControlFlow;
 
 /// Number of robots; the study in docs/alignment.md does 1,000.
 const SHORT_STUDY: usize = 120;
@@ -600,3 +603,110 @@ fn too_few_points_say_nothing() {
 
 // Twice the errors of real robots; and a hypothesis must fit several times better.
 const _: () = assert!(FITS >= 2.0 * 0.005 && BETTER >= 5.0);
+
+/// The warnings of an identification where the controller counts joint 6 `sign` times as the nominal robot does, from one reflector.
+fn warned_with(
+    nominal: &Robot,
+    seed: u64,
+    sign: f64,
+    reflector_mm: Vector3<f64>,
+) -> Vec<(&'static str, String)> {
+    let mut random = Normal::new(seed);
+    let mut truth = robot_of_the_priors(nominal, 1, &mut random);
+    truth.targets_mm[0] = reflector_mm;
+    let poses = poses(60, &mut random);
+    let mut set = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+    for point in &mut set.points {
+        point.q_rad[5] *= sign;
+        // half of them to verify on
+        point.subset = None;
+    }
+    let request = CalibrationRequest::new(nominal.clone(), set);
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let warnings = report.warnings.into_iter();
+    warnings.map(|w| (w.code, w.detail)).collect()
+}
+
+#[test]
+fn a_last_joint_that_counts_the_other_way_is_told_from_a_reflector_a_fifth_of_a_millimetre_off_its_axis()
+ {
+    let nominal = limited(paper_robot());
+    for off_mm in [0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 6.0] {
+        for seed in 0..6 {
+            let reflector_mm = Vector3::new(0.6 * off_mm, -0.8 * off_mm, 120.0);
+            for (sign, is_told) in [(-1.0, true), (1.0, false)] {
+                let warnings = warned_with(&nominal, seed, sign, reflector_mm);
+                let told = warnings
+                    .iter()
+                    .any(|(code, _)| ["joint_map_suspect", "no_fit"].contains(code));
+                assert_eq!(
+                    told, is_told,
+                    "{off_mm} mm, seed {seed}, {sign}: {warnings:?}"
+                );
+                assert!(
+                    warnings
+                        .iter()
+                        .all(|(_, detail)| !detail.contains("They fit as well")),
+                    "{off_mm} mm, seed {seed}: {warnings:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn of_a_reflector_on_the_last_axis_it_is_said_that_the_joint_may_count_either_way() {
+    let nominal = limited(paper_robot());
+    for seed in 0..6 {
+        for sign in [-1.0, 1.0] {
+            let warnings = warned_with(&nominal, seed, sign, Vector3::new(0.0, 0.0, 120.0));
+            assert!(
+                warnings
+                    .iter()
+                    .any(|(code, detail)| *code == "pose_not_seen"
+                        && detail.contains("fit as well with joint 6 counted the other way round")),
+                "seed {seed}: {warnings:?}"
+            );
+            assert!(
+                warnings
+                    .iter()
+                    .all(|(code, _)| *code != "joint_map_suspect"),
+                "{warnings:?}"
+            );
+        }
+    }
+}
+
+/// Half a turn of joint 5 puts a reflector on the last axis behind the wrist, and nothing else shows it.
+#[test]
+fn a_reflector_that_is_found_inside_the_arm_is_no_reflector() {
+    let nominal = limited(paper_robot());
+    for seed in 0..6 {
+        for (turned_deg, is_told) in [(180.0, true), (0.0, false)] {
+            let mut random = Normal::new(seed);
+            let mut truth = robot_of_the_priors(&nominal, 1, &mut random);
+            truth.targets_mm[0] = Vector3::new(0.0, 0.0, 120.0);
+            let poses = poses(60, &mut random);
+            let mut set = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+            for point in &mut set.points {
+                point.q_rad[4] += f64::to_radians(turned_deg);
+                point.subset = None;
+            }
+            let request = CalibrationRequest::new(nominal.clone(), set);
+            let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+            let told = report
+                .warnings
+                .iter()
+                .find(|w| w.code == "joint_map_suspect");
+            assert_eq!(
+                told.is_some(),
+                is_told,
+                "seed {seed}: {:?}",
+                report.warnings
+            );
+            if let Some(told) = told {
+                assert!(told.detail.contains("behind the wrist"), "{}", told.detail);
+            }
+        }
+    }
+}

@@ -120,6 +120,16 @@ pub fn robot_of_the_priors(
     n_targets: usize,
     random: &mut Normal,
 ) -> KinematicModel {
+    robot_of_wide_priors(nominal, n_targets, 1.0, random)
+}
+
+/// The same with errors that are `times` as large.
+pub fn robot_of_wide_priors(
+    nominal: &Robot,
+    n_targets: usize,
+    times: f64,
+    random: &mut Normal,
+) -> KinematicModel {
     let reach_mm: f64 = nominal
         .links
         .iter()
@@ -130,7 +140,9 @@ pub fn robot_of_the_priors(
         p if p.is_angle() => 0.05f64.to_radians(),
         _ => 0.5 / 1700.0 * reach_mm,
     };
-    robot_with_errors(nominal, n_targets, random, Parameter::is_link, std)
+    robot_with_errors(nominal, n_targets, random, Parameter::is_link, |p| {
+        times * std(p)
+    })
 }
 
 fn robot_with_errors(

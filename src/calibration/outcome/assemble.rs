@@ -22,6 +22,7 @@ use crate::calibration::validation::session_fit::own_scatter_mm;
 use crate::calibration::validation::verdict;
 use crate::calibration::validation::verification_set::Layout;
 use crate::calibration::validation::verification_set::refits;
+use crate::calibration::warnings::last_joint::{LastJoint, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::plausibility::{
     JOINT_MAP, base_frame_off, joint_counted_otherwise,
@@ -185,6 +186,10 @@ pub fn report(
             .collect();
         joint_counted_otherwise(&model.links, &request.robot.links, &unseen)
     });
+    let direction = last_joint(problem, model);
+    if let LastJoint::Otherwise(warning) = &direction {
+        fit = fit.or_else(|| Some(warning.clone()));
+    }
     let (verify, of_verify_set);
     let mut outliers: BTreeSet<usize> = problem.screening.outliers.iter().map(|w| w.row).collect();
     if let Some(layout) = layout {
@@ -345,6 +350,7 @@ pub fn report(
             delivered_model,
             report.uncertainty.as_ref(),
             report.identify.after.rms_mm,
+            matches!(direction, LastJoint::NotShown),
         ));
     }
     report.warnings.extend(orientation::warning(

@@ -148,10 +148,7 @@ impl Problem<'_> {
         let points = self.loss.as_squares(model, &self.identify);
         let rows = self.rows(&points, &[]);
         let (evidence, posterior) = evidence_at(&rows, model);
-        Noise {
-            std_mm: evidence.sigma_mm,
-            freedom: (rows.n_rows() as f64 - posterior.n_determined).max(1.0),
-        }
+        Noise::of(&rows, &evidence, &posterior)
     }
 
     /// For each parameter: the share of its prior variance that the points to identify from take away.

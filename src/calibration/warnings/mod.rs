@@ -1,5 +1,6 @@
 //! Warnings of a report.
 
+pub mod last_joint;
 pub mod orientation;
 pub mod plausibility;
 pub mod screening;

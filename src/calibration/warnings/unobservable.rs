@@ -33,13 +33,14 @@ pub struct AtFlange {
     pub turn_rad: f64,
 }
 
-/// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]). `scatter_mm` is the rms length
-/// of the residuals.
+/// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]), or where the points do not show
+/// which way the last joint counts. `scatter_mm` is the rms length of the residuals.
 pub fn warning(
     problem: &Problem<'_>,
     model: &KinematicModel,
     uncertainty: Option<&Uncertainty>,
     scatter_mm: f64,
+    may_be_reversed: bool,
 ) -> Option<Warning> {
     let flange = |roots: &[&DMatrix<f64>]| {
         at_flange(&problem.request.robot, model, &problem.parameters, roots)
@@ -53,13 +54,21 @@ pub fn warning(
         Some(_) => TOOL_PER_REACH * reach_mm * all.turn_rad < UNCERTAIN * scatter_mm,
         None => all.shift_mm < NOTICED_PER_REACH * reach_mm && all.turn_rad < NOTICED_RAD,
     };
-    if is_seen {
+    if is_seen && !may_be_reversed {
         return None;
     }
+    let reversed = match may_be_reversed {
+        true => format!(
+            " They fit as well with joint {} counted the other way round: turn it at the controller and compare the nominal robot before a pose is \
+             corrected.",
+            problem.request.robot.links.len()
+        ),
+        false => String::new(),
+    };
     let detail = format!(
         "the measured positions hardly show how the flange stands: it may be turned by {:.3}° and shifted by {:.3} mm (one standard deviation; what the \
          positions do not show at all counts as off by 1 mm or 0.3°) from where the identified robot has it. The measured reflector is right all the same; corrected poses, and another tool than that \
-         reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every joint",
+         reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every joint.{reversed}",
         all.turn_rad.to_degrees(),
         all.shift_mm
     );

@@ -1,0 +1,114 @@
+//! Which way the last joint counts. A reflector near its axis hardly moves with it: then the points may fit as well, or better, with that joint
+//! counted the other way round, or with the reflector behind the wrist.
+
+use crate::calibration::problem::Problem;
+use crate::calibration::report::Warning;
+use crate::calibration::request::Preset;
+use crate::calibration::warnings::plausibility::{JOINT_MAP, joint_counted_otherwise};
+use crate::identification::KinematicModel;
+use crate::identification::estimate::estimate;
+use crate::identification::evidence::Noise;
+use crate::identification::objective::Observation;
+use crate::identification::start::fit_base_and_targets;
+use crate::kinematics::{Link, reach_mm};
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+
+/// Reflectors less than this share of the reach off the last axis: 17 mm of 1.7 m. Further off, points that are counted the other way round do not
+/// fit at all.
+const NEAR_PER_REACH: f64 = 0.01;
+/// The noise of two fits differs where chance would show as much in fewer cases than these.
+const CHANCE: f64 = 1e-3;
+
+/// What the points show of the last joint's direction.
+pub enum LastJoint {
+    /// They fit best as they are counted.
+    Shown,
+    /// They fit as well the other way round.
+    NotShown,
+    /// They fit only in another way than the joint map says.
+    Otherwise(Warning),
+}
+
+/// Compares the fit with the one to the same points with the last joint counted the other way round.
+pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
+    let reach_mm = reach_mm(&problem.request.robot.links);
+    let off_axis_mm = model.targets_mm.iter().map(|target| target.xy().norm());
+    let is_near = off_axis_mm.fold(0.0, f64::max) < NEAR_PER_REACH * reach_mm;
+    if !is_near || problem.request.preset == Preset::Paper {
+        return LastJoint::Shown;
+    }
+    if let Some(warning) = behind_the_wrist(model, reach_mm) {
+        return LastJoint::Otherwise(warning);
+    }
+    let own = problem.noise(model);
+    let Some(reversed) = noise_reversed(problem) else {
+        return LastJoint::Shown;
+    };
+    if reversed.chance_of_more(&own) < CHANCE {
+        return LastJoint::Shown;
+    }
+    // a link that is turned by half a turn does what a joint that counts the other way round does
+    if own.chance_of_more(&reversed) >= CHANCE && !is_turned(problem, model) {
+        return LastJoint::NotShown;
+    }
+    let joint = model.links.len();
+    LastJoint::Otherwise(Warning {
+        code: JOINT_MAP,
+        detail: format!(
+            "the points scatter by {:.4} mm, and by {:.4} mm with joint {joint} counted the other way round (one standard deviation of a coordinate): the \
+             flange is turned wrongly. Turn joint {joint} at the controller, compare the nominal robot, correct the robot's joint_map, and upload the file \
+             again. It cannot be released",
+            own.std_mm, reversed.std_mm
+        ),
+        rows: vec![],
+    })
+}
+
+/// True if a link is turned by more than a joint that was never mastered.
+fn is_turned(problem: &Problem<'_>, model: &KinematicModel) -> bool {
+    joint_counted_otherwise(&model.links, &problem.request.robot.links, &BTreeSet::new()).is_some()
+}
+
+/// What a fit leaves of the points with the last joint counted the other way round; `None` where it has to turn a link for that.
+fn noise_reversed(problem: &Problem<'_>) -> Option<Noise> {
+    let reversed = |o: &Observation| {
+        let mut o = o.clone();
+        o.q_rad.iter_mut().last().into_iter().for_each(|q| *q = -*q);
+        o
+    };
+    let trusted = problem.trusted();
+    let counting = trusted.iter().filter(|o| o.weight > 0.0);
+    let points: Vec<Observation> = counting.map(reversed).collect();
+    let links = &problem.nominal.links;
+    let start = fit_base_and_targets(links, &points, problem.screening.targets.len());
+    let rows = problem.rows(&points, &[]);
+    let go_on = &mut |_| ControlFlow::Continue(());
+    let found = estimate(&rows, &rows.coordinates(&start), 0.0, go_on);
+    (!is_turned(problem, &found.model)).then(|| Noise::of(&rows, &found.evidence, &found.posterior))
+}
+
+/// A reflector on the last axis that is behind the centre of a spherical wrist is inside the arm. It fits where the joint before the last one is
+/// counted from half a turn off, and the reflector is in front.
+fn behind_the_wrist(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
+    let Link { a_mm, d_mm, .. } = model.links.last()?;
+    let near_mm = NEAR_PER_REACH * reach_mm;
+    if a_mm.abs() > near_mm || d_mm.abs() < near_mm {
+        return None;
+    }
+    let behind = model
+        .targets_mm
+        .iter()
+        .find(|target| (target.z + d_mm) * d_mm.signum() < -near_mm)?;
+    let joint = model.links.len() - 1;
+    Some(Warning {
+        code: JOINT_MAP,
+        detail: format!(
+            "the reflector is found {:.1} mm behind the wrist, inside the arm: joint {joint} that is counted from half a turn off looks like that, and then \
+             the flange is turned wrongly. Compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the \
+             file again. It cannot be released",
+            (behind.z + d_mm).abs()
+        ),
+        rows: vec![],
+    })
+}
