@@ -24,10 +24,8 @@ use nalgebra::{DMatrix, DMatrixView, Vector3};
 /// Probability with which a parameter's stated interval holds the truth.
 const CONFIDENCE: f64 = 0.95;
 
-/// Scatter of the points over what is expected, from which on other parameters have changed as well; and the probability of so much by chance.
+/// Scatter of the points over what is expected, from which on other parameters have changed as well.
 const MORE: f64 = 1.5;
-/// See [`MORE`].
-const CHANCE: f64 = 1e-3;
 
 /// An earlier identification.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,8 +163,7 @@ fn others_changed(
                 std_mm: libm::hypot(earlier.noise.std_mm, of_held?.scatter_mm),
                 ..earlier.noise
             };
-            let is_more =
-                own.std_mm > MORE * expected.std_mm && own.chance_of_more(&expected) < CHANCE;
+            let is_more = own.std_mm > MORE * expected.std_mm && own.is_more_than(&expected);
             is_more.then(|| {
                 format!(
                     "the points scatter by {:.4} mm (one standard deviation of a coordinate), where {:.4} mm are expected",

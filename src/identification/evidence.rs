@@ -27,6 +27,9 @@ const FOUND: f64 = 1e-4;
 /// The width of a kind is told by at least so many determined coordinates.
 const TOLD_BY: f64 = 0.5;
 
+/// See [`Noise::is_more_than`].
+const CHANCE: f64 = 1e-3;
+
 /// Noise and widths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
@@ -56,10 +59,10 @@ impl Noise {
         }
     }
 
-    /// Probability that the noise of two fits to samples of the same noise differs as much, or more.
-    pub fn chance_of_more(&self, other: &Self) -> f64 {
+    /// True if two fits to samples of the same noise differ as much in fewer than one of a thousand cases.
+    pub fn is_more_than(&self, other: &Self) -> bool {
         let ratio = self.std_mm / other.std_mm;
-        f_tail(ratio * ratio, self.freedom, other.freedom)
+        f_tail(ratio * ratio, self.freedom, other.freedom) < CHANCE
     }
 }
 

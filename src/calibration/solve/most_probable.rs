@@ -18,7 +18,7 @@ use std::ops::ControlFlow;
 /// A parameter counts as identifiable from this share of its prior variance on that the points take away.
 pub const DETERMINED: f64 = 0.5;
 /// Width of a parameter that is held at a bound, in units of its own: as good as none, and far above rounding.
-const HELD: f64 = 1e-6;
+pub const HELD: f64 = 1e-6;
 
 /// A parameter that is held, by its index, with its deviation from nominal, mm or rad.
 pub type Held = (usize, f64);

@@ -17,8 +17,6 @@ use std::ops::ControlFlow;
 /// Reflectors less than this share of the reach off the last axis: 17 mm of 1.7 m. Further off, points that are counted the other way round do not
 /// fit at all.
 const NEAR_PER_REACH: f64 = 0.01;
-/// The noise of two fits differs where chance would show as much in fewer cases than these.
-const CHANCE: f64 = 1e-3;
 
 /// What the points show of the last joint's direction.
 pub enum LastJoint {
@@ -45,11 +43,11 @@ pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let Some(reversed) = noise_reversed(problem) else {
         return LastJoint::Shown;
     };
-    if reversed.chance_of_more(&own) < CHANCE {
+    if reversed.is_more_than(&own) {
         return LastJoint::Shown;
     }
     // a link that is turned by half a turn does what a joint that counts the other way round does
-    if own.chance_of_more(&reversed) >= CHANCE && !is_turned(problem, model) {
+    if !own.is_more_than(&reversed) && !is_turned(problem, model) {
         return LastJoint::NotShown;
     }
     let joint = model.links.len();

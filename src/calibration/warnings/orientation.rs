@@ -6,18 +6,23 @@
 //! E|R_identified − R_true|² = E|R_posterior − R_true|² + |R_identified − R_posterior|².
 //! The second part counts what an identification made of combinations that the positions do not show.
 //!
+//! Where the last link is found longer than makers build it, a joint before it that was not mastered may explain the points as well: then the
+//! rotation between both counts too.
+//!
 //! Positions never show the zero of the last joint: a reflector that sits elsewhere on the flange explains them as well. It is as well known as
 //! its prior says, which is as wide as the zeros of the other joints show, or as the request states.
 
 use crate::calibration::problem;
 use crate::calibration::report::{FlangeRotation, Warning};
+use crate::calibration::solve::most_probable::HELD;
 use crate::calibration::warnings::unobservable::{N_CONFIGURATIONS, at_flange};
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
-use crate::identification::estimate::estimate;
+use crate::identification::estimate::{Estimate, estimate};
+use crate::identification::evidence::Noise;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, Quantity, complete_parameters};
-use crate::identification::problem::Problem;
+use crate::identification::problem::{Problem, Variable};
 use crate::identification::start::fit_base_and_targets;
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::rotation::rotation_log;
@@ -26,6 +31,9 @@ use std::ops::ControlFlow;
 
 /// More points than this are thinned out: they could only make the uncertainty smaller.
 const MAX_POINTS: usize = 2_000;
+
+/// Deviation of a length from its drawing, in standard deviations of robots fresh from the factory.
+const IMPLAUSIBLE: f64 = 2.0;
 
 /// How well the flange's rotation is known: the largest of those of the given links, each identified from the points of the problem. `None` where it cannot be computed.
 pub fn flange_rotation(
@@ -45,12 +53,17 @@ pub fn flange_rotation(
     state_priors_of_links(problem, &parameters, &mut points);
     let start = vec![0.0; parameters.len()];
     let found = estimate(&points, &start, 0.0, &mut |_| ControlFlow::Continue(()));
+    let as_drawn = with_the_last_link_as_drawn(&points, &found);
     let root = points.in_units(found.posterior.root);
     let estimate = found.model;
     let posterior_rad = at_flange(robot, &estimate, &parameters, &[&root]).turn_rad;
     let away_rad = links
         .iter()
-        .map(|links| turned_rad(problem, links, &estimate.links))
+        .flat_map(|links| {
+            let other = as_drawn.as_ref().map(|model| &model.links);
+            let others = std::iter::once(&estimate.links).chain(other);
+            others.map(|other| turned_rad(problem, links, other))
+        })
         .fold(0.0, f64::max);
     let last_zero = Parameter::Link(robot.links.len() - 1, Quantity::ThetaOffset);
     let last_zero = parameters.iter().position(|p| *p == last_zero)?;
@@ -59,6 +72,23 @@ pub fn flange_rotation(
         last_joint_zero_rad: root.row(last_zero).norm(),
     };
     found.std_rad().is_finite().then_some(found)
+}
+
+/// The estimate with `a` of the last link as it was drawn, where it was found longer or shorter by more than [`IMPLAUSIBLE`] and the points fit as
+/// well without.
+fn with_the_last_link_as_drawn(points: &Problem<'_>, found: &Estimate) -> Option<KinematicModel> {
+    let last = found.model.links.len() - 1;
+    let is_length = |v: &Variable| v.parameter == Parameter::Link(last, Quantity::A);
+    let at = points.variables.iter().position(is_length)?;
+    if found.x[at].abs() < IMPLAUSIBLE {
+        return None;
+    }
+    let mut as_drawn = points.clone();
+    as_drawn.state(at, 0.0, HELD * points.variables[at].width);
+    let start = vec![0.0; found.x.len()];
+    let alone = estimate(&as_drawn, &start, 0.0, &mut |_| ControlFlow::Continue(()));
+    let noise = |of: &Estimate| Noise::of(points, &of.evidence, &of.posterior);
+    (!noise(&alone).is_more_than(&noise(found))).then_some(alone.model)
 }
 
 /// States the request's priors of links in a problem with other parameters.
