@@ -12,10 +12,14 @@ use crate::release::{Comparison, Session};
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
-use crate::wire::Problem;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
+
+/// A stored document that cannot be read, and why.
+#[derive(Debug, thiserror::Error)]
+#[error("the evidence for a release cannot be read: {0}")]
+pub struct Unreadable(pub String);
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
@@ -103,26 +107,19 @@ impl EvidenceRows {
     }
 }
 
-fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Box<Problem>> {
-    serde_json::from_str(json).map_err(|error| broken(&error.to_string()))
-}
-
-fn broken(cause: &str) -> Box<Problem> {
-    tracing::error!(cause, "the evidence for a release cannot be read");
-    Box::new(Problem::new(
-        500,
-        "internal",
-        "a stored document for this release cannot be read; the log has the cause",
-    ))
+fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Unreadable> {
+    serde_json::from_str(json).map_err(|error| Unreadable(error.to_string()))
 }
 
 /// Parses the rows. It takes long, so call it on a blocking thread.
 ///
 /// # Errors
-/// A problem if stored documents cannot be parsed.
-pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Problem>> {
+/// If stored documents cannot be parsed.
+pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unreadable> {
     if stored.n_without_facts > 0 {
-        return Err(broken("some jobs about this set have no stored facts"));
+        return Err(Unreadable(
+            "some jobs about this set have no stored facts".into(),
+        ));
     }
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
@@ -139,16 +136,16 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
         }
     }
     let (identification_seq, identification) =
-        identification.ok_or_else(|| broken("no facts of the identification"))?;
+        identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
     let request = request_of(&stored.inputs)
-        .map_err(|_| broken(&format!("the inputs of {}", stored.inputs.job.id)))?;
+        .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
             let earlier = active
                 .upload
                 .parse(request.robot.links.len())
-                .map_err(|_| broken(&format!("the upload {}", active.upload.row.id)))?;
+                .map_err(|_| Unreadable(format!("the upload {}", active.upload.row.id)))?;
             repeats(&request.robot, &[earlier], &request.set)
         }
     };
@@ -191,15 +188,15 @@ impl ParsedEvidence {
 /// Errors of the set and of the active one on a session's points; `None` if no other set is active.
 ///
 /// # Errors
-/// A problem if the upload cannot be parsed.
+/// If the upload cannot be parsed.
 pub fn compare_on_session(
     parsed: &ParsedEvidence,
     session: &Session,
     upload: &MeasurementSetInput,
-) -> std::result::Result<Option<Comparison>, Box<Problem>> {
+) -> std::result::Result<Option<Comparison>, Unreadable> {
     let set = upload
         .parse(parsed.request.robot.links.len())
-        .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
+        .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))?;
     let points = format!("session of job {}", session.job_id);
     Ok(parsed
         .compared()
@@ -221,11 +218,11 @@ pub async fn held_out_report(store: &Store, parsed: &ParsedEvidence) -> Result<O
 /// Errors of both on the points that were held out when the set was identified, with their [`held_out_report`]; `None` if no other set is active.
 ///
 /// # Errors
-/// A problem if the report cannot be parsed.
+/// If the report cannot be parsed.
 pub fn compare_on_held_out(
     evidence: &ParsedEvidence,
     report: Option<&str>,
-) -> std::result::Result<Option<Comparison>, Box<Problem>> {
+) -> std::result::Result<Option<Comparison>, Unreadable> {
     let points = "the points held out".to_owned();
     let Some(compared) = evidence.compared() else {
         return Ok(None);
