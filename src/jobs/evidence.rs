@@ -5,7 +5,7 @@ use crate::calibration::request::VerifySource;
 use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
-    Compared, PointsToCompare, compare_on_set, compare_on_verify_subset, points_to_compare,
+    self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
 use crate::release::{Comparison, Session};
@@ -20,6 +20,9 @@ use crate::wire::verification::{Verification, VerificationKind};
 #[derive(Debug, thiserror::Error)]
 #[error("the evidence for a release cannot be read: {0}")]
 pub struct Unreadable(pub String);
+
+/// Description of the points on which a set was verified when it was identified.
+const HELD_OUT: &str = "the points held out";
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
@@ -44,7 +47,7 @@ struct ActiveSet {
 #[derive(Debug)]
 pub struct ParsedEvidence {
     /// The job that identified the set.
-    job_id: String,
+    pub job_id: String,
     /// The summary of the identification's report.
     pub report: ReportSummary,
     /// Verification facts of the identification.
@@ -170,7 +173,12 @@ impl ParsedEvidence {
     /// The points on which the set is compared with the active one.
     pub fn points_to_compare(&self) -> PointsToCompare {
         match self.active {
-            Some(_) => points_to_compare(&self.sessions, &self.identification),
+            Some(_) => points_to_compare(
+                &self.sessions,
+                &self.identification,
+                &self.request.verify,
+                self.is_active_of_same_points,
+            ),
             None => PointsToCompare::None,
         }
     }
@@ -203,42 +211,36 @@ pub fn compare_on_session(
         .map(|compared| compare_on_set(compared, points, &set)))
 }
 
-/// The report of the identification, if the comparison on the points that were held out needs the errors of each of them.
-///
-/// # Errors
-/// [`crate::store::Error`].
-pub async fn held_out_report(store: &Store, parsed: &ParsedEvidence) -> Result<Option<String>> {
-    let is_of_own_upload = !matches!(parsed.request.verify, VerifySource::Set(_));
-    if parsed.active.is_none() || parsed.is_active_of_same_points || !is_of_own_upload {
-        return Ok(None);
-    }
-    Ok(Some(jobs::report(store, &parsed.job_id).await?))
+/// Errors of both on the other upload on which the set was verified when it was identified; `None` if there is none, or no other set is active.
+pub fn compare_on_verify_set(evidence: &ParsedEvidence) -> Option<Comparison> {
+    let VerifySource::Set(set) = &evidence.request.verify else {
+        return None;
+    };
+    let compared = evidence.compared()?;
+    Some(compare_on_set(compared, HELD_OUT.into(), set))
 }
 
-/// Errors of both on the points that were held out when the set was identified, with their [`held_out_report`]; `None` if no other set is active.
+/// Errors of both on the points of the set's own upload that were held out; `None` if no other set is active. With `report`, that of the
+/// identification, the set's errors are those of the fit that had not seen these points.
 ///
 /// # Errors
 /// If the report cannot be parsed.
-pub fn compare_on_held_out(
+pub fn compare_on_verify_subset(
     evidence: &ParsedEvidence,
     report: Option<&str>,
 ) -> std::result::Result<Option<Comparison>, Unreadable> {
-    let points = "the points held out".to_owned();
     let Some(compared) = evidence.compared() else {
         return Ok(None);
     };
-    if let VerifySource::Set(set) = &evidence.request.verify {
-        return Ok(Some(compare_on_set(compared, points, set)));
-    }
     let report: Option<ReportPoints> = report.map(parsed).transpose()?;
     let verified_mm = report.map(|report| {
         let errors_mm = verify_errors_mm(&report.per_point);
         let without_nominal = |[_, links, corrected]: [f64; 3]| [links, corrected];
         errors_mm.into_iter().map(without_nominal).collect()
     });
-    Ok(Some(compare_on_verify_subset(
+    Ok(Some(comparison::compare_on_verify_subset(
         compared,
-        points,
+        HELD_OUT.into(),
         verified_mm,
     )))
 }

@@ -86,19 +86,14 @@ impl ReleaseCheck {
             let failed = self.decision.failed().map(Gate::issue);
             return Err(ReleaseCheckError::Refused(failed.collect()));
         }
-        // Counts for the schema's trigger, which refuses a release with a failed gate.
-        let n_gates = |passed: bool| {
-            let gates = self.decision.gates.iter();
-            i64::try_from(gates.filter(|gate| gate.passed == passed).count()).unwrap_or(i64::MAX)
-        };
         Ok(Release {
             id: self.id,
             checked: self.checked,
             reason,
             checks_json: serde_json::to_string(&self.decision.gates)
                 .map_err(|error| Unreadable(error.to_string()))?,
-            n_passed: n_gates(true),
-            n_failed: n_gates(false),
+            n_passed: self.decision.n_passed() as i64,
+            n_failed: self.decision.n_failed() as i64,
             released_by: self.approver,
             evidence: self.decision.evidence,
             uncertainty_mm: self.decision.uncertainty_mm,
@@ -183,10 +178,20 @@ async fn compare(
                 comparisons.extend(blocking::run(permit, compare).await??);
             }
         }
-        PointsToCompare::HeldOut => {
-            let report = evidence::held_out_report(store, parsed).await?;
+        PointsToCompare::VerifySet => {
             let parsed = Arc::clone(parsed);
-            let compare = move || evidence::compare_on_held_out(&parsed, report.as_deref());
+            let compare = move || evidence::compare_on_verify_set(&parsed);
+            comparisons.extend(blocking::run(permit, compare).await?);
+        }
+        PointsToCompare::VerifySubset {
+            is_fitted_by_active,
+        } => {
+            let report = match is_fitted_by_active {
+                true => None,
+                false => Some(jobs::report(store, &parsed.job_id).await?),
+            };
+            let parsed = Arc::clone(parsed);
+            let compare = move || evidence::compare_on_verify_subset(&parsed, report.as_deref());
             comparisons.extend(blocking::run(permit, compare).await??);
         }
         PointsToCompare::None => {}

@@ -86,7 +86,7 @@ pub struct Release {
     pub checks_json: String,
     /// Number of gates that passed.
     pub n_passed: i64,
-    /// Number of gates that failed.
+    /// Number of gates that failed. The schema's trigger refuses a release unless it is 0.
     pub n_failed: i64,
     /// Id of the key that releases.
     pub released_by: String,
