@@ -250,7 +250,7 @@ fn number(value: Option<f64>) -> f64 {
 pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
     Ok(sqlx::query_as(OF_JOB)
         .bind(job_id)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -261,7 +261,7 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRo
 pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
     Ok(sqlx::query_as(OF_SET)
         .bind(parameter_set_id)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -272,7 +272,7 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
     Ok(sqlx::query_scalar(N_UNKNOWN)
         .bind(parameter_set_id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -290,7 +290,7 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
 pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
     Ok(sqlx::query_as(CHECK)
         .bind(robot_id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -310,7 +310,7 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
     Ok(sqlx::query_scalar(JOB_OF)
         .bind(robot_id)
         .bind(seq)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -330,7 +330,7 @@ pub async fn earlier_uploads(
         .bind(check_seq)
         .bind(limit)
         .bind(AuditEvent::MeasurementSetCreated.as_str())
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -341,6 +341,6 @@ pub async fn earlier_uploads(
 pub async fn jobs_without_facts(store: &Store) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
         .bind(AuditEvent::JobSucceeded.as_str())
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }

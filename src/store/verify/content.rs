@@ -73,7 +73,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         let mut after = String::new();
         loop {
             let query = sqlx::query_as(query).bind(&after).bind(DOCUMENT_BATCH);
-            let rows: Vec<(String, String, Vec<u8>)> = query.fetch_all(store.reads()).await?;
+            let rows: Vec<(String, String, Vec<u8>)> = query.fetch_all(store.readers()).await?;
             let Some(last) = rows.last() else { break };
             after.clone_from(&last.0);
             for (id, kept, body) in rows {
@@ -100,7 +100,7 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             let rows: Vec<(String, String)> = sqlx::query_as(query)
                 .bind(&after)
                 .bind(DOCUMENT_BATCH)
-                .fetch_all(store.reads())
+                .fetch_all(store.readers())
                 .await?;
             let Some(last) = rows.last() else { break };
             after.clone_from(&last.0);
@@ -181,7 +181,7 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
     };
     let n: i64 = sqlx::query_scalar(query)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?;
     Ok(n == 1)
 }
@@ -200,7 +200,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
             .bind(&after.path)
             .bind(&after.key)
             .bind(BATCH);
-        let rows: Vec<Answered> = query.fetch_all(store.reads()).await?;
+        let rows: Vec<Answered> = query.fetch_all(store.readers()).await?;
         let Some(last) = rows.last() else {
             return Ok(check);
         };
@@ -249,7 +249,7 @@ pub(super) async fn jobs_end_once(
         let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS)
             .bind(&after)
             .bind(BATCH)
-            .fetch_all(store.reads())
+            .fetch_all(store.readers())
             .await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.0);
@@ -280,7 +280,7 @@ pub(super) async fn jobs_end_once(
     if options.is_served {
         let stuck: Vec<String> = sqlx::query_scalar(STUCK)
             .bind(STUCK_AFTER_MS)
-            .fetch_all(store.reads())
+            .fetch_all(store.readers())
             .await?;
         stuck.into_iter().for_each(|id| {
             check.violated(format!(
@@ -295,7 +295,7 @@ pub(super) async fn jobs_end_once(
 pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
     let mut check = Check::new("I4", "a job has at most one parameter set");
     let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?;
     for (id, n) in counts {
         check.n_examined += 1;
@@ -352,7 +352,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
         let rows: Vec<SucceededJob> = sqlx::query_as(JOBS)
             .bind(&after)
             .bind(DOCUMENT_BATCH)
-            .fetch_all(store.reads())
+            .fetch_all(store.readers())
             .await?;
         let Some(last) = rows.last() else { break };
         after.clone_from(&last.id);
@@ -397,7 +397,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
 pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     let mut check = Check::new("I6", "a robot has at most one released parameter set");
     let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?;
     for (id, n) in counts {
         check.n_examined += 1;
@@ -428,7 +428,7 @@ from_row!(Released {
 /// I7: the checks of a release are stored, all passed, and are those in the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
-    let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.reads()).await?;
+    let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.readers()).await?;
     for row in rows {
         let Released {
             id,
