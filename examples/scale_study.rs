@@ -136,7 +136,7 @@ async fn main() {
         since.elapsed().as_secs_f64() * 1e3
     );
     sqlx::query("update job set status = 'cancelled', finished_at_ms = 1 where status = 'queued'")
-        .execute(store.pool())
+        .execute(store.readers())
         .await
         .expect("nothing waits any more");
     workers(&store, &url).await;
@@ -172,7 +172,7 @@ async fn fill(store: &Store, n_rows: i64) -> Vec<String> {
          select 'job_study_' || n, m.robot_id, m.id, 'identify', 'auto', '{}', 'queued', 0, 'client ' || n % 1000, n / 1000, 0, n
          from generate_series(1, $1) as n join measurement_set m on m.id = 'set_study_' || n",
     ] {
-        sqlx::query(sql).bind(n_rows).execute(store.pool()).await.expect("rows are made");
+        sqlx::query(sql).bind(n_rows).execute(store.readers()).await.expect("rows are made");
     }
     eprintln!("filled in {:.0} s", since.elapsed().as_secs_f64());
     ids
@@ -180,7 +180,7 @@ async fn fill(store: &Store, n_rows: i64) -> Vec<String> {
 
 async fn vacuum(store: &Store) {
     sqlx::query("vacuum analyze")
-        .execute(store.pool())
+        .execute(store.readers())
         .await
         .expect("it vacuums");
 }
@@ -289,13 +289,13 @@ async fn another_client(store: &Store, url: &str) {
          from generate_series(1, 100000) as n,
              (select * from job where status = 'succeeded' order by created_at_ms desc limit 1) as j";
     sqlx::query(sql)
-        .execute(store.pool())
+        .execute(store.readers())
         .await
         .expect("jobs wait");
     let of: (String, String, String) = sqlx::query_as(
         "select robot_id, measurement_set_id, request_json from job where id = 'job_many_1'",
     )
-    .fetch_one(store.pool())
+    .fetch_one(store.readers())
     .await
     .expect("a job");
     let mut process = worker(url);

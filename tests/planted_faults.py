@@ -78,7 +78,7 @@ FAULTS = [
     Fault("a set that is far off is released", "service", "keeps_what_speaks_against", [
         ("v.fit = 'set_far_off' and v.seq > r.checked_seq", "v.fit = 'set_far_off' and v.seq > r.checked_seq + 1000")], "migrations/sqlite"),
     Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
-        ("= $11 then $9 else 1 end", "= $11 then $9 else $9 end")], "src/store"),
+        ("is_repeat: found.is_repeat || found.check_seq != check_seq", "is_repeat: found.is_repeat || found.check_seq != found.check_seq")], "src/release"),
     Fault("facts are not in the chain", "service", "each_fault_is_told", [
         ("tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());", "")], "src/store"),
     Fault("a withdrawn set comes back", "service", "keeps_the_life", [

@@ -1,13 +1,13 @@
 //! Posting a job. Requests that cannot succeed are refused here, not later by a worker.
 
-use crate::calibration::request::VerifySource;
-use crate::calibration::{self, CalibrationRequest, is_anew};
+use crate::calibration::{self, CalibrationRequest};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
 use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::{MeasurementSetInput, queue};
+use crate::release::independence::{is_independent_of_training, is_of_other_uploads};
 use crate::store::{NetworkWeights, NewJob, ParameterSetRow, Tx};
 use crate::wire::job::{JobParts, JobRequestBody, Kind, Method};
 use crate::wire::job_answer::JobAnswer;
@@ -103,7 +103,6 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
 }
 
 /// Chooses the newest residual network that was trained on no point that this job fits or verifies; the training of its predecessors counts too.
-/// With a network that has seen these points, cross-validation and verification would prove nothing.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
@@ -111,10 +110,6 @@ fn choose_residual(
     sets_sha256: &[&str],
     parse: impl Fn(&MeasurementSetInput) -> Result<MeasurementSet, Error>,
 ) -> Result<Option<String>, Error> {
-    let to_verify = match &calibration_request.verify {
-        VerifySource::Set(set) => Some(set),
-        _ => None,
-    };
     for source in sources {
         let fits = match safetensors::read_residual(&source.weights) {
             Ok(network) => network.centre_rad.len() == calibration_request.robot.links.len(),
@@ -123,22 +118,11 @@ fn choose_residual(
                 false
             }
         };
-        let is_of_others = |trained_on: &Vec<String>| {
-            trained_on
-                .iter()
-                .all(|sha256| !sets_sha256.contains(&sha256.as_str()))
-        };
-        if fits && source.trained_on_sha256.as_ref().is_some_and(is_of_others) {
-            let trained_on = parse(&source.set)?;
-            if is_anew(
-                &calibration_request.robot,
-                &trained_on,
-                &calibration_request.set,
-            ) && to_verify
-                .is_none_or(|set| is_anew(&calibration_request.robot, &trained_on, set))
-            {
-                return Ok(Some(source.id.clone()));
-            }
+        if fits
+            && is_of_other_uploads(source.trained_on_sha256.as_deref(), sets_sha256)
+            && is_independent_of_training(calibration_request, &parse(&source.set)?)
+        {
+            return Ok(Some(source.id.clone()));
         }
     }
     if request.residual_network_id.is_some() {

@@ -1,17 +1,13 @@
 //! Computes what older versions of kincal did not store when a job ended: the summaries of reports, and verification facts. Runs once at start,
 //! before the server accepts requests.
 
-use crate::calibration::request::VerifySource;
-use crate::calibration::{
-    CalibrationRequest, DOES_NOT_FIT, HeldOut, SET_FAR_OFF, SessionFit, is_anew, session_fit,
-};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::{request_of, run_verification, since};
 use crate::jobs::queue;
-use crate::release::facts::identification_facts;
+use crate::release::facts::{identification_facts, missing_misfit_warning};
+use crate::release::independence::is_verified_anew;
 use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};
 use crate::wire::job::Kind;
-use crate::wire::measurement::{Subset, Warning};
 use crate::wire::report_shape::Report;
 use crate::wire::report_summary::summary_json;
 use crate::wire::verification::Verification;
@@ -97,40 +93,13 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
         return outcome.ok()?.verification;
     }
     let mut report: Report = serde_json::from_str(report).ok()?;
-    if matches!(request.verify, VerifySource::Set(_)) {
-        report.warnings.extend(verify_set_fit(&request, &report));
-    }
-    let is_verified_anew = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
+    report
+        .warnings
+        .extend(missing_misfit_warning(&request, &report));
     let since = since(inputs, &request).ok()?;
-    Some(identification_facts(&report, is_verified_anew, since))
-}
-
-/// Warning if the set to verify on does not fit the robot. Reports of older versions lack this warning. They also lack the scatter of the points,
-/// which counts as 0.
-fn verify_set_fit(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
-    let points = report.per_point.iter();
-    let points = points.filter(|point| point.subset == Subset::Verify);
-    let errors_mm: Vec<[f64; 3]> = points
-        .map(|p| {
-            [
-                p.before_mm,
-                p.after_mm,
-                p.corrected_mm.unwrap_or(p.after_mm),
-            ]
-        })
-        .collect();
-    let fitted = HeldOut {
-        nominal_rms_mm: report.identify.before.rms_mm,
-        identified_rms_mm: report.identify.after.rms_mm,
-    };
-    let code = match session_fit(&errors_mm, Some(&fitted), &request.robot, || 0.0) {
-        SessionFit::Fits => return None,
-        SessionFit::SetFarOff => SET_FAR_OFF,
-        SessionFit::DoesNotFit => DOES_NOT_FIT,
-    };
-    Some(Warning {
-        code: code.into(),
-        detail: String::new(),
-        rows: Vec::new(),
-    })
+    Some(identification_facts(
+        &report,
+        is_verified_anew(&request),
+        since,
+    ))
 }

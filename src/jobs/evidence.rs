@@ -5,17 +5,24 @@ use crate::calibration::request::VerifySource;
 use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
-    Compared, PointsToCompare, compare_on_set, compare_on_verify_subset, points_to_compare,
+    self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
 use crate::release::{Comparison, Session};
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
-use crate::wire::Problem;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
+
+/// A stored document that cannot be read, and why.
+#[derive(Debug, thiserror::Error)]
+#[error("the evidence for a release cannot be read: {0}")]
+pub struct Unreadable(pub String);
+
+/// Description of the points on which a set was verified when it was identified.
+const HELD_OUT: &str = "the points held out";
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
@@ -40,7 +47,7 @@ struct ActiveSet {
 #[derive(Debug)]
 pub struct ParsedEvidence {
     /// The job that identified the set.
-    job_id: String,
+    pub job_id: String,
     /// The summary of the identification's report.
     pub report: ReportSummary,
     /// Verification facts of the identification.
@@ -103,26 +110,19 @@ impl EvidenceRows {
     }
 }
 
-fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Box<Problem>> {
-    serde_json::from_str(json).map_err(|error| broken(&error.to_string()))
-}
-
-fn broken(cause: &str) -> Box<Problem> {
-    tracing::error!(cause, "the evidence for a release cannot be read");
-    Box::new(Problem::new(
-        500,
-        "internal",
-        "a stored document for this release cannot be read; the log has the cause",
-    ))
+fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, Unreadable> {
+    serde_json::from_str(json).map_err(|error| Unreadable(error.to_string()))
 }
 
 /// Parses the rows. It takes long, so call it on a blocking thread.
 ///
 /// # Errors
-/// A problem if stored documents cannot be parsed.
-pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Problem>> {
+/// If stored documents cannot be parsed.
+pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unreadable> {
     if stored.n_without_facts > 0 {
-        return Err(broken("some jobs about this set have no stored facts"));
+        return Err(Unreadable(
+            "some jobs about this set have no stored facts".into(),
+        ));
     }
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
@@ -139,16 +139,16 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Box<Pr
         }
     }
     let (identification_seq, identification) =
-        identification.ok_or_else(|| broken("no facts of the identification"))?;
+        identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
     let request = request_of(&stored.inputs)
-        .map_err(|_| broken(&format!("the inputs of {}", stored.inputs.job.id)))?;
+        .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
             let earlier = active
                 .upload
                 .parse(request.robot.links.len())
-                .map_err(|_| broken(&format!("the upload {}", active.upload.row.id)))?;
+                .map_err(|_| Unreadable(format!("the upload {}", active.upload.row.id)))?;
             repeats(&request.robot, &[earlier], &request.set)
         }
     };
@@ -173,7 +173,12 @@ impl ParsedEvidence {
     /// The points on which the set is compared with the active one.
     pub fn points_to_compare(&self) -> PointsToCompare {
         match self.active {
-            Some(_) => points_to_compare(&self.sessions, &self.identification),
+            Some(_) => points_to_compare(
+                &self.sessions,
+                &self.identification,
+                &self.request.verify,
+                self.is_active_of_same_points,
+            ),
             None => PointsToCompare::None,
         }
     }
@@ -191,57 +196,51 @@ impl ParsedEvidence {
 /// Errors of the set and of the active one on a session's points; `None` if no other set is active.
 ///
 /// # Errors
-/// A problem if the upload cannot be parsed.
+/// If the upload cannot be parsed.
 pub fn compare_on_session(
     parsed: &ParsedEvidence,
     session: &Session,
     upload: &MeasurementSetInput,
-) -> std::result::Result<Option<Comparison>, Box<Problem>> {
+) -> std::result::Result<Option<Comparison>, Unreadable> {
     let set = upload
         .parse(parsed.request.robot.links.len())
-        .map_err(|_| broken(&format!("the upload {}", upload.row.id)))?;
+        .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))?;
     let points = format!("session of job {}", session.job_id);
     Ok(parsed
         .compared()
         .map(|compared| compare_on_set(compared, points, &set)))
 }
 
-/// The report of the identification, if the comparison on the points that were held out needs the errors of each of them.
-///
-/// # Errors
-/// [`crate::store::Error`].
-pub async fn held_out_report(store: &Store, parsed: &ParsedEvidence) -> Result<Option<String>> {
-    let is_of_own_upload = !matches!(parsed.request.verify, VerifySource::Set(_));
-    if parsed.active.is_none() || parsed.is_active_of_same_points || !is_of_own_upload {
-        return Ok(None);
-    }
-    Ok(Some(jobs::report(store, &parsed.job_id).await?))
+/// Errors of both on the other upload on which the set was verified when it was identified; `None` if there is none, or no other set is active.
+pub fn compare_on_verify_set(evidence: &ParsedEvidence) -> Option<Comparison> {
+    let VerifySource::Set(set) = &evidence.request.verify else {
+        return None;
+    };
+    let compared = evidence.compared()?;
+    Some(compare_on_set(compared, HELD_OUT.into(), set))
 }
 
-/// Errors of both on the points that were held out when the set was identified, with their [`held_out_report`]; `None` if no other set is active.
+/// Errors of both on the points of the set's own upload that were held out; `None` if no other set is active. With `report`, that of the
+/// identification, the set's errors are those of the fit that had not seen these points.
 ///
 /// # Errors
-/// A problem if the report cannot be parsed.
-pub fn compare_on_held_out(
+/// If the report cannot be parsed.
+pub fn compare_on_verify_subset(
     evidence: &ParsedEvidence,
     report: Option<&str>,
-) -> std::result::Result<Option<Comparison>, Box<Problem>> {
-    let points = "the points held out".to_owned();
+) -> std::result::Result<Option<Comparison>, Unreadable> {
     let Some(compared) = evidence.compared() else {
         return Ok(None);
     };
-    if let VerifySource::Set(set) = &evidence.request.verify {
-        return Ok(Some(compare_on_set(compared, points, set)));
-    }
     let report: Option<ReportPoints> = report.map(parsed).transpose()?;
     let verified_mm = report.map(|report| {
         let errors_mm = verify_errors_mm(&report.per_point);
         let without_nominal = |[_, links, corrected]: [f64; 3]| [links, corrected];
         errors_mm.into_iter().map(without_nominal).collect()
     });
-    Ok(Some(compare_on_verify_subset(
+    Ok(Some(comparison::compare_on_verify_subset(
         compared,
-        points,
+        HELD_OUT.into(),
         verified_mm,
     )))
 }

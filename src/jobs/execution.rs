@@ -2,15 +2,14 @@
 //! give the same result on any worker.
 
 use crate::calibration::partial::{Held, calibrate_partially};
-use crate::calibration::request::{PreviousSession, VerifySource};
-use crate::calibration::{
-    self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate, is_anew,
-};
+use crate::calibration::request::PreviousSession;
+use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate};
 use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress};
 use crate::release::facts::{
     MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
 };
+use crate::release::independence::{is_another_session, is_verified_anew};
 use crate::release::{insisted_warning, is_usable};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
@@ -50,8 +49,7 @@ pub fn compute(
         )?,
         None => run_calibration(&request, progress)?,
     };
-    // The same points uploaded again count as the same session.
-    let another = matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, &request.set, set));
+    let another = is_verified_anew(&request);
     let report = calibrated
         .report(
             &inputs.job.id,
@@ -134,7 +132,7 @@ pub(super) fn run_verification(
         .as_ref()
         .map(|input| input.set.parse(request.robot.links.len()).map_err(broken))
         .transpose()?;
-    let another = identified_from.is_none_or(|from| is_anew(&request.robot, &from, &request.set));
+    let another = is_another_session(request, identified_from.as_ref());
     let report = calibrated
         .report(
             &inputs.job.id,

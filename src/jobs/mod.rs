@@ -5,14 +5,16 @@
 //! fenced by (owner, attempt). If the worker dies, the lease expires and the job is computed again.
 
 pub mod backfill;
+pub mod blocking;
 mod compute;
-pub mod evidence;
+mod evidence;
 pub mod execution;
 mod heartbeat;
 mod pool;
 mod progress;
 pub mod queue;
 mod relay;
+pub mod release_check;
 mod result_check;
 mod run_alone;
 mod worker;

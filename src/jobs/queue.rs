@@ -1,6 +1,7 @@
 //! The queue's rules on top of the job table.
 
 use super::{JobOutcome, JobSignals};
+use crate::release::facts::facts_at_end;
 use crate::release::{self, CheckStateChange};
 use crate::store::{
     Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks,
@@ -74,7 +75,9 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
 /// # Errors
 /// [`crate::store::Error::Database`].
 pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<()> {
-    let Some(row) = verifications::insert(tx, job_id, found).await? else {
+    let check_seq = verifications::check_of_job(tx, job_id).await?.check_seq;
+    let found = facts_at_end(found, check_seq);
+    let Some(row) = verifications::insert(tx, job_id, &found).await? else {
         return Ok(());
     };
     match release::check_state_change(&Verification::from(&row)) {

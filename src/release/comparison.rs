@@ -1,5 +1,6 @@
 //! Comparison of a set with the robot's active one on the same points.
 
+use crate::calibration::request::VerifySource;
 use crate::calibration::{self, CalibrationRequest, robust_comparison};
 use crate::measurement::MeasurementSet;
 use crate::release::sessions::Session;
@@ -30,14 +31,24 @@ pub struct ComparedRms {
 pub enum PointsToCompare {
     /// The points of these sessions.
     Sessions(Vec<Session>),
-    /// The points that were held out when the set was identified.
-    HeldOut,
+    /// The points of the other upload on which the set was verified when it was identified.
+    VerifySet,
+    /// The points of the set's own upload that were held out when it was identified.
+    VerifySubset {
+        /// Whether the active set was identified from the same upload, as far as can be told: then it may have been fitted to these points.
+        is_fitted_by_active: bool,
+    },
     /// There are none.
     None,
 }
 
 /// Sessions that are evidence show most, each upload once. Without any, the held-out points have to do.
-pub fn points_to_compare(sessions: &[Session], identification: &Verification) -> PointsToCompare {
+pub fn points_to_compare(
+    sessions: &[Session],
+    identification: &Verification,
+    verify: &VerifySource,
+    is_active_of_same_points: bool,
+) -> PointsToCompare {
     let mut chosen: Vec<Session> = Vec::new();
     for session in sessions {
         let is_new = chosen
@@ -49,10 +60,14 @@ pub fn points_to_compare(sessions: &[Session], identification: &Verification) ->
     }
     if !chosen.is_empty() {
         PointsToCompare::Sessions(chosen)
-    } else if identification.n_points > 0 {
-        PointsToCompare::HeldOut
-    } else {
+    } else if identification.n_points == 0 {
         PointsToCompare::None
+    } else if matches!(verify, VerifySource::Set(_)) {
+        PointsToCompare::VerifySet
+    } else {
+        PointsToCompare::VerifySubset {
+            is_fitted_by_active: is_active_of_same_points,
+        }
     }
 }
 

@@ -22,6 +22,16 @@ impl Decision {
         self.failed().next().is_none()
     }
 
+    /// Number of gates that passed.
+    pub fn n_passed(&self) -> usize {
+        self.gates.len() - self.n_failed()
+    }
+
+    /// Number of gates that failed.
+    pub fn n_failed(&self) -> usize {
+        self.failed().count()
+    }
+
     /// The gates that failed.
     pub fn failed(&self) -> impl Iterator<Item = &Gate> {
         self.gates.iter().filter(|gate| !gate.passed)

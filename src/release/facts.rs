@@ -1,8 +1,9 @@
 //! The facts that the gates read, and how a job's report becomes facts.
 
+use crate::calibration::request::VerifySource;
 use crate::calibration::{
-    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, RobustComparison, SET_FAR_OFF,
-    repeated_rows, robust_comparison,
+    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
+    SessionFit, repeated_rows, robust_comparison, session_fit,
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
@@ -15,6 +16,7 @@ use crate::wire::policy::PolicyBody;
 use crate::wire::report_shape::{Evidence, PointReport, Report};
 use crate::wire::report_summary::ReportSummary;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
+use crate::wire::warning::Warning;
 use std::collections::BTreeSet;
 
 /// Fewest points of a verification; fewer are no evidence.
@@ -181,6 +183,39 @@ pub fn identification_facts(
     }
 }
 
+/// The warning that the set to verify on does not fit the robot, for a report of an older version, which lacks it. Such a report also lacks the
+/// scatter of the points, which counts as 0.
+pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
+    if !matches!(request.verify, VerifySource::Set(_)) {
+        return None;
+    }
+    let points = report.per_point.iter();
+    let points = points.filter(|point| point.subset == Subset::Verify);
+    let errors_mm: Vec<[f64; 3]> = points
+        .map(|p| {
+            [
+                p.before_mm,
+                p.after_mm,
+                p.corrected_mm.unwrap_or(p.after_mm),
+            ]
+        })
+        .collect();
+    let fitted = HeldOut {
+        nominal_rms_mm: report.identify.before.rms_mm,
+        identified_rms_mm: report.identify.after.rms_mm,
+    };
+    let code = match session_fit(&errors_mm, Some(&fitted), &request.robot, || 0.0) {
+        SessionFit::Fits => return None,
+        SessionFit::SetFarOff => SET_FAR_OFF,
+        SessionFit::DoesNotFit => DOES_NOT_FIT,
+    };
+    Some(Warning {
+        code: code.into(),
+        detail: String::new(),
+        rows: Vec::new(),
+    })
+}
+
 /// Facts of a job of kind `verify`, from its report.
 pub fn session_facts(
     request: &CalibrationRequest,
@@ -217,6 +252,15 @@ pub fn session_facts(
         is_repeat: since.is_repeat,
         check_seq: since.check_seq,
         uncertainty_mm: None,
+    }
+}
+
+/// The facts as they are stored when the job ends. `check_seq` is the robot's last session that did not fit by then. If it came after the job
+/// began, the points count as a repeat: they were not compared with the uploads from before it.
+pub fn facts_at_end(found: &Verification, check_seq: i64) -> Verification {
+    Verification {
+        is_repeat: found.is_repeat || found.check_seq != check_seq,
+        ..found.clone()
     }
 }
 

@@ -6,6 +6,7 @@ pub mod comparison;
 mod decision;
 pub mod facts;
 mod gates;
+pub mod independence;
 mod provenance;
 mod robot_gates;
 mod session_gates;

@@ -148,7 +148,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
     Ok(sqlx::query_as(FIND)
         .bind(key_sha256)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -159,7 +159,7 @@ pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> 
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -173,7 +173,7 @@ pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<ApiKeyRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<ApiKeyRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
 

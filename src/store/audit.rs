@@ -54,7 +54,7 @@ const ACTOR: &str =
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn head(store: &Store) -> Result<AuditHead> {
-    Ok(sqlx::query_as(HEAD).fetch_one(store.reads()).await?)
+    Ok(sqlx::query_as(HEAD).fetch_one(store.readers()).await?)
 }
 
 /// The entries after number `after`, in order, at most `limit`.
@@ -65,7 +65,7 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
     Ok(sqlx::query_as(LIST)
         .bind(after)
         .bind(limit)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -77,6 +77,6 @@ pub async fn actor(store: &Store, subject: &str, event: AuditEvent) -> Result<Op
     Ok(sqlx::query_scalar(ACTOR)
         .bind(subject)
         .bind(event.as_str())
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }

@@ -45,7 +45,10 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     })?;
     // `vacuum into` accepts an existing file if it is empty.
     make_private_file(&file).map_err(failed)?;
-    sqlx::query(INTO).bind(path).execute(store.pool()).await?;
+    sqlx::query(INTO)
+        .bind(path)
+        .execute(store.readers())
+        .await?;
     let synced = std::fs::File::open(&file).and_then(|file| file.sync_all());
     synced
         .and_then(|()| std::fs::File::open(directory)?.sync_all())

@@ -76,7 +76,7 @@ pub async fn copy(
         return Err(Error::Open { detail });
     }
     let mut tx = to.begin().await?;
-    let mut source = from.pool().acquire().await?;
+    let mut source = from.readers().acquire().await?;
     if from.engine() == Engine::Postgres {
         // One snapshot of all tables.
         sqlx::query("begin isolation level repeatable read read only")

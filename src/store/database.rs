@@ -84,7 +84,7 @@ impl Store {
     }
 
     async fn begin_to_write(&self) -> Result<Transaction<'static, Any>> {
-        let writers = &self.inner.writers;
+        let writers = self.writers();
         Ok(match self.inner.engine {
             // Takes the write lock at once. A transaction that read first could fail to get the lock at its first write.
             Engine::Sqlite => writers.begin_with("begin immediate").await?,
@@ -125,14 +125,14 @@ impl Store {
         self.inner.engine
     }
 
-    /// The connections for statements that only read.
-    pub(crate) fn reads(&self) -> &AnyPool {
+    /// The connections for statements that only read; writes go through [`Store::begin`].
+    pub fn readers(&self) -> &AnyPool {
         &self.inner.readers
     }
 
-    /// The connections, for tests and tools. Reads only; writes go through [`Store::begin`].
-    pub fn pool(&self) -> &AnyPool {
-        &self.inner.readers
+    /// The connections that write, without the audit chain and the counts of [`Store::begin`].
+    pub(super) fn writers(&self) -> &AnyPool {
+        &self.inner.writers
     }
 
     /// The database's clock, ms since the epoch. `/readyz` uses it to check that the database answers.
@@ -141,7 +141,7 @@ impl Store {
     /// [`Error::Database`].
     pub async fn now_ms(&self) -> Result<i64> {
         self.is_in_place()?;
-        Ok(sqlx::query_scalar(NOW).fetch_one(self.reads()).await?)
+        Ok(sqlx::query_scalar(NOW).fetch_one(self.readers()).await?)
     }
 
     /// URL of the database server, for the listening connection.
@@ -155,14 +155,14 @@ impl Store {
     /// [`Error::Database`].
     pub async fn schema_version(&self) -> Result<i64> {
         Ok(sqlx::query_scalar(SCHEMA_VERSION)
-            .fetch_one(self.reads())
+            .fetch_one(self.readers())
             .await?)
     }
 
     /// Closes all connections. SQLite then moves its WAL into the database file.
     pub async fn close(&self) {
-        self.inner.writers.close().await;
-        self.inner.readers.close().await;
+        self.writers().close().await;
+        self.readers().close().await;
     }
 }
 

@@ -112,7 +112,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -123,7 +123,7 @@ pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(BODY)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -138,6 +138,6 @@ pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Resul
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<FramesRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<FramesRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -287,7 +287,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -313,7 +313,7 @@ pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Resul
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<JobRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<JobRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
 
@@ -336,7 +336,7 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
     let row: DocumentRow = sqlx::query_as(query)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?;
     let status = row.status;
     row.document.ok_or(Conflict::JobStatus { status }.into())
@@ -348,7 +348,7 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 /// [`super::Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?;
     Ok(one.is_some())
 }
@@ -359,7 +359,7 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
 /// [`super::Error::Database`].
 pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_SUSPECT_QUEUED)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?;
     Ok(one.is_some())
 }
@@ -370,7 +370,7 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
 /// [`super::Error::Database`].
 pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
     let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?;
     let of = |status: JobStatus| {
         counts

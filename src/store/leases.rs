@@ -391,7 +391,7 @@ fn note(tx: &mut Tx, lease: &Lease, event: AuditEvent, detail: serde_json::Value
 pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
     // Usually none has expired, and a read needs no write lock.
     let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?;
     if n_expired == 0 {
         return Ok(Expired::default());

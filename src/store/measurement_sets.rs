@@ -197,7 +197,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -208,7 +208,7 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(BODY)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -227,6 +227,6 @@ pub async fn list(
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<MeasurementSetRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<MeasurementSetRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -92,14 +92,16 @@ const POSTGRES_SETTINGS_TO_MIGRATE: &str =
 
 /// Checks the disk space for migration 7. It rewrites all jobs: twice into the WAL, and once into the database beside the old rows.
 async fn check_space_for_rewrite(store: &Store) -> Result<()> {
-    let before: Option<i64> = sqlx::query_scalar(HAS_JOBS).fetch_one(store.pool()).await?;
+    let before: Option<i64> = sqlx::query_scalar(HAS_JOBS)
+        .fetch_one(store.readers())
+        .await?;
     let is_ahead =
         before.is_some() && (1..JOB_TABLE_REWRITE).contains(&store.schema_version().await?);
     if !is_ahead {
         return Ok(());
     }
     let bytes: i64 = sqlx::query_scalar(JOB_BYTES)
-        .fetch_one(store.pool())
+        .fetch_one(store.readers())
         .await?;
     let needed_bytes = u64::try_from(bytes).unwrap_or(0).saturating_mul(3) + RESERVE_BYTES;
     if let Some(free_bytes) = store.free_bytes().filter(|free| *free < needed_bytes) {
@@ -139,9 +141,9 @@ pub(super) async fn migrate(store: &Store) -> Result<()> {
     };
     if store.engine() == Engine::Sqlite {
         check_space_for_rewrite(store).await?;
-        return migrator.run(store.pool()).await.map_err(failed);
+        return migrator.run(store.writers()).await.map_err(failed);
     }
-    let mut connection = store.pool().acquire().await?.detach();
+    let mut connection = store.writers().acquire().await?.detach();
     connection.execute(POSTGRES_SETTINGS_TO_MIGRATE).await?;
     migrator.run(&mut connection).await.map_err(failed)?;
     Ok(connection.close().await?)

@@ -240,7 +240,7 @@ async fn insert_by(
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -251,7 +251,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(WEIGHTS)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -271,7 +271,7 @@ pub async fn newest(
         .bind(model.as_str())
         .bind(preset.as_str())
         .bind(limit)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -290,7 +290,7 @@ pub async fn newest_residual(
         .bind(robot_id)
         .bind(set_sha256)
         .bind(limit)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -309,6 +309,6 @@ pub async fn list(
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<NetworkRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<NetworkRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

@@ -51,7 +51,7 @@ pub async fn listen(store: &Store) -> Result<Option<Notices>> {
 pub async fn send(store: &Store, notice: &str) -> Result<()> {
     sqlx::query(SEND)
         .bind(notice)
-        .execute(store.reads())
+        .execute(store.readers())
         .await?;
     Ok(())
 }

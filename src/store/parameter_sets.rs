@@ -86,7 +86,7 @@ pub struct Release {
     pub checks_json: String,
     /// Number of gates that passed.
     pub n_passed: i64,
-    /// Number of gates that failed.
+    /// Number of gates that failed. The schema's trigger refuses a release unless it is 0.
     pub n_failed: i64,
     /// Id of the key that releases.
     pub released_by: String,
@@ -280,7 +280,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -291,7 +291,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
     Ok(sqlx::query_as(ACTIVE)
         .bind(robot_id)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -302,7 +302,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
 pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
     let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
         .bind(robot_id)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?;
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
@@ -322,7 +322,7 @@ pub async fn of_another_upload(
         .bind(robot_id)
         .bind(measurement_set_id)
         .bind(except.as_str())
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -341,7 +341,7 @@ pub async fn list(
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<ParameterSetRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<ParameterSetRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }
 

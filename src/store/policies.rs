@@ -116,7 +116,7 @@ impl Audited for PolicyChange {
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
     let row: Option<PolicyRow> = sqlx::query_as(GET)
         .bind(robot_id)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?;
     Ok(row.unwrap_or_default())
 }

@@ -66,7 +66,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()>
 pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
     let row: OfJob = sqlx::query_as(OF_JOB)
         .bind(job_id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?;
     let status = row.status;
     row.summary_json
@@ -81,7 +81,7 @@ pub async fn jobs_without(store: &Store, after: &str, limit: i64) -> Result<Vec<
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
         .bind(after)
         .bind(limit)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -94,6 +94,6 @@ pub(super) async fn with_reports(
     Ok(sqlx::query_as(BY_ID)
         .bind(after)
         .bind(limit)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }

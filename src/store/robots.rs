@@ -255,7 +255,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -282,6 +282,6 @@ pub async fn list(
         .bind(keyset.created_at_ms)
         .bind(keyset.id)
         .bind(keyset.limit);
-    let rows: Vec<RobotRow> = query.fetch_all(store.reads()).await?;
+    let rows: Vec<RobotRow> = query.fetch_all(store.readers()).await?;
     Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

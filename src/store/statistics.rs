@@ -47,5 +47,5 @@ const JOBS: &str = "
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn jobs(store: &Store) -> Result<Vec<JobStatistics>> {
-    Ok(sqlx::query_as(JOBS).fetch_all(store.reads()).await?)
+    Ok(sqlx::query_as(JOBS).fetch_all(store.readers()).await?)
 }

@@ -53,7 +53,9 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     if store.engine() == Engine::Sqlite {
         return Ok(stuck_sqlite_writers(store).await);
     }
-    let holder: Option<(i64, i32)> = sqlx::query_as(HOLDER).fetch_optional(store.reads()).await?;
+    let holder: Option<(i64, i32)> = sqlx::query_as(HOLDER)
+        .fetch_optional(store.readers())
+        .await?;
     Ok(holder.map(|(held_ms, is_idle)| Stuck {
         duration: Duration::from_millis(u64::try_from(held_ms).unwrap_or(0)),
         reason: match is_idle {

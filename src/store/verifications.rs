@@ -85,7 +85,7 @@ pub struct EarlierUpload {
 
 from_row!(EarlierUpload { id, n_points });
 
-/// The two numbers of a robot's row that a job reads when it begins.
+/// The two numbers of a robot's row that a job reads when it begins and when it ends.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CheckRow {
     /// Number of the last session that did not fit the robot; 0 for none.
@@ -123,6 +123,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     N_UNKNOWN,
     EARLIER_UPLOADS,
     CHECK,
+    CHECK_OF_JOB,
     JOB_OF,
     BY_ID,
     JOBS_WITHOUT,
@@ -136,8 +137,7 @@ const INSERT: &str = "
         case when $2 = 'session' then j.parameter_set_input_id else (select p.id from parameter_set p where p.job_id = j.id) end,
         $2, (select coalesce(max(v.seq), 0) + 1 from verification v where v.robot_id = j.robot_id), $3,
         nullif($4, cast(-1 as double precision)), nullif($5, cast(-1 as double precision)), $6, $7, $8,
-        case when (select r.check_seq from robot r where r.id = j.robot_id) = $11 then $9 else 1 end, $11,
-        nullif($10, cast(-1 as double precision))
+        $9, $11, nullif($10, cast(-1 as double precision))
     from job j where j.id = $1
     on conflict (job_id) do nothing";
 
@@ -170,6 +170,9 @@ const EARLIER_UPLOADS: &str = concat!(
 
 const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
 
+const CHECK_OF_JOB: &str =
+    "select check_seq, checked_seq from robot where id = (select robot_id from job where id = $1)";
+
 const JOB_OF: &str = "select job_id from verification where robot_id = $1 and seq = $2";
 
 const BY_ID: &str = concat!(
@@ -201,8 +204,8 @@ impl Audited for VerificationRow {
     }
 }
 
-/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. Returns the stored row, whose `is_repeat` counts
-/// sessions that did not fit since the job began; `None` if the job has facts already.
+/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. Returns the stored row; `None` if the job has
+/// facts already.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -247,7 +250,7 @@ fn number(value: Option<f64>) -> f64 {
 pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
     Ok(sqlx::query_as(OF_JOB)
         .bind(job_id)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -258,7 +261,7 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRo
 pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
     Ok(sqlx::query_as(OF_SET)
         .bind(parameter_set_id)
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -269,7 +272,7 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
     Ok(sqlx::query_scalar(N_UNKNOWN)
         .bind(parameter_set_id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
         .await?)
 }
 
@@ -287,7 +290,15 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
 pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
     Ok(sqlx::query_as(CHECK)
         .bind(robot_id)
-        .fetch_one(store.reads())
+        .fetch_one(store.readers())
+        .await?)
+}
+
+/// As [`check`], for the robot of a job, in the transaction that has locked the robot's row.
+pub(crate) async fn check_of_job(tx: &mut Tx, job_id: &str) -> Result<CheckRow> {
+    Ok(sqlx::query_as(CHECK_OF_JOB)
+        .bind(job_id)
+        .fetch_one(tx.connection())
         .await?)
 }
 
@@ -299,7 +310,7 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
     Ok(sqlx::query_scalar(JOB_OF)
         .bind(robot_id)
         .bind(seq)
-        .fetch_optional(store.reads())
+        .fetch_optional(store.readers())
         .await?)
 }
 
@@ -319,7 +330,7 @@ pub async fn earlier_uploads(
         .bind(check_seq)
         .bind(limit)
         .bind(AuditEvent::MeasurementSetCreated.as_str())
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }
 
@@ -330,6 +341,6 @@ pub async fn earlier_uploads(
 pub async fn jobs_without_facts(store: &Store) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
         .bind(AuditEvent::JobSucceeded.as_str())
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?)
 }

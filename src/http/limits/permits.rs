@@ -15,11 +15,11 @@ use crate::config::LimitsConfig;
 use crate::http::Error;
 use crate::http::limits::rate::TokenBuckets;
 use crate::http::limits::request_class::RequestClass;
+use crate::jobs::blocking;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 /// Largest request body, bytes: ten times the largest campaign.
@@ -267,19 +267,10 @@ impl ComputePermit {
         T: Send + 'static,
         E: Into<Error> + Send + 'static,
     {
-        let permit = Arc::clone(&self.0);
-        let done = spawn_blocking(move || {
-            let _permit = permit;
-            work()
-        })
-        .await;
-        match done {
-            Ok(result) => result.map_err(Into::into),
-            Err(error) => match error.try_into_panic() {
-                Ok(panic) => std::panic::resume_unwind(panic),
-                Err(error) => Err(Error::Internal(error.to_string())),
-            },
-        }
+        blocking::run(&self.0, work)
+            .await
+            .map_err(|error| Error::Internal(error.to_string()))?
+            .map_err(Into::into)
     }
 }
 

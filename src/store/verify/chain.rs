@@ -128,7 +128,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         .bind(head.begun_at_ms)
         .bind(MAX_LISTED as i64)
         .bind(format!("%{CREATION}"))
-        .fetch_all(store.reads())
+        .fetch_all(store.readers())
         .await?;
     missing
         .into_iter()

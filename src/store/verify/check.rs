@@ -19,8 +19,10 @@ pub struct Check {
 
 /// Most violations that are listed; further ones are only counted.
 pub const MAX_LISTED: usize = 100;
-/// Rows read at a time.
+/// Small rows read at a time.
 pub(super) const BATCH: i64 = 200;
+/// Uploads, networks and reports read at a time: one may have 45 MB.
+pub(super) const DOCUMENT_BATCH: i64 = 1;
 
 /// Options of the checks.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

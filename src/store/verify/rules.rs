@@ -85,7 +85,7 @@ async fn each<T: Audited>(
         let rows: Vec<T> = sqlx::query_as(T::BY_ID)
             .bind(&after)
             .bind(BATCH)
-            .fetch_all(store.reads())
+            .fetch_all(store.readers())
             .await?;
         let Some(last) = rows.last() else {
             return Ok(());

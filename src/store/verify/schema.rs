@@ -69,7 +69,7 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
     let (objects, unique) = match store.engine() {
         Engine::Sqlite => {
             let lines: Vec<String> = sqlx::query_scalar(INTEGRITY)
-                .fetch_all(store.reads())
+                .fetch_all(store.readers())
                 .await?;
             check.n_examined += lines.len() as i64;
             lines
@@ -77,7 +77,7 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
                 .filter(|line| line != "ok")
                 .for_each(|line| check.violated(line));
             let tables: Vec<String> = sqlx::query_scalar(FOREIGN_KEYS)
-                .fetch_all(store.reads())
+                .fetch_all(store.readers())
                 .await?;
             tables.into_iter().for_each(|table| {
                 check.violated(format!("a row of {table} refers to one that is not there"))
@@ -86,7 +86,7 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
         }
         Engine::Postgres => {
             let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES)
-                .fetch_all(store.reads())
+                .fetch_all(store.readers())
                 .await?;
             unproven
                 .into_iter()
@@ -94,8 +94,12 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
             (OBJECTS_POSTGRES, UNIQUE_POSTGRES)
         }
     };
-    let objects: Vec<String> = sqlx::query_scalar(objects).fetch_all(store.reads()).await?;
-    let unique: Vec<String> = sqlx::query_scalar(unique).fetch_all(store.reads()).await?;
+    let objects: Vec<String> = sqlx::query_scalar(objects)
+        .fetch_all(store.readers())
+        .await?;
+    let unique: Vec<String> = sqlx::query_scalar(unique)
+        .fetch_all(store.readers())
+        .await?;
     for (name, found) in GUARDS
         .iter()
         .map(|name| (name, &objects))

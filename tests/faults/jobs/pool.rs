@@ -100,7 +100,7 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
                  values ('k', 'POST', '/', 'at {at}', 's', {at})"
             );
             sqlx::query(sqlx::AssertSqlSafe(sql))
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
                 .unwrap();
         }
@@ -109,7 +109,7 @@ fn a_pool_forgets_the_idempotency_keys_of_long_ago_and_no_others() {
             loop {
                 let remaining: Vec<String> =
                     sqlx::query_scalar("select idempotency_key from idempotency")
-                        .fetch_all(store.pool())
+                        .fetch_all(store.readers())
                         .await
                         .unwrap();
                 if remaining.len() < 2 {
@@ -341,7 +341,7 @@ fn a_cancelled_computation_without_an_end_keeps_its_worker_no_longer_than_a_job_
 async fn expire_leases_of(store: &kincal::store::Store, ids: &[&str]) {
     for id in ids {
         let lost = "update job set lease_until_ms = 1, owner = 'dead' where id = $1 and status = 'running'";
-        let done = sqlx::query(lost).bind(*id).execute(store.pool()).await;
+        let done = sqlx::query(lost).bind(*id).execute(store.readers()).await;
         assert_eq!(done.unwrap().rows_affected(), 1);
     }
     queue::expire(store, 3, &JobSignals::default())

@@ -178,7 +178,7 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
     app.post_json(&withdraw, &why).await.ok(200);
     let error = sqlx::query(sql)
         .bind(text(second))
-        .execute(app.server.store.pool())
+        .execute(app.server.store.readers())
         .await
         .unwrap_err();
     assert!(error.to_string().contains("session"), "{error}");

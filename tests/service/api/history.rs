@@ -251,7 +251,7 @@ async fn history_gates_and_export_read_a_reports_summary_and_not_the_report() {
         "drop trigger job_report_stays",
         "update job set report_json = 'no report'",
     ] {
-        let done = sqlx::query(sql).execute(app.server.store.pool()).await;
+        let done = sqlx::query(sql).execute(app.server.store.readers()).await;
         done.unwrap();
     }
     assert_eq!(answers().await, before);

@@ -259,7 +259,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     let sql = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0 where id = $1";
     let error = sqlx::query(sql)
         .bind(text(&job["parameter_set_id"]))
-        .execute(app.server.store.pool())
+        .execute(app.server.store.readers())
         .await
         .unwrap_err();
     assert!(

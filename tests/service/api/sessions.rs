@@ -286,7 +286,7 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
     assert_eq!(report["evidence"], "independent_session");
     sqlx::query("update job set created_at_ms = created_at_ms - 172800000 where id = $1")
         .bind(&job)
-        .execute(app.server.store.pool())
+        .execute(app.server.store.readers())
         .await
         .unwrap();
     // Nine good sessions after it, each from another upload, do not outweigh it.
@@ -303,7 +303,7 @@ async fn every_session_counts_and_a_copy_with_noise_is_no_other_session() {
         release_evidence = 'independent_session', release_uncertainty_mm = 0.01 where id = $1";
     let error = sqlx::query(sql)
         .bind(text(&parameter_set))
-        .execute(app.server.store.pool())
+        .execute(app.server.store.readers())
         .await
         .unwrap_err();
     assert!(error.to_string().contains("policy"), "{error}");
@@ -327,7 +327,7 @@ async fn a_rollback_goes_to_what_was_superseded_whatever_the_clock_said() {
             // The clock was 30 days ahead and is corrected.
             sqlx::query("update parameter_set set released_at_ms = released_at_ms + 2592000000 where id = $1")
                 .bind(text(set))
-                .execute(app.server.store.pool())
+                .execute(app.server.store.readers())
                 .await
                 .unwrap();
         }

@@ -25,7 +25,7 @@ async fn claim(store: &Store, owner: &str) -> Lease {
 async fn wait_until_expired(store: &Store, lease: &Lease) {
     sqlx::query("update job set lease_until_ms = 1 where id = $1")
         .bind(&lease.job_id)
-        .execute(store.pool())
+        .execute(store.readers())
         .await
         .unwrap();
 }
@@ -514,7 +514,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
         let job = a_lone_job(&database.store, "{}").await;
         sqlx::query(FILL)
             .bind(&job.id)
-            .execute(store.pool())
+            .execute(store.readers())
             .await
             .unwrap();
         assert_eq!(jobs::queued_and_running(store).await.unwrap(), (10_000, 0));

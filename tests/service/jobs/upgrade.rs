@@ -89,7 +89,7 @@ async fn n_summaries_like_their_reports(store: &Store) -> usize {
     let rows: Vec<(String, String, String)> = sqlx::query_as(
         "select j.id, j.report_json, s.summary_json from job j left join report_summary s on s.job_id = j.id where j.status = 'succeeded'",
     )
-    .fetch_all(store.pool())
+    .fetch_all(store.readers())
     .await
     .unwrap();
     for (id, report, summary) in &rows {
@@ -135,7 +135,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
             StoreLocation::Postgres { url } => {
                 let sql = "drop schema public cascade; create schema public";
                 sqlx::raw_sql(sql)
-                    .execute(database.store.pool())
+                    .execute(database.store.readers())
                     .await
                     .unwrap();
                 (StoreLocation::Postgres { url: url.clone() }, url.clone())

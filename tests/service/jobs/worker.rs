@@ -95,7 +95,7 @@ fn inputs_that_cannot_be_read_for_a_while_use_up_no_attempt() {
             return;
         }
         let job = a_lone_job(store, "succeed").await;
-        let mut lock = store.pool().begin().await.unwrap();
+        let mut lock = store.readers().begin().await.unwrap();
         for statement in [
             "set local idle_in_transaction_session_timeout = 0",
             "lock table robot in access exclusive mode",
@@ -161,7 +161,10 @@ fn nothing_is_computed_before_the_claim_is_certain() {
             ],
         };
         for statement in sabotage {
-            sqlx::query(statement).execute(store.pool()).await.unwrap();
+            sqlx::query(statement)
+                .execute(store.readers())
+                .await
+                .unwrap();
         }
         let worker = WorkerContext::new(count, LONG, JobSignals::default());
         run_next_job(store, &worker).await.unwrap_err();
@@ -179,7 +182,7 @@ fn nothing_is_computed_before_the_claim_is_certain() {
         } else {
             "drop trigger sabotage on job"
         };
-        sqlx::query(undo).execute(store.pool()).await.unwrap();
+        sqlx::query(undo).execute(store.readers()).await.unwrap();
         assert_eq!(
             run_next_job(store, &worker).await.unwrap().as_ref(),
             Some(&job.id)
@@ -464,7 +467,7 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
             let taken = "update job set owner = 'another', attempt = 2 where id = $1";
             sqlx::query(taken)
                 .bind(&job.id)
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
                 .unwrap();
             // The second computation does not check, and returns its result too late.

@@ -47,7 +47,7 @@ async fn forge(store: &Store, sql: &str) {
             vec!["alter table audit enable trigger user"],
         ),
     };
-    let mut connection = store.pool().acquire().await.unwrap();
+    let mut connection = store.readers().acquire().await.unwrap();
     for sql in off.into_iter().chain([sql]).chain(on) {
         let done = sqlx::raw_sql(AssertSqlSafe(sql))
             .execute(&mut *connection)
@@ -228,7 +228,7 @@ fn the_schema_itself_refuses_to_touch_an_entry() {
         let store = &database.store;
         a_robot(store, "r").await;
         for sql in ["update audit set actor = 'x'", "delete from audit"] {
-            let error = sqlx::query(sql).execute(store.pool()).await.unwrap_err();
+            let error = sqlx::query(sql).execute(store.readers()).await.unwrap_err();
             assert!(
                 error.to_string().contains("an audit entry is never"),
                 "{error}"

@@ -149,7 +149,7 @@ const NEW_FIELDS: &[&str] = &[
 
 async fn run(store: &Store, sql: &str) {
     let done = sqlx::query(AssertSqlSafe(sql.to_owned()))
-        .execute(store.pool())
+        .execute(store.readers())
         .await;
     done.unwrap_or_else(|error| panic!("{sql}: {error}"));
 }
@@ -164,7 +164,7 @@ async fn drop_triggers(store: &Store) {
         }
     };
     let statements: Vec<String> = sqlx::query_scalar(find)
-        .fetch_all(store.pool())
+        .fetch_all(store.readers())
         .await
         .unwrap();
     assert!(!statements.is_empty());
@@ -274,12 +274,12 @@ async fn rewrite_as_earlier_version(store: &Store) {
             .bind(detail_json)
             .bind(&sha256)
             .bind(seq);
-        update.execute(store.pool()).await.unwrap();
+        update.execute(store.readers()).await.unwrap();
         before = sha256;
     }
     sqlx::query("update audit_head set sha256 = $1")
         .bind(before)
-        .execute(store.pool())
+        .execute(store.readers())
         .await
         .unwrap();
 }

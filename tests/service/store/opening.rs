@@ -22,7 +22,7 @@ fn each_engine_prepares_every_query() {
             "the list of queries is incomplete: {}",
             queries.len()
         );
-        let mut connection = database.store.pool().acquire().await.unwrap();
+        let mut connection = database.store.readers().acquire().await.unwrap();
         for query in queries {
             // Otherwise SQLite would plan the query at every use.
             assert!(
@@ -82,10 +82,10 @@ fn every_query_constant_of_the_store_is_listed() {
 #[test]
 fn every_pooled_connection_has_the_durable_settings() {
     on_sqlite(async |database| {
-        let n = database.store.pool().options().get_max_connections();
+        let n = database.store.readers().options().get_max_connections();
         let mut connections = Vec::new();
         for _ in 0..n {
-            connections.push(database.store.pool().acquire().await.unwrap());
+            connections.push(database.store.readers().acquire().await.unwrap());
         }
         for connection in &mut connections {
             let journal: String = query_scalar("pragma journal_mode")
@@ -285,7 +285,7 @@ fn a_copy_of_the_database_takes_every_table() {
             }
         };
         let mut found: Vec<String> = query_scalar(sql)
-            .fetch_all(database.store.pool())
+            .fetch_all(database.store.readers())
             .await
             .unwrap();
         let mut copied: Vec<String> = kincal::store::copy::TABLES
@@ -310,7 +310,7 @@ fn a_node_of_the_first_version_works_on_beside_todays_schema() {
                 .fold(sqlx::query(sql), |query, text| query.bind(*text));
             assert_eq!(
                 query
-                    .execute(store.pool())
+                    .execute(store.readers())
                     .await
                     .unwrap_or_else(|e| panic!("{e}: {sql}"))
                     .rows_affected(),
@@ -359,13 +359,18 @@ async fn content(store: &Store) -> Vec<String> {
         let columns = "select group_concat('quote(' || name || ')', '||'', ''||') from (select name from pragma_table_info($1) order by name)";
         let columns: String = query_scalar(columns)
             .bind(*table)
-            .fetch_one(store.pool())
+            .fetch_one(store.readers())
             .await
             .unwrap();
         let select = AssertSqlSafe(format!(
             "select '{table}: ' || {columns} from {table} order by 1"
         ));
-        rows.append(&mut query_scalar(select).fetch_all(store.pool()).await.unwrap());
+        rows.append(
+            &mut query_scalar(select)
+                .fetch_all(store.readers())
+                .await
+                .unwrap(),
+        );
     }
     rows
 }
@@ -401,7 +406,7 @@ fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
         let set = a_set(&store, &a_robot(&store, "r").await).await;
         insert_examples(&store, &set).await;
         let network: String = query_scalar("select id from network")
-            .fetch_one(store.pool())
+            .fetch_one(store.readers())
             .await
             .unwrap();
         let new = NewJob {
@@ -414,7 +419,7 @@ fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
         assert_eq!(
             sqlx::query(more)
                 .bind(job.id)
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
                 .unwrap()
                 .rows_affected(),
@@ -431,12 +436,15 @@ fn a_database_whose_jobs_are_laid_out_anew_keeps_everything_in_it() {
         assert_eq!(broken(&store).await, [""; 0]);
         // References to jobs are intact.
         let refused = sqlx::query("delete from job where status = 'succeeded'")
-            .execute(store.pool())
+            .execute(store.readers())
             .await;
         assert!(refused.unwrap_err().to_string().contains("FOREIGN KEY"));
         // A job's row begins with its short columns.
         let columns = "select name from pragma_table_info('job') order by cid desc limit 4";
-        let last: Vec<String> = query_scalar(columns).fetch_all(store.pool()).await.unwrap();
+        let last: Vec<String> = query_scalar(columns)
+            .fetch_all(store.readers())
+            .await
+            .unwrap();
         assert_eq!(
             last,
             [

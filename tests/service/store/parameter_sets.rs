@@ -193,7 +193,7 @@ fn the_schema_itself_refuses_a_second_released_set() {
         let error = sqlx::query(sql)
             .bind(&second.id)
             .bind(PASSED)
-            .execute(store.pool())
+            .execute(store.readers())
             .await
             .unwrap_err();
         assert!(
@@ -206,7 +206,7 @@ fn the_schema_itself_refuses_a_second_released_set() {
         sqlx::query(sql)
             .bind(&elsewhere.id)
             .bind(PASSED)
-            .execute(store.pool())
+            .execute(store.readers())
             .await
             .unwrap();
     });
@@ -225,7 +225,7 @@ fn the_schema_itself_refuses_a_release_without_checks_and_states_that_do_not_exi
         ] {
             let error = sqlx::query(sql)
                 .bind(&candidate.id)
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
                 .unwrap_err();
             assert!(
@@ -282,7 +282,7 @@ fn the_schema_itself_refuses_a_release_in_spite_of_a_failed_gate_or_without_any(
                 candidate.id
             );
             let error = sqlx::query(sqlx::AssertSqlSafe(sql))
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
                 .unwrap_err();
             assert!(
@@ -363,7 +363,7 @@ fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
             };
             let error = sqlx::query(sql)
                 .bind(id)
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
                 .unwrap_err();
             assert!(error.to_string().contains(expected), "{sql}: {error}");
@@ -407,7 +407,7 @@ fn the_schema_itself_keeps_the_robots_policy() {
                 .bind(evidence)
                 .bind(uncertainty_mm)
                 .bind(by)
-                .execute(store.pool())
+                .execute(store.readers())
                 .await
         };
         for (evidence, uncertainty_mm, by) in [
@@ -671,7 +671,7 @@ fn the_schema_itself_makes_no_release_for_a_robot_that_a_session_does_not_fit() 
             ),
             ("delete from verification where seq = 1", "never deleted"),
         ] {
-            let error = sqlx::query(sql).execute(store.pool()).await.unwrap_err();
+            let error = sqlx::query(sql).execute(store.readers()).await.unwrap_err();
             assert!(error.to_string().contains(expected), "{error}");
         }
     });
@@ -823,7 +823,7 @@ fn a_rollback_follows_what_a_release_superseded_and_no_clock() {
             "update parameter_set set released_at_ms = released_at_ms + 2592000000 where id = $1",
         )
         .bind(&a.id)
-        .execute(store.pool())
+        .execute(store.readers())
         .await
         .unwrap();
         let released = release(store, b, Some(a)).await.unwrap();

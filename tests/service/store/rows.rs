@@ -262,7 +262,7 @@ fn rows_of_the_same_millisecond_come_once_each() {
             a_set(store, &robot).await;
         }
         sqlx::query("update measurement_set set created_at_ms = 5")
-            .execute(store.pool())
+            .execute(store.readers())
             .await
             .unwrap();
         let mut ids = Vec::new();

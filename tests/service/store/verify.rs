@@ -286,7 +286,7 @@ fn each_fault_is_told_by_its_check() {
             a_candidate(store, &set).await;
             for fault in faults.split("; ") {
                 sqlx::query(AssertSqlSafe(sql_for(store.engine(), fault)))
-                    .execute(store.pool())
+                    .execute(store.readers())
                     .await
                     .unwrap();
             }
@@ -313,7 +313,7 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update frames set body = x'00'",
         ] {
             let refused = sqlx::query(AssertSqlSafe(sql_for(store.engine(), sql)))
-                .execute(store.pool())
+                .execute(store.readers())
                 .await;
             assert!(
                 refused.unwrap_err().to_string().contains("never changed"),

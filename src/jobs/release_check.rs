@@ -1,0 +1,239 @@
+//! Checks whether a parameter set may be released: gathers the facts, compares the set with the active one, and runs the gates.
+
+use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
+use crate::jobs::{MeasurementSetInput, blocking};
+use crate::release::comparison::PointsToCompare;
+use crate::release::{Comparison, Decision, Facts, decide};
+use crate::store::{
+    self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
+    PolicyRow, Release, RobotRow, Store, audit, jobs, measurement_sets, parameter_sets, policies,
+    robots,
+};
+use crate::wire::policy::PolicyBody;
+use crate::wire::release::Gate;
+use crate::wire::robot::{Robot, RobotBody};
+use crate::wire::{Issue, json};
+use std::sync::Arc;
+use tokio::task::JoinError;
+
+/// A release to be checked.
+#[derive(Debug)]
+pub struct ReleaseRequest {
+    /// The parameter set.
+    pub set: ParameterSetRow,
+    /// The key that releases.
+    pub approver: String,
+    /// Purpose of the check.
+    pub purpose: Purpose,
+}
+
+/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback three gates only warn:
+/// `improved_on_active`, `change_plausible` and `orientation_known`.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// The set becomes the active one.
+    Release {
+        /// Stated reason for a large change.
+        change_reason: Option<String>,
+    },
+    /// The active set is withdrawn, and the set that it superseded replaces it.
+    Rollback,
+}
+
+impl Purpose {
+    fn change_reason(&self) -> Option<&str> {
+        match self {
+            Self::Release { change_reason } => change_reason.as_deref(),
+            Self::Rollback => None,
+        }
+    }
+}
+
+/// Why there is no release.
+#[derive(Debug, thiserror::Error)]
+pub enum ReleaseCheckError {
+    /// The database.
+    #[error(transparent)]
+    Store(#[from] store::Error),
+    /// A stored document.
+    #[error(transparent)]
+    Unreadable(#[from] Unreadable),
+    /// The runtime stops.
+    #[error(transparent)]
+    Stopped(#[from] JoinError),
+    /// The gates that failed.
+    #[error("gates failed")]
+    Refused(Vec<Issue>),
+}
+
+/// The decision, and everything else that a release writes except its reason.
+#[derive(Debug)]
+pub struct ReleaseCheck {
+    /// What the gates found.
+    pub decision: Decision,
+    id: String,
+    checked: CheckedState,
+    approver: String,
+}
+
+impl ReleaseCheck {
+    /// The release to be written, if every gate is passed.
+    ///
+    /// # Errors
+    /// [`ReleaseCheckError::Refused`].
+    pub fn release(self, reason: String) -> Result<Release, ReleaseCheckError> {
+        if !self.decision.is_releasable() {
+            let failed = self.decision.failed().map(Gate::issue);
+            return Err(ReleaseCheckError::Refused(failed.collect()));
+        }
+        Ok(Release {
+            id: self.id,
+            checked: self.checked,
+            reason,
+            checks_json: serde_json::to_string(&self.decision.gates)
+                .map_err(|error| Unreadable(error.to_string()))?,
+            n_passed: self.decision.n_passed() as i64,
+            n_failed: self.decision.n_failed() as i64,
+            released_by: self.approver,
+            evidence: self.decision.evidence,
+            uncertainty_mm: self.decision.uncertainty_mm,
+        })
+    }
+}
+
+/// Inputs of the gates besides the evidence.
+struct GateInputs {
+    request: ReleaseRequest,
+    robot: RobotRow,
+    policy: PolicyRow,
+    set: MeasurementSetRow,
+    /// Keys that uploaded the points of the identification and, if its job used sweeps, the sweeps. `None` for an unknown key.
+    uploaders: Vec<Option<String>>,
+}
+
+/// Reads the evidence of a release and runs the gates on it. It computes on blocking threads, which hold clones of `permit`.
+///
+/// # Errors
+/// [`ReleaseCheckError`], except [`ReleaseCheckError::Refused`].
+pub async fn check(
+    store: &Store,
+    permit: &(impl Clone + Send + 'static),
+    request: ReleaseRequest,
+) -> Result<ReleaseCheck, ReleaseCheckError> {
+    let row = &request.set;
+    let robot = robots::get(store, &row.robot_id).await?;
+    let policy = policies::get(store, &row.robot_id).await?;
+    let active = parameter_sets::active(store, &row.robot_id).await?;
+    let job = jobs::get(store, &row.job_id).await?;
+    let set = measurement_sets::get(store, &job.measurement_set_id).await?;
+    let mut uploaders = vec![set.uploaded_by.clone()];
+    if let Some(frames_id) = &job.frames_id {
+        uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
+    }
+    let other = active.as_ref().filter(|active| active.id != row.id);
+    let stored = evidence::load(store, row, other).await?;
+    let checked = CheckedState {
+        active: active.as_ref().map(|active| active.id.clone()),
+        policy_version: policy.version,
+        n_verifications: stored.n_verifications(),
+        robot: robot.check(),
+    };
+    let parsed = blocking::run(permit, || evidence::parse(stored)).await??;
+    let parsed = Arc::new(parsed);
+    let comparisons = match request.purpose {
+        Purpose::Release { .. } => compare(store, permit, &parsed).await?,
+        Purpose::Rollback => Vec::new(),
+    };
+    let (id, approver) = (row.id.clone(), request.approver.clone());
+    let inputs = GateInputs {
+        request,
+        robot,
+        policy,
+        set,
+        uploaders,
+    };
+    let decision =
+        blocking::run(permit, move || run_gates(&parsed, &comparisons, &inputs)).await??;
+    Ok(ReleaseCheck {
+        decision,
+        id,
+        checked,
+        approver,
+    })
+}
+
+/// Compares the set with the active one. Reads one upload or one report at a time.
+async fn compare(
+    store: &Store,
+    permit: &(impl Clone + Send + 'static),
+    parsed: &Arc<ParsedEvidence>,
+) -> Result<Vec<Comparison>, ReleaseCheckError> {
+    let mut comparisons = Vec::new();
+    match parsed.points_to_compare() {
+        PointsToCompare::Sessions(sessions) => {
+            for session in sessions {
+                let upload = MeasurementSetInput::read(store, &session.measurement_set_id).await?;
+                let parsed = Arc::clone(parsed);
+                let compare = move || evidence::compare_on_session(&parsed, &session, &upload);
+                comparisons.extend(blocking::run(permit, compare).await??);
+            }
+        }
+        PointsToCompare::VerifySet => {
+            let parsed = Arc::clone(parsed);
+            let compare = move || evidence::compare_on_verify_set(&parsed);
+            comparisons.extend(blocking::run(permit, compare).await?);
+        }
+        PointsToCompare::VerifySubset {
+            is_fitted_by_active,
+        } => {
+            let report = match is_fitted_by_active {
+                true => None,
+                false => Some(jobs::report(store, &parsed.job_id).await?),
+            };
+            let parsed = Arc::clone(parsed);
+            let compare = move || evidence::compare_on_verify_subset(&parsed, report.as_deref());
+            comparisons.extend(blocking::run(permit, compare).await??);
+        }
+        PointsToCompare::None => {}
+    }
+    Ok(comparisons)
+}
+
+fn run_gates(
+    parsed: &ParsedEvidence,
+    comparisons: &[Comparison],
+    inputs: &GateInputs,
+) -> Result<Decision, Unreadable> {
+    let GateInputs {
+        request,
+        robot,
+        policy,
+        set,
+        uploaders,
+    } = inputs;
+    let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
+    let body: RobotBody =
+        json::parse(robot.body_json.as_bytes()).map_err(|error| unreadable(error.to_string()))?;
+    Ok(decide(&Facts {
+        robot: &Robot::try_from(&body).map_err(|error| unreadable(error.to_string()))?,
+        check_job_id: robot.check_job_id.as_deref(),
+        last_check: parsed.last_check.as_ref(),
+        checked_seq: robot.checked_seq,
+        report: &parsed.report,
+        identification: &parsed.identification,
+        identification_seq: parsed.identification_seq,
+        parameter_set_id: &request.set.id,
+        content: &parsed.content,
+        active: parsed.active.as_ref(),
+        sessions: &parsed.sessions,
+        comparisons,
+        is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
+        is_rollback: request.purpose == Purpose::Rollback,
+        serial_number: body.serial_number.as_deref(),
+        stated_serial_number: set.serial_number.as_deref(),
+        uploaders,
+        approver: &request.approver,
+        change_reason: request.purpose.change_reason(),
+        policy: &PolicyBody::from(policy),
+    }))
+}

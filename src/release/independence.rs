@@ -1,0 +1,39 @@
+//! Whether points are independent of those that a parameter set or a network was fitted to.
+
+use crate::calibration::request::VerifySource;
+use crate::calibration::{CalibrationRequest, is_anew};
+use crate::measurement::MeasurementSet;
+
+/// Whether the points to verify come from another session than the fitted ones. The same points uploaded again count as the same session.
+pub fn is_verified_anew(request: &CalibrationRequest) -> bool {
+    let fitted = &request.set;
+    matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, fitted, set))
+}
+
+/// Whether the points come from another session than those that the scored set was identified from; `None` for the nominal robot.
+pub fn is_another_session(
+    request: &CalibrationRequest,
+    identified_from: Option<&MeasurementSet>,
+) -> bool {
+    identified_from.is_none_or(|from| is_anew(&request.robot, from, &request.set))
+}
+
+/// Whether a network was trained on none of these uploads. `trained_on` has those of its predecessors too; `None` if not all are known.
+pub fn is_of_other_uploads(trained_on: Option<&[String]>, uploads_sha256: &[&str]) -> bool {
+    let is_other = |sha256: &String| !uploads_sha256.contains(&sha256.as_str());
+    trained_on.is_some_and(|trained_on| trained_on.iter().all(is_other))
+}
+
+/// Whether the points that a job fits and verifies were measured anew after those that a network was trained on. Otherwise neither cross-validation
+/// nor verification would show whether the network helps.
+pub fn is_independent_of_training(
+    request: &CalibrationRequest,
+    trained_on: &MeasurementSet,
+) -> bool {
+    let is_new = |set: &MeasurementSet| is_anew(&request.robot, trained_on, set);
+    let to_verify = match &request.verify {
+        VerifySource::Set(set) => Some(set),
+        _ => None,
+    };
+    is_new(&request.set) && to_verify.is_none_or(is_new)
+}
