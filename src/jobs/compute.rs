@@ -3,9 +3,9 @@
 use std::ops::ControlFlow;
 
 use crate::store::{
-    FramesRow, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet, ParameterSetRow,
-    Result, RobotRow, Store, VerificationRow, frames, jobs, measurement_sets, networks,
-    parameter_sets, robots, verifications,
+    FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
+    ParameterSetRow, Result, RobotRow, Store, VerificationRow, frames, jobs, measurement_sets,
+    networks, parameter_sets, robots, verifications,
 };
 use crate::wire::verification::Verification;
 
@@ -128,11 +128,11 @@ pub struct Progress {
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobOutcome {
     /// The whole report.
-    pub report_json: String,
+    pub report_json: Hashed<String>,
     /// Its summary, `wire::report_summary`.
     pub summary_json: String,
     /// The convergence curve.
-    pub convergence_json: String,
+    pub convergence_json: Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: String,
     /// The parameter set, if one was identified.

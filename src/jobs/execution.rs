@@ -67,9 +67,10 @@ pub fn compute(
             since(inputs, &request)?,
         )),
         summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json,
+        report_json: report_json.into(),
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?,
+            .map_err(broken)?
+            .into(),
         parameter_set: Some(NewParameterSet {
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
@@ -144,9 +145,10 @@ pub(super) fn run_verification(
     let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
         summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json,
+        report_json: report_json.into(),
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?,
+            .map_err(broken)?
+            .into(),
         verification: Some(session_facts(request, &report, since(inputs, request)?)),
         parameter_set: None,
         network: None,

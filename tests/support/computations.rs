@@ -64,8 +64,8 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
     let report_json = format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len());
     JobOutcome {
         summary_json: report_json.clone(),
-        report_json,
-        convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.into(),
+        report_json: report_json.into(),
+        convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.to_owned().into(),
         result_sha256: "abcd".into(),
         parameter_set: Some(NewParameterSet {
             body_json: r#"{"links":[]}"#.into(),
@@ -75,7 +75,7 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
             model: Model::Paper,
             preset: Preset::Paper,
             metadata_json: "{}".into(),
-            weights: vec![0, 1, 255],
+            weights: vec![0, 1, 255].into(),
             weights_sha256: "01".into(),
         }),
         residual_network: None,
