@@ -112,17 +112,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             Usage(faults.join("\n"))
         })?;
     let bar = (!arguments.output.json).then(progress_bar);
-    let mut monitor = |progress: crate::jobs::Progress| {
+    let mut monitor = |progress: ProgressAnswer| {
         if let Some(bar) = &bar {
-            show(
-                bar,
-                &ProgressAnswer {
-                    stage: progress.stage,
-                    iteration: progress.iteration,
-                    n_iterations: progress.n_iterations,
-                    best_cost_mm2: Some(progress.best_cost_mm2),
-                },
-            );
+            show(bar, &progress);
         }
         ControlFlow::Continue(())
     };
@@ -266,7 +258,7 @@ fn iterates(progress: &ProgressAnswer) -> bool {
 /// The stage; in the main method with the iteration and the smallest F so far.
 fn in_words(progress: &ProgressAnswer) -> String {
     let stage = words::stage(progress.stage);
-    let cost = progress.best_cost_mm2.filter(|cost| cost.is_finite());
+    let cost = progress.best_cost_mm2;
     match (iterates(progress), cost) {
         (false, _) => format!("{stage} …"),
         (true, cost) => {
