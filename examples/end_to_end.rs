@@ -11,7 +11,8 @@
 use anyhow::Context;
 use kincal::config::ServeConfig;
 use kincal::http::server;
-use kincal::jobs::{JobFailure, JobInputs, JobOutcome, Progress, execution};
+use kincal::jobs::{JobFailure, JobInputs, JobOutcome, execution};
+use kincal::wire::job_answer::ProgressAnswer;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
@@ -233,7 +234,7 @@ fn job(client: &mut Client, robot: &str, set: &str) -> anyhow::Result<Times> {
 /// What a worker's thread has to do for a job.
 fn timed(
     inputs: &JobInputs,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
     let begun = Instant::now();
     let outcome = execution::compute(inputs, progress);

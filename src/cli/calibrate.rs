@@ -5,11 +5,14 @@ use super::options::{IdentifyOptions, SetOptions};
 use super::table;
 use super::terminal::{Output, in_commands};
 use super::usage::Usage;
-use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
+use crate::calibration::upload_checks::{
+    self,
+    alignment::{self, Alignment},
+};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
-use crate::release::unusable_because;
+use crate::release::{keep_misfit, unusable_because};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method};
@@ -17,8 +20,8 @@ use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::{self, MeasurementSet};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
-use crate::wire::suspicion::{self, Insist};
-use crate::wire::{Problem, canonical};
+use crate::wire::suspicion::Insist;
+use crate::wire::{Issue, Problem, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
@@ -73,23 +76,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     )
     .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
     // Leaves out `under_determined`: the calibration itself reports too few poses, and offline the set is not stored for a later verification.
-    for warning in measurement::warnings(&robot, &set)
-        .into_iter()
+    for warning in upload_checks::warnings(&robot, &set)
+        .iter()
         .filter(|warning| warning.code != "under_determined")
     {
-        eprintln!(
-            "warning: {} ({}): {}",
-            words::warning(&warning.code),
-            warning.code,
-            in_commands(&warning.detail)
-        );
+        print_warning(warning.code, &warning.detail);
     }
     let insisted_on = check_upload(&robot, &set, arguments)?;
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
         n_points: set.points.len(),
-        n_configurations: measurement::counts(&set).0,
+        n_configurations: set.configurations().len(),
         sha256: &canonical::sha256_hex(&bytes),
     };
     let parts = JobParts {
@@ -112,17 +110,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             Usage(faults.join("\n"))
         })?;
     let bar = (!arguments.output.json).then(progress_bar);
-    let mut monitor = |progress: crate::jobs::Progress| {
+    let mut monitor = |progress: ProgressAnswer| {
         if let Some(bar) = &bar {
-            show(
-                bar,
-                &ProgressAnswer {
-                    stage: progress.stage,
-                    iteration: progress.iteration,
-                    n_iterations: progress.n_iterations,
-                    best_cost_mm2: Some(progress.best_cost_mm2),
-                },
-            );
+            show(bar, &progress);
         }
         ControlFlow::Continue(())
     };
@@ -150,29 +140,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Checks the set like a server checks an upload, because the fit can look perfect with wrong units, columns or joints. Returns the code that was
 /// overridden with `--insist`.
-fn check_upload<'a>(
+fn check_upload(
     robot: &Robot,
     set: &MeasurementSet,
-    arguments: &'a Arguments,
-) -> anyhow::Result<Option<&'a str>> {
+    arguments: &Arguments,
+) -> anyhow::Result<Option<&'static str>> {
     let Alignment::Misses(rms_mm) = alignment::align(robot, set) else {
         return Ok(None);
     };
-    let insist = arguments.set_options.insist.map(Insist::as_str);
-    let (code, detail, insisted_on) = match alignment::explain(robot, set, rms_mm, &[]) {
-        Explanation::Warning { code, detail } => (code.to_owned(), detail, None),
-        Explanation::Refusal(suspicion) if insist == Some(suspicion.code) => {
-            let warning = suspicion::insisted(&suspicion);
-            (warning.code, warning.detail, insist)
-        }
-        Explanation::Refusal(suspicion) => {
-            let issues = [suspicion::refusal(&suspicion)];
-            return Err(Usage(cannot_be_used(&arguments.set, &[], &issues)).into());
-        }
-    };
-    let detail = in_commands(&detail);
-    eprintln!("warning: {} ({code}): {detail}", words::warning(&code));
-    Ok(insisted_on)
+    let explanation = alignment::explain(robot, set, rms_mm, &[]);
+    let kept = keep_misfit(explanation, arguments.set_options.insist).map_err(|suspicion| {
+        let issues = [Issue::from(&*suspicion)];
+        Usage(cannot_be_used(&arguments.set, &[], &issues))
+    })?;
+    print_warning(&kept.warning.code, &kept.warning.detail);
+    Ok(kept.insisted_on.map(Insist::as_str))
+}
+
+fn print_warning(code: &str, detail: &str) {
+    let detail = in_commands(detail);
+    eprintln!("warning: {} ({code}): {detail}", words::warning(code));
 }
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
@@ -266,7 +253,7 @@ fn iterates(progress: &ProgressAnswer) -> bool {
 /// The stage; in the main method with the iteration and the smallest F so far.
 fn in_words(progress: &ProgressAnswer) -> String {
     let stage = words::stage(progress.stage);
-    let cost = progress.best_cost_mm2.filter(|cost| cost.is_finite());
+    let cost = progress.best_cost_mm2;
     match (iterates(progress), cost) {
         (false, _) => format!("{stage} …"),
         (true, cost) => {

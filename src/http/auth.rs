@@ -18,90 +18,109 @@ const KEY_BYTES: usize = 32;
 const UNKNOWN_KEY: &str =
     "this key is not known or was revoked; `kincal key create` makes a new one";
 
+/// A route that requires a key.
+#[derive(Debug)]
+pub struct ScopedRoute {
+    /// Its method.
+    pub method: Method,
+    /// Its path, as a template.
+    pub path: &'static str,
+    /// The scope that the key needs.
+    pub scope: Scope,
+}
+
+const fn route(method: Method, path: &'static str, scope: Scope) -> ScopedRoute {
+    ScopedRoute {
+        method,
+        path,
+        scope,
+    }
+}
+
 /// Every route that requires a key, with its scope. A route that is neither here nor in [`PUBLIC_ROUTES`] is refused. A test compares both lists
 /// with the contract.
-pub const REQUIRED_SCOPES: &[(Method, &str, Scope)] = &[
-    (Method::GET, "/v1/me", Scope::Read),
-    (Method::GET, "/metrics", Scope::Read),
-    (Method::POST, "/v1/robots", Scope::Upload),
-    (Method::GET, "/v1/robots", Scope::Read),
-    (Method::GET, "/v1/robots/{robot_id}", Scope::Read),
-    (
+pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
+    route(Method::GET, "/v1/me", Scope::Read),
+    route(Method::GET, "/metrics", Scope::Read),
+    route(Method::POST, "/v1/robots", Scope::Upload),
+    route(Method::GET, "/v1/robots", Scope::Read),
+    route(Method::GET, "/v1/robots/{robot_id}", Scope::Read),
+    route(
         Method::POST,
         "/v1/robots/{robot_id}/measurement-sets",
         Scope::Upload,
     ),
-    (
+    route(
         Method::GET,
         "/v1/robots/{robot_id}/measurement-sets",
         Scope::Read,
     ),
-    (Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
-    (Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
-    (Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),
-    (Method::GET, "/v1/frames/{id}", Scope::Read),
-    (Method::POST, "/v1/robots/{robot_id}/jobs", Scope::Identify),
-    (Method::GET, "/v1/robots/{robot_id}/jobs", Scope::Read),
-    (Method::GET, "/v1/jobs/{id}", Scope::Read),
-    (Method::GET, "/v1/jobs/{id}/events", Scope::Read),
-    (Method::POST, "/v1/jobs/{id}/cancel", Scope::Identify),
-    (Method::GET, "/v1/jobs/{id}/report", Scope::Read),
-    (Method::GET, "/v1/jobs/{id}/report.html", Scope::Read),
-    (Method::GET, "/v1/jobs/{id}/convergence", Scope::Read),
-    (
+    route(Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
+    route(Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
+    route(Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),
+    route(Method::GET, "/v1/frames/{id}", Scope::Read),
+    route(Method::POST, "/v1/robots/{robot_id}/jobs", Scope::Identify),
+    route(Method::GET, "/v1/robots/{robot_id}/jobs", Scope::Read),
+    route(Method::GET, "/v1/jobs/{id}", Scope::Read),
+    route(Method::GET, "/v1/jobs/{id}/events", Scope::Read),
+    route(Method::POST, "/v1/jobs/{id}/cancel", Scope::Identify),
+    route(Method::GET, "/v1/jobs/{id}/report", Scope::Read),
+    route(Method::GET, "/v1/jobs/{id}/report.html", Scope::Read),
+    route(Method::GET, "/v1/jobs/{id}/convergence", Scope::Read),
+    route(
         Method::GET,
         "/v1/robots/{robot_id}/parameter-sets",
         Scope::Read,
     ),
-    (
+    route(
         Method::GET,
         "/v1/robots/{robot_id}/parameter-sets/active",
         Scope::Read,
     ),
-    (Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
-    (Method::GET, "/v1/parameter-sets/{id}/gates", Scope::Read),
-    (Method::GET, "/v1/parameter-sets/{id}/content", Scope::Read),
-    (
+    route(Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
+    route(Method::GET, "/v1/parameter-sets/{id}/gates", Scope::Read),
+    route(Method::GET, "/v1/parameter-sets/{id}/content", Scope::Read),
+    route(
         Method::POST,
         "/v1/robots/{robot_id}/checked",
         Scope::Release,
     ),
-    (Method::GET, "/v1/robots/{robot_id}/policy", Scope::Read),
-    (Method::PUT, "/v1/robots/{robot_id}/policy", Scope::Admin),
-    (
+    route(Method::GET, "/v1/robots/{robot_id}/policy", Scope::Read),
+    route(Method::PUT, "/v1/robots/{robot_id}/policy", Scope::Admin),
+    route(
         Method::POST,
         "/v1/robots/{robot_id}/parameter-sets/rollback",
         Scope::Release,
     ),
-    (
+    route(
         Method::POST,
         "/v1/parameter-sets/{id}/release",
         Scope::Release,
     ),
-    (
+    route(
         Method::POST,
         "/v1/parameter-sets/{id}/withdraw",
         Scope::Release,
     ),
-    (Method::POST, "/v1/parameter-sets/{id}/predict", Scope::Read),
-    (
+    route(Method::POST, "/v1/parameter-sets/{id}/predict", Scope::Read),
+    route(
         Method::POST,
         "/v1/parameter-sets/{id}/compensate",
         Scope::Read,
     ),
-    (Method::GET, "/v1/parameter-sets/{id}/export", Scope::Read),
-    (Method::POST, "/v1/parameter-sets/{id}/export", Scope::Read),
-    (Method::GET, "/v1/parameter-sets/{id}/compare", Scope::Read),
-    (Method::POST, "/v1/robot-imports", Scope::Upload),
-    (Method::GET, "/v1/robots/{robot_id}/history", Scope::Read),
-    (
+    route(Method::GET, "/v1/parameter-sets/{id}/export", Scope::Read),
+    route(Method::POST, "/v1/parameter-sets/{id}/export", Scope::Read),
+    route(Method::GET, "/v1/parameter-sets/{id}/compare", Scope::Read),
+    route(Method::POST, "/v1/robot-imports", Scope::Upload),
+    route(Method::GET, "/v1/robots/{robot_id}/history", Scope::Read),
+    route(
         Method::POST,
         "/v1/robots/{robot_id}/pose-plans",
         Scope::Read,
     ),
-    (Method::GET, "/v1/robots/{robot_id}/networks", Scope::Read),
-    (Method::GET, "/v1/networks/{id}", Scope::Read),
-    (Method::GET, "/v1/networks/{id}/weights", Scope::Read),
+    route(Method::GET, "/v1/robots/{robot_id}/networks", Scope::Read),
+    route(Method::GET, "/v1/networks/{id}", Scope::Read),
+    route(Method::GET, "/v1/networks/{id}/weights", Scope::Read),
 ];
 
 /// Routes that need no key.
@@ -239,11 +258,11 @@ async fn admit(
     };
     match REQUIRED_SCOPES
         .iter()
-        .find(|(m, path, _)| m == method && *path == template)
+        .find(|route| route.method == method && route.path == template)
     {
-        Some((_, _, scope)) if caller.has(*scope) => Ok(caller),
-        Some((_, _, scope)) => Err(Refusal::Error(Error::InsufficientScope {
-            scope: scope.as_str(),
+        Some(route) if caller.has(route.scope) => Ok(caller),
+        Some(route) => Err(Refusal::Error(Error::InsufficientScope {
+            scope: route.scope.as_str(),
             what: "this route",
         })),
         None => Err(allowed_methods(template).map_or(
@@ -256,13 +275,13 @@ async fn admit(
 fn allowed_methods(template: &str) -> Option<String> {
     let methods = REQUIRED_SCOPES
         .iter()
-        .filter(|(_, path, _)| *path == template);
+        .filter(|route| route.path == template);
     let methods: Vec<&str> = methods
-        .flat_map(|(m, _, _)| {
-            if m == Method::GET {
+        .flat_map(|route| {
+            if route.method == Method::GET {
                 vec!["GET", "HEAD"]
             } else {
-                vec![m.as_str()]
+                vec![route.method.as_str()]
             }
         })
         .collect();

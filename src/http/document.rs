@@ -167,8 +167,8 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
     }
     let scope = REQUIRED_SCOPES
         .iter()
-        .find(|(m, route, _)| m == method && *route == path)
-        .map(|(_, _, scope)| scope.as_str())
+        .find(|route| route.method == method && route.path == path)
+        .map(|route| route.scope.as_str())
         .unwrap_or_default();
     operation.security = Some(vec![SecurityRequirement::new::<_, _, &str>(
         KEY_SCHEME,

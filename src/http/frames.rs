@@ -42,18 +42,17 @@ async fn create(
         return Err(submission.unsupported("text/csv"));
     }
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
-    let content = app
-        .compute(RequestClass::Write, move || {
-            Ok(frames_from_sweeps(&bytes, &Robot::try_from(&robot)?)?)
+    let content_type = submission.content_type.clone();
+    let new_frames = move || {
+        let content = frames_from_sweeps(&bytes, &Robot::try_from(&robot)?)?;
+        Ok::<_, Error>(NewFrames {
+            robot_id,
+            content_type,
+            body: bytes.to_vec().into(),
+            result_json: serde_json::to_string(&content)?,
         })
-        .await?;
-    let result_json = serde_json::to_string(&content)?;
-    let new = NewFrames {
-        robot_id,
-        content_type: submission.content_type.clone(),
-        body: submission.body.to_vec(),
-        result_json,
     };
+    let new = app.compute(RequestClass::Write, new_frames).await?;
     let effect = async |tx: &mut Tx| {
         let row = frames::insert(tx, &new).await?;
         stored_json(

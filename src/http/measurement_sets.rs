@@ -1,5 +1,6 @@
 //! Measurement sets: uploads, stored byte for byte.
 
+use crate::calibration::upload_checks;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
@@ -100,10 +101,10 @@ async fn create(
         .await?;
     let mut insisted_on = None;
     if let Some(misfit) = upload.misfit.take() {
-        let diagnosis =
+        let kept =
             upload_check::diagnose(&app, &submission.caller, &robot_id, misfit, insist).await?;
-        upload.warnings.push(diagnosis.warning);
-        insisted_on = diagnosis.insisted_on.map(|code| code.as_str().to_owned());
+        upload.warnings.push(kept.warning);
+        insisted_on = kept.insisted_on.map(|code| code.as_str().to_owned());
     }
     let new = NewMeasurementSet {
         robot_id,
@@ -202,10 +203,10 @@ fn parse_upload(
     name.iter()
         .for_each(|name| checker.text("/name", name, MAX_NAME));
     checker.finish("invalid_name")?;
-    let (n_configurations, n_targets) = measurement::counts(&set);
-    let mut warnings = measurement::warnings(&robot, &set);
+    let found = upload_checks::warnings(&robot, &set);
+    let mut warnings: Vec<Warning> = found.iter().map(Warning::from).collect();
     if stated_frame.is_none() {
-        warnings.push(measurement::frame_assumed());
+        warnings.push(frame_assumed());
     }
     let frame = stated_frame.unwrap_or(DEFAULT_FRAME);
     Ok(Upload {
@@ -213,12 +214,23 @@ fn parse_upload(
         name,
         serial_number,
         n_points: set.points.len(),
-        n_configurations,
-        n_targets,
+        n_configurations: set.configurations().len(),
+        n_targets: measurement::n_targets(&set),
         warnings,
         sha256: canonical::sha256_hex(bytes),
         misfit: upload_check::check_fit(body, set)?,
     })
+}
+
+/// Warning for an upload that does not declare its frame.
+fn frame_assumed() -> Warning {
+    let detail = "the upload does not say in which frame positions are; the robot's base frame was taken. Say frame=base, or frame=instrument \
+                  where base pose and targets are unknown";
+    Warning {
+        code: "frame_assumed".into(),
+        detail: detail.into(),
+        rows: vec![],
+    }
 }
 
 /// Refuses an upload that names another serial number.

@@ -67,13 +67,13 @@ async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Err
 }
 
 fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
-    let of = |status: &str| jobs.iter().find(|row| row.status == status);
+    let of = |status: JobStatus| jobs.iter().find(|row| row.status == status);
     out.family("kincal_jobs", "gauge", "Jobs by status.");
     // Every status is listed, even without jobs.
-    for status in JobStatus::ALL.map(JobStatus::as_str) {
+    for status in JobStatus::ALL {
         out.sample(
             "kincal_jobs",
-            &[("status", status)],
+            &[("status", status.as_str())],
             of(status).map_or(0.0, |row| row.n_jobs as f64),
         );
     }
@@ -82,10 +82,10 @@ fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
         "gauge",
         "Since the oldest job of this status was posted.",
     );
-    for status in ["queued", "running"] {
+    for status in [JobStatus::Queued, JobStatus::Running] {
         out.sample(
             "kincal_oldest_job_age_seconds",
-            &[("status", status)],
+            &[("status", status.as_str())],
             of(status).map_or(0.0, |row| seconds(row.oldest_age_ms)),
         );
     }
@@ -101,7 +101,7 @@ fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
         jobs.iter().map(|row| seconds(row.waited_ms)).sum(),
     );
     out.sample("kincal_job_queue_wait_seconds_count", &[], begun);
-    let ended = of("succeeded");
+    let ended = of(JobStatus::Succeeded);
     out.family(
         "kincal_job_solve_seconds",
         "summary",

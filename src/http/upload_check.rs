@@ -5,11 +5,12 @@ use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation}
 use crate::http::auth::Caller;
 use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
+use crate::release::{KeptMisfit, keep_misfit};
 use crate::store::{PageRequest, robots};
-use crate::wire::Invalid;
-use crate::wire::measurement::{MeasurementSet, Warning};
+use crate::wire::measurement::MeasurementSet;
 use crate::wire::robot::{Robot, RobotBody};
-use crate::wire::suspicion::{Insist, insisted, refusal};
+use crate::wire::suspicion::Insist;
+use crate::wire::{Invalid, Issue};
 
 /// Most other robots for which the upload is tried.
 const MAX_OTHERS: u32 = 50;
@@ -33,14 +34,6 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
     })
 }
 
-/// Result for an upload that is stored although it does not fit.
-pub struct Diagnosis {
-    /// The warning that the set keeps.
-    pub warning: Warning,
-    /// The code with which the upload would have been refused, if the caller insisted on it.
-    pub insisted_on: Option<Insist>,
-}
-
 /// Searches for the cause.
 ///
 /// # Errors
@@ -51,7 +44,7 @@ pub async fn diagnose(
     robot_id: &str,
     misfit: Misfit,
     insist: Option<Insist>,
-) -> Result<Diagnosis, Error> {
+) -> Result<KeptMisfit, Error> {
     let newest = robots::list(
         &app.store,
         caller.robots.as_deref(),
@@ -74,35 +67,15 @@ pub async fn diagnose(
             others.push(body);
         }
     }
-    match app
-        .compute(RequestClass::Write, move || explanation(&misfit, &others))
-        .await?
-    {
-        Explanation::Warning { code, detail } => {
-            let warning = Warning {
-                code: code.into(),
-                detail,
-                rows: Vec::new(),
-            };
-            Ok(Diagnosis {
-                warning,
-                insisted_on: None,
-            })
-        }
-        Explanation::Refusal(suspicion)
-            if insist.is_some_and(|insist| insist.as_str() == suspicion.code) =>
-        {
-            Ok(Diagnosis {
-                warning: insisted(&suspicion),
-                insisted_on: insist,
-            })
-        }
-        Explanation::Refusal(suspicion) => Err(Invalid {
+    let explain = move || explanation(&misfit, &others);
+    let explanation = app.compute(RequestClass::Write, explain).await?;
+    keep_misfit(explanation, insist).map_err(|suspicion| {
+        Invalid {
             code: suspicion.code,
-            issues: vec![refusal(&suspicion)],
+            issues: vec![Issue::from(&*suspicion)],
         }
-        .into()),
-    }
+        .into()
+    })
 }
 
 fn explanation(misfit: &Misfit, others: &[RobotBody]) -> Result<Explanation, Error> {

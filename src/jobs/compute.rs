@@ -3,21 +3,21 @@
 use std::ops::ControlFlow;
 
 use crate::store::{
-    FramesRow, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet, ParameterSetRow,
-    Result, RobotRow, Store, VerificationRow, frames, jobs, measurement_sets, networks,
-    parameter_sets, robots, verifications,
+    FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
+    ParameterSetRow, Result, RobotRow, Store, VerificationRow, frames, jobs, measurement_sets,
+    networks, parameter_sets, robots, verifications,
 };
 use crate::wire::verification::Verification;
 
 use crate::wire::Invalid;
-use crate::wire::job_answer::Stage;
+use crate::wire::job_answer::ProgressAnswer;
 use crate::wire::measurement::{MeasurementSet, from_upload};
 
 /// Computes a job from its inputs alone. It reports progress at least once per iteration, and stops with [`JobFailure::Cancelled`] when the monitor
 /// returns `Break`. It runs on a blocking thread and may panic.
 pub type Compute = fn(
     &JobInputs,
-    &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> std::result::Result<JobOutcome, JobFailure>;
 
 /// Everything a job's result depends on.
@@ -111,28 +111,15 @@ pub struct NetworkInput {
     pub weights: Vec<u8>,
 }
 
-/// Progress of a computation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
-    /// Current stage.
-    pub stage: Option<Stage>,
-    /// Finished iterations of the main method.
-    pub iteration: u64,
-    /// Largest number of iterations.
-    pub n_iterations: u64,
-    /// Smallest F so far, mm²; not finite if there is none.
-    pub best_cost_mm2: f64,
-}
-
 /// Result of a computation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobOutcome {
     /// The whole report.
-    pub report_json: String,
+    pub report_json: Hashed<String>,
     /// Its summary, `wire::report_summary`.
     pub summary_json: String,
     /// The convergence curve.
-    pub convergence_json: String,
+    pub convergence_json: Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: String,
     /// The parameter set, if one was identified.
@@ -155,20 +142,6 @@ pub enum JobFailure {
         /// Problem details for the client.
         problem_json: String,
     },
-}
-
-impl Progress {
-    /// Converts it to the JSON that is stored and answered.
-    pub(super) fn to_json(self) -> String {
-        let Progress {
-            stage,
-            iteration,
-            n_iterations,
-            best_cost_mm2,
-        } = self;
-        // A number that is not finite becomes null.
-        serde_json::json!({ "stage": stage, "iteration": iteration, "n_iterations": n_iterations, "best_cost_mm2": best_cost_mm2 }).to_string()
-    }
 }
 
 impl JobInputs {

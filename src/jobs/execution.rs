@@ -5,7 +5,7 @@ use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::request::PreviousSession;
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate};
 use crate::jobs::result_check;
-use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput, Progress};
+use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
 use crate::release::facts::{
     MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
 };
@@ -14,7 +14,7 @@ use crate::release::{insisted_warning, is_usable};
 use crate::store::{NewNetwork, NewParameterSet};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
-use crate::wire::job_answer::Stage;
+use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
@@ -35,7 +35,7 @@ const COMPARISON: &str = "compare_";
 /// [`JobFailure::Cancelled`] when `progress` breaks, [`JobFailure::Failed`] with the problem that the client gets.
 pub fn compute(
     inputs: &JobInputs,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
     let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let request = request_of(inputs)?;
@@ -67,9 +67,10 @@ pub fn compute(
             since(inputs, &request)?,
         )),
         summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json,
+        report_json: report_json.into(),
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?,
+            .map_err(broken)?
+            .into(),
         parameter_set: Some(NewParameterSet {
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
@@ -111,7 +112,7 @@ fn held_values(
 pub(super) fn run_verification(
     request: &CalibrationRequest,
     inputs: &JobInputs,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
     let parse = |input: &ParameterSetInput| {
         serde_json::from_str::<ParameterSetContent>(&input.row.body_json)
@@ -144,9 +145,10 @@ pub(super) fn run_verification(
     let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
         summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json,
+        report_json: report_json.into(),
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?,
+            .map_err(broken)?
+            .into(),
         verification: Some(session_facts(request, &report, since(inputs, request)?)),
         parameter_set: None,
         network: None,
@@ -218,7 +220,7 @@ impl Calibrated {
 /// As [`compute`].
 pub fn run_calibration(
     request: &CalibrationRequest,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<Calibrated, JobFailure> {
     run_timed(&|monitor| calibrate(request, monitor), progress)
 }
@@ -229,14 +231,14 @@ type Computation<'a> =
 
 fn run_timed(
     computation: &Computation<'_>,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<Calibrated, JobFailure> {
     let mut clock = StageClock::start();
-    let mut last = Progress {
+    let mut last = ProgressAnswer {
         stage: None,
         iteration: 0,
         n_iterations: 0,
-        best_cost_mm2: f64::INFINITY,
+        best_cost_mm2: None,
     };
     let mut monitor = |event: Event<'_>| {
         clock.note(event);
@@ -247,10 +249,10 @@ fn run_timed(
                 n_iterations,
                 best_cost_mm2,
             } => {
-                last = Progress {
+                last = ProgressAnswer {
                     iteration: iteration as u64,
                     n_iterations: n_iterations as u64,
-                    best_cost_mm2,
+                    best_cost_mm2: best_cost_mm2.is_finite().then_some(best_cost_mm2),
                     ..last
                 }
             }

@@ -8,9 +8,9 @@ use tokio::sync::{Notify, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, timeout_at};
 
-use super::Progress;
 use super::progress::{Cancellations, JobSignals};
 use crate::store::{Conflict, Error, Lease, Store, leases};
+use crate::wire::job_answer::ProgressAnswer;
 
 /// Stage of a pool's shutdown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -41,14 +41,14 @@ pub(super) enum Stop {
 /// Shared state of a computing thread and its heartbeat. The thread writes its progress, the heartbeat writes the reason to stop.
 #[derive(Debug, Default)]
 pub(super) struct Control {
-    progress: Mutex<Option<Progress>>,
+    progress: Mutex<Option<ProgressAnswer>>,
     stop: OnceLock<Stop>,
     stop_requested: Notify,
 }
 
 impl Control {
     /// Stores the progress; `Break` if the computation should stop. It is called in every iteration, so it must be cheap.
-    pub(super) fn report(&self, progress: Progress) -> ControlFlow<()> {
+    pub(super) fn report(&self, progress: ProgressAnswer) -> ControlFlow<()> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress);
         if self.stop.get().is_some() {
             ControlFlow::Break(())
@@ -74,7 +74,7 @@ impl Control {
         self.stop.get().copied()
     }
 
-    fn progress(&self) -> Option<Progress> {
+    fn progress(&self) -> Option<ProgressAnswer> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -182,8 +182,8 @@ impl Renewal {
         }
     }
 
-    async fn renew(&self, progress: Option<Progress>) -> Result<(), Error> {
-        let progress_json = progress.map(Progress::to_json);
+    async fn renew(&self, progress: Option<ProgressAnswer>) -> Result<(), Error> {
+        let progress_json = progress.map(|progress| serde_json::json!(progress).to_string());
         let renewal = leases::heartbeat(
             &self.store,
             &self.lease,

@@ -21,7 +21,7 @@ mod worker;
 
 pub use compute::{
     Compute, EarlierUploads, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
-    ParameterSetInput, Progress,
+    ParameterSetInput,
 };
 pub use pool::{AttemptLimits, WorkerPool};
 pub use progress::JobSignals;

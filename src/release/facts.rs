@@ -3,7 +3,7 @@
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
-    SessionFit, repeated_rows, robust_comparison, session_fit,
+    repeated_rows, robust_comparison, session_fit,
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
@@ -205,9 +205,9 @@ pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> 
         identified_rms_mm: report.identify.after.rms_mm,
     };
     let code = match session_fit(&errors_mm, Some(&fitted), &request.robot, || 0.0) {
-        SessionFit::Fits => return None,
-        SessionFit::SetFarOff => SET_FAR_OFF,
-        SessionFit::DoesNotFit => DOES_NOT_FIT,
+        Fit::Fits => return None,
+        Fit::SetFarOff => SET_FAR_OFF,
+        Fit::DoesNotFit => DOES_NOT_FIT,
     };
     Some(Warning {
         code: code.into(),

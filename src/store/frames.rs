@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Hashed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// Frames found from one upload of sweeps.
@@ -39,7 +39,7 @@ pub struct NewFrames {
     /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
-    pub body: Vec<u8>,
+    pub body: Hashed<Vec<u8>>,
     /// Frames and circles in JSON.
     pub result_json: String,
 }
@@ -96,12 +96,12 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(new_id("frm"))
         .bind(&new.robot_id)
         .bind(&new.content_type)
-        .bind(new.body.as_slice())
+        .bind(new.body.content().as_slice())
         .bind(&new.result_json);
     tx.needs_room()?;
     let row: FramesRow = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::FramesCreated, &row.id, as_created(&row));
-    tx.audit_field("sha256", canonical::sha256_hex(&new.body).into());
+    tx.audit_field("sha256", new.body.sha256().into());
     Ok(row)
 }
 

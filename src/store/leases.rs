@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{AuditEvent, Conflict, Engine, JobRow, Result, Store, Tx, jobs, report_summaries};
-use crate::wire::canonical;
+use super::{
+    AuditEvent, Conflict, Engine, Hashed, JobRow, Result, Store, Tx, jobs, report_summaries,
+};
 
 /// A worker's lease on a job: the fencing token.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -34,11 +35,11 @@ impl Lease {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JobResult<'a> {
     /// The whole report.
-    pub report_json: &'a str,
+    pub report_json: &'a Hashed<String>,
     /// Its summary, `wire::report_summary`.
     pub summary_json: &'a str,
     /// The convergence curve.
-    pub convergence_json: &'a str,
+    pub convergence_json: &'a Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: &'a str,
 }
@@ -298,8 +299,8 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Resu
         .bind(&lease.owner)
         .bind(lease.attempt);
     let query = query
-        .bind(result.report_json)
-        .bind(result.convergence_json)
+        .bind(result.report_json.content())
+        .bind(result.convergence_json.content())
         .bind(result.result_sha256);
     let status: Option<String> = query.fetch_optional(tx.connection()).await?;
     if status.ok_or(Conflict::LeaseLost)? == "cancelled" {
@@ -307,8 +308,8 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Resu
         return Ok(false);
     }
     report_summaries::insert(tx, &lease.job_id, result.summary_json).await?;
-    let detail = json!({"result_sha256": result.result_sha256, "report_sha256": canonical::sha256_hex(result.report_json.as_bytes()),
-        "convergence_sha256": canonical::sha256_hex(result.convergence_json.as_bytes())});
+    let detail = json!({"result_sha256": result.result_sha256, "report_sha256": result.report_json.sha256(),
+        "convergence_sha256": result.convergence_json.sha256()});
     note(tx, lease, AuditEvent::JobSucceeded, detail);
     Ok(true)
 }

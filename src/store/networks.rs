@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Hashed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
@@ -80,7 +80,7 @@ pub struct NewNetwork {
     /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
     /// The weights in safetensors format.
-    pub weights: Vec<u8>,
+    pub weights: Hashed<Vec<u8>>,
     /// SHA-256 of the tensors, hexadecimal.
     pub weights_sha256: String,
 }
@@ -93,7 +93,7 @@ impl TryFrom<StoredNetwork> for NewNetwork {
             model: network.metadata.model,
             preset: network.metadata.preset,
             metadata_json: serde_json::to_string(&network.metadata)?,
-            weights: network.bytes,
+            weights: network.bytes.into(),
             weights_sha256: network.sha256,
         })
     }
@@ -225,11 +225,11 @@ async fn insert_by(
         .bind(new.model.as_str())
         .bind(new.preset.as_str())
         .bind(&new.metadata_json)
-        .bind(new.weights.as_slice())
+        .bind(new.weights.content().as_slice())
         .bind(&new.weights_sha256);
     let row: NetworkRow = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::NetworkCreated, &row.id, as_created(&row));
-    tx.audit_field("sha256", canonical::sha256_hex(&new.weights).into());
+    tx.audit_field("sha256", new.weights.sha256().into());
     Ok(row)
 }
 

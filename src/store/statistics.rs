@@ -1,13 +1,13 @@
 //! State of the queue, for `/metrics`.
 
 use super::from_row::from_row;
-use super::{Result, Store};
+use super::{JobStatus, Result, Store};
 
 /// The jobs of one status.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobStatistics {
     /// The status.
-    pub status: String,
+    pub status: JobStatus,
     /// Number of jobs.
     pub n_jobs: i64,
     /// Age of the oldest, from its posting, ms.
@@ -20,14 +20,7 @@ pub struct JobStatistics {
     pub ran_ms: i64,
 }
 
-from_row!(JobStatistics {
-    status,
-    n_jobs,
-    oldest_age_ms,
-    n_begun,
-    waited_ms,
-    ran_ms
-});
+from_row!(JobStatistics { n_jobs, oldest_age_ms, n_begun, waited_ms, ran_ms } parsed { status });
 
 pub(super) const ALL_QUERIES: &[&str] = &[JOBS];
 

@@ -1,14 +1,12 @@
 //! Measurement sets: parsing of CSV and JSON, and their summary.
 
-use crate::calibration::upload_checks;
-use crate::kinematics::Robot;
 use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point};
 pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};
-use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::angle::to_radians;
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
 use crate::wire::robot::MAX_NAME;
@@ -26,22 +24,9 @@ pub const MAX_POINTS: usize = measurement::csv::MAX_ROWS;
 const MAX_LISTED: usize = 1_000;
 /// Largest joint value, degrees: ten turns.
 pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
-/// Most rows one warning names.
-const MAX_WARNED_ROWS: usize = 20;
 
 /// Frame of an upload that does not declare it; the command line has the same default.
 pub const DEFAULT_FRAME: Frame = Frame::Base;
-
-/// Warning for an upload that does not declare its frame.
-pub fn frame_assumed() -> Warning {
-    let detail = "the upload does not say in which frame positions are; the robot's base frame was taken. Say frame=base, or frame=instrument \
-                  where base pose and targets are unknown";
-    Warning {
-        code: "frame_assumed".into(),
-        detail: detail.into(),
-        rows: vec![],
-    }
-}
 
 /// A measurement set in JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -400,47 +385,8 @@ impl PointBody {
     }
 }
 
-/// Number of distinct configurations and of targets.
-pub fn counts(set: &MeasurementSet) -> (usize, usize) {
+/// Number of distinct targets.
+pub fn n_targets(set: &MeasurementSet) -> usize {
     let targets: BTreeSet<usize> = set.points.iter().map(|p| p.target).collect();
-    (set.configurations().len(), targets.len())
-}
-
-/// Warnings for the uploader. The set is stored in spite of them.
-pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
-    let of_the_set = upload_checks::warnings(robot, set);
-    let mut warnings: Vec<Warning> = of_the_set.iter().map(Warning::from).collect();
-    warnings
-        .iter_mut()
-        .for_each(|warning| warning.rows.truncate(MAX_WARNED_ROWS));
-    warnings.extend(outside_limits(robot, set));
-    warnings
-}
-
-fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
-    let mut rows = Vec::new();
-    let mut first = None;
-    for (row, point) in set.points.iter().enumerate() {
-        // Limits and values both follow the controller's convention.
-        let outside = robot
-            .joint_limits_rad
-            .iter()
-            .zip(&point.q_rad)
-            .position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi));
-        if let Some(joint) = outside {
-            first.get_or_insert((row, joint + 1, to_degrees(point.q_rad[joint])));
-            rows.push(row);
-        }
-    }
-    let (row, joint, q_deg) = first?;
-    let detail = format!(
-        "{} rows lie outside the joint limits, first row {row}: joint {joint} at {q_deg:.3}°; degrees and radians mixed up?",
-        rows.len()
-    );
-    rows.truncate(MAX_WARNED_ROWS);
-    Some(Warning {
-        code: "outside_joint_limits".into(),
-        detail,
-        rows,
-    })
+    targets.len()
 }

@@ -3,7 +3,6 @@
 use crate::calibration::upload_checks::alignment::Suspicion;
 use crate::wire::issue::Issue;
 use crate::wire::robot::JointMapBody;
-use crate::wire::warning::Warning;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -45,28 +44,18 @@ impl Insist {
     }
 }
 
-/// A suspicion as the issue of a refusal.
-pub fn refusal(suspicion: &Suspicion) -> Issue {
-    Issue {
-        column: suspicion.columns.clone(),
-        code: suspicion.code.into(),
-        detail: suspicion.refusal(),
-        joint_map: suspicion
-            .joint_map
-            .as_ref()
-            .map(|map| serde_json::json!(JointMapBody::from(map))),
-        ..Issue::default()
-    }
-}
-
-/// A suspicion as the warning of a set that was stored because the caller insisted.
-pub fn insisted(suspicion: &Suspicion) -> Warning {
-    Warning {
-        code: suspicion.code.into(),
-        detail: format!(
-            "{}. It was kept because the uploader insisted; no release rests on it",
-            suspicion.detail
-        ),
-        rows: Vec::new(),
+/// The issue of a refusal.
+impl From<&Suspicion> for Issue {
+    fn from(suspicion: &Suspicion) -> Self {
+        Self {
+            column: suspicion.columns.clone(),
+            code: suspicion.code.into(),
+            detail: suspicion.refusal(),
+            joint_map: suspicion
+                .joint_map
+                .as_ref()
+                .map(|map| serde_json::json!(JointMapBody::from(map))),
+            ..Self::default()
+        }
     }
 }

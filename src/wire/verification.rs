@@ -1,30 +1,8 @@
 //! Verification facts: what one job found about a parameter set. They are stored with the job.
 
+pub use crate::calibration::Fit;
 use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
-
-/// Whether the points of a job fit the robot and the parameter set. It follows from the warnings of [`crate::calibration`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Fit {
-    /// The points fit the robot and the set.
-    Fits,
-    /// The set is far off, from points that fit the robot or from the points that it was identified from.
-    SetFarOff,
-    /// The points do not fit the robot, so they are no evidence for or against any set.
-    DoesNotFit,
-}
-
-impl Fit {
-    /// Its name in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Fits => "fits",
-            Self::SetFarOff => "set_far_off",
-            Self::DoesNotFit => "does_not_fit",
-        }
-    }
-}
 
 /// What a job did with the set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -7,17 +7,17 @@ use std::ops::ControlFlow;
 use std::sync::{Arc, Condvar, LazyLock, Mutex};
 use std::time::Duration;
 
-use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, Progress, WorkerContext};
+use kincal::jobs::{JobFailure, JobInputs, JobOutcome, JobSignals, WorkerContext};
 use kincal::store::{JobRow, NewNetwork, NewParameterSet, Store, jobs};
 use kincal::wire::job::{Model, Preset};
-use kincal::wire::job_answer::Stage;
+use kincal::wire::job_answer::{ProgressAnswer, Stage};
 
 /// Lease of tests that are not about expired leases.
 pub const LONG: Duration = Duration::from_secs(60);
 /// Timeout after which a test fails.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-pub type Monitor<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
+pub type Monitor<'a> = &'a mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>;
 pub type Computed = Result<JobOutcome, JobFailure>;
 
 /// Runs the behaviour in the request.
@@ -31,11 +31,11 @@ pub fn run_scripted(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
         "give up" => Err(JobFailure::Cancelled),
         "report progress, wait at the gate" => {
             for iteration in 1..=3 {
-                let _ = monitor(Progress {
+                let _ = monitor(ProgressAnswer {
                     stage: Some(Stage::Corrections),
                     iteration,
                     n_iterations: 10,
-                    best_cost_mm2: 0.5,
+                    best_cost_mm2: Some(0.5),
                 });
             }
             gate(&inputs.job.id).pass();
@@ -43,11 +43,11 @@ pub fn run_scripted(inputs: &JobInputs, monitor: Monitor<'_>) -> Computed {
         }
         "run until stopped" => loop {
             gate(&inputs.job.id).arrive();
-            if monitor(Progress {
+            if monitor(ProgressAnswer {
                 stage: None,
                 iteration: 1,
                 n_iterations: 10,
-                best_cost_mm2: f64::INFINITY,
+                best_cost_mm2: None,
             })
             .is_break()
             {
@@ -64,8 +64,8 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
     let report_json = format!(r#"{{"n_bytes":{}}}"#, inputs.set.body.len());
     JobOutcome {
         summary_json: report_json.clone(),
-        report_json,
-        convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.into(),
+        report_json: report_json.into(),
+        convergence_json: r#"{"iteration":[0],"best_cost_mm2":[1.5]}"#.to_owned().into(),
         result_sha256: "abcd".into(),
         parameter_set: Some(NewParameterSet {
             body_json: r#"{"links":[]}"#.into(),
@@ -75,7 +75,7 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
             model: Model::Paper,
             preset: Preset::Paper,
             metadata_json: "{}".into(),
-            weights: vec![0, 1, 255],
+            weights: vec![0, 1, 255].into(),
             weights_sha256: "01".into(),
         }),
         residual_network: None,

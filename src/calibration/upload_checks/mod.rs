@@ -13,7 +13,10 @@ use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
 use std::collections::BTreeSet;
 
-/// Remarks on a set of `robot`, for its summary.
+/// Most rows that one warning names.
+const MAX_WARNED_ROWS: usize = 20;
+
+/// Warnings for the uploader of a set. The set is stored in spite of them.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let mut warnings = Vec::new();
     warnings.extend(too_small(robot, set));
@@ -28,6 +31,10 @@ pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
             detail: error.to_string(),
             rows: vec![],
         });
+    }
+    warnings.extend(outside_limits(robot, set));
+    for warning in &mut warnings {
+        warning.rows.truncate(MAX_WARNED_ROWS);
     }
     warnings
 }
@@ -133,4 +140,28 @@ fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
         "the points lie within {spread_mm:.0} mm (rms) of their centre, the arm reaches {reach_mm:.0} mm; spread the poses evenly over the workspace"
     );
     Some(warning("poses_not_spread", detail))
+}
+
+fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+    // Limits and values both follow the controller's convention.
+    let joint_outside = |point: &Point| {
+        let mut joints = robot.joint_limits_rad.iter().zip(&point.q_rad);
+        joints.position(|(limits, q)| limits.is_some_and(|(lo, hi)| *q < lo || *q > hi))
+    };
+    let rows = set.points.iter().enumerate();
+    let outside: Vec<(usize, usize)> = rows
+        .filter_map(|(row, point)| Some((row, joint_outside(point)?)))
+        .collect();
+    let &(row, joint) = outside.first()?;
+    let detail = format!(
+        "{} rows lie outside the joint limits, first row {row}: joint {} at {:.3}°; degrees and radians mixed up?",
+        outside.len(),
+        joint + 1,
+        set.points[row].q_rad[joint].to_degrees()
+    );
+    Some(Warning {
+        code: "outside_joint_limits",
+        detail,
+        rows: outside.into_iter().map(|(row, _)| row).collect(),
+    })
 }

@@ -2,6 +2,7 @@
 
 pub mod coverage;
 pub mod errors;
+pub mod fit;
 pub mod repeatability;
 pub mod repeated_rows;
 pub mod rescoring;

@@ -6,6 +6,7 @@
 //! share of the robot's reach ([`FITS`]) does not fit.
 
 use crate::calibration::upload_checks::alignment::FITS;
+use crate::calibration::validation::fit::Fit;
 use crate::identification::KinematicModel;
 use crate::identification::estimate::estimate;
 use crate::identification::objective::Observation;
@@ -36,51 +37,40 @@ pub struct HeldOut {
     pub identified_rms_mm: f64,
 }
 
-/// How a session and a parameter set fit together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SessionFit {
-    /// The set fits the session about as it should.
-    Fits,
-    /// The set is far off, and the nominal robot fits as before: this speaks against the set.
-    SetFarOff,
-    /// Neither fits: this speaks about the file or the robot, and not about the set.
-    DoesNotFit,
-}
-
 /// How they fit. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with corrections.
 pub fn session_fit(
     errors_mm: &[[f64; 3]],
     held_out: Option<&HeldOut>,
     robot: &Robot,
     own_scatter_mm: impl FnOnce() -> f64,
-) -> SessionFit {
+) -> Fit {
     let typical = |of: usize| typical_mm(errors_mm.iter().map(|errors| errors[of]));
     let set_mm = typical(1).max(typical(2));
     let farthest_mm = FITS * reach_mm(&robot.links);
     if set_mm.min(typical(0)) > farthest_mm {
-        return SessionFit::DoesNotFit;
+        return Fit::DoesNotFit;
     }
     let Some(held_out) = held_out else {
         return match set_mm > farthest_mm {
-            true => SessionFit::SetFarOff,
-            false => SessionFit::Fits,
+            true => Fit::SetFarOff,
+            false => Fit::Fits,
         };
     };
     let finest_mm = FINEST * reach_mm(&robot.links);
     let nominal_mm = held_out.nominal_rms_mm.max(finest_mm);
     let expected_mm = held_out.identified_rms_mm.max(finest_mm);
     if set_mm <= FAR * expected_mm {
-        return SessionFit::Fits;
+        return Fit::Fits;
     }
     // A session that scatters by far more than the set missed its held-out points by cannot tell a good set from a bad one: a coarse
     // instrument, rounded joint values or play. A file that nothing fits has no scatter of its own that could explain it.
     let scatter_mm = own_scatter_mm().min(nominal_mm);
     if set_mm <= FAR * scatter_mm {
-        SessionFit::DoesNotFit
+        Fit::DoesNotFit
     } else if typical(0) <= AS_BEFORE * nominal_mm {
-        SessionFit::SetFarOff
+        Fit::SetFarOff
     } else {
-        SessionFit::DoesNotFit
+        Fit::DoesNotFit
     }
 }
 
@@ -91,7 +81,7 @@ pub fn nominal_fit(
     nominal: &KinematicModel,
     observations: &[Observation],
     n_refitted: usize,
-) -> SessionFit {
+) -> Fit {
     let (mut model, mut n_fitted) = (nominal.clone(), n_refitted);
     if n_refitted == 0 {
         for (target, position_mm) in model.targets_mm.iter_mut().enumerate() {
@@ -165,7 +155,7 @@ fn typical_mm(errors_mm: impl Iterator<Item = f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{HeldOut, SessionFit, session_fit};
+    use super::{Fit, HeldOut, session_fit};
     use crate::kinematics::{Link, Robot};
 
     fn robot() -> Robot {
@@ -189,23 +179,23 @@ mod tests {
         identified_rms_mm: 0.05,
     };
 
-    fn fit(nominal_mm: f64, set_mm: f64, scatter_mm: f64) -> SessionFit {
+    fn fit(nominal_mm: f64, set_mm: f64, scatter_mm: f64) -> Fit {
         let errors = vec![[nominal_mm, set_mm, set_mm]; 20];
         session_fit(&errors, Some(&HELD_OUT), &robot(), || scatter_mm)
     }
 
     #[test]
     fn a_session_fits_by_what_the_set_missed_before_and_by_its_own_scatter() {
-        assert_eq!(fit(1.1, 0.06, 0.05), SessionFit::Fits);
-        assert_eq!(fit(2634.2, 2634.0, 0.1), SessionFit::DoesNotFit, "a frame");
-        assert_eq!(fit(3.4, 2.9, 0.05), SessionFit::DoesNotFit, "a collision");
-        assert_eq!(fit(1.1, 0.95, 0.9), SessionFit::DoesNotFit, "a coarse file");
-        assert_eq!(fit(230.0, 230.0, 200.0), SessionFit::DoesNotFit, "garbage");
-        assert_eq!(fit(0.0, 1.1, 0.0), SessionFit::SetFarOff, "a bad set");
-        assert_eq!(fit(1.1, 1.9, 0.05), SessionFit::SetFarOff, "a bad set");
+        assert_eq!(fit(1.1, 0.06, 0.05), Fit::Fits);
+        assert_eq!(fit(2634.2, 2634.0, 0.1), Fit::DoesNotFit, "a frame");
+        assert_eq!(fit(3.4, 2.9, 0.05), Fit::DoesNotFit, "a collision");
+        assert_eq!(fit(1.1, 0.95, 0.9), Fit::DoesNotFit, "a coarse file");
+        assert_eq!(fit(230.0, 230.0, 200.0), Fit::DoesNotFit, "garbage");
+        assert_eq!(fit(0.0, 1.1, 0.0), Fit::SetFarOff, "a bad set");
+        assert_eq!(fit(1.1, 1.9, 0.05), Fit::SetFarOff, "a bad set");
         let mut errors = vec![[1.1, 0.06, 0.06]; 20];
         errors[..4].fill([90.0; 3]);
         let fit = session_fit(&errors, Some(&HELD_OUT), &robot(), || 0.0);
-        assert_eq!(fit, SessionFit::Fits, "a few outliers");
+        assert_eq!(fit, Fit::Fits, "a few outliers");
     }
 }

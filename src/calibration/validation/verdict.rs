@@ -5,8 +5,9 @@ use crate::calibration::report::{
 };
 use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
+use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
-use crate::calibration::validation::session_fit::{HeldOut, SessionFit, session_fit};
+use crate::calibration::validation::session_fit::{HeldOut, session_fit};
 use crate::calibration::warnings::plausibility;
 use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::Subset;
@@ -24,7 +25,7 @@ pub struct Verdict {
     /// The errors of both robots.
     pub comparison: RobustComparison,
     /// How they fit together.
-    pub fit: SessionFit,
+    pub fit: Fit,
     /// What was found when the set was identified.
     pub held_out: Option<HeldOut>,
 }
@@ -35,13 +36,13 @@ impl Verdict {
         let (before, after) = (self.comparison.before_rms_mm, self.comparison.after_rms_mm);
         let remark = self.comparison.remark();
         let said = match (self.is_identified, self.fit, self.comparison.is_better()) {
-            (false, SessionFit::DoesNotFit, _) => format!(
+            (false, Fit::DoesNotFit, _) => format!(
                 "this file does not fit this robot ({before:.4} mm rms of the nominal robot{remark})"
             ),
             (false, ..) => format!(
                 "the nominal robot was scored, {before:.4} mm rms{remark}; no parameter set was named and none is released"
             ),
-            (true, SessionFit::DoesNotFit, _) => format!(
+            (true, Fit::DoesNotFit, _) => format!(
                 "this file does not fit this robot ({after:.4} mm rms, the nominal robot {before:.4} mm{remark}), so nothing is said of the parameter set"
             ),
             (true, _, true) => format!(
@@ -65,7 +66,7 @@ impl Verdict {
             )
         });
         let (code, detail) = match self.fit {
-            SessionFit::DoesNotFit if !self.is_identified => (
+            Fit::DoesNotFit if !self.is_identified => (
                 "session_does_not_fit",
                 format!(
                     "this file does not fit this robot: the nominal robot misses its points by {before:.4} mm rms, and with base and tool placed as well \
@@ -73,7 +74,7 @@ impl Verdict {
                     100.0 * FITS
                 ),
             ),
-            SessionFit::DoesNotFit => (
+            Fit::DoesNotFit => (
                 "session_does_not_fit",
                 format!(
                     "this file does not fit this robot: the calibrated robot misses its points by {after:.4} mm rms and the nominal one by {before:.4} \
@@ -81,7 +82,7 @@ impl Verdict {
                 ),
             ),
             _ if !self.is_identified => return None,
-            SessionFit::SetFarOff => (
+            Fit::SetFarOff => (
                 SET_FAR_OFF,
                 format!(
                     "on these points the calibrated robot misses by {after:.4} mm rms while the nominal robot fits ({before:.4} mm){at_identification}: the \
@@ -94,7 +95,7 @@ impl Verdict {
                     "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
                 ),
             ),
-            SessionFit::Fits => return None,
+            Fit::Fits => return None,
         };
         Some(Warning {
             code,

@@ -62,13 +62,18 @@ impl RequestClass {
 #[cfg(test)]
 mod tests {
     use super::{CALCULATIONS, COSTLY_READS, RequestClass, SAFETY};
-    use crate::http::auth::REQUIRED_SCOPES;
+    use crate::http::auth::{REQUIRED_SCOPES, ScopedRoute};
     use crate::wire::key::Scope;
     use axum::http::Method;
 
     #[test]
     fn requests_of_the_scope_read_take_no_permits_of_writes() {
-        for (method, path, scope) in REQUIRED_SCOPES {
+        for ScopedRoute {
+            method,
+            path,
+            scope,
+        } in REQUIRED_SCOPES
+        {
             let class = RequestClass::new(method, path);
             // An import reads its body and stores nothing.
             let only_reads = *scope == Scope::Read || *path == "/v1/robot-imports";
@@ -91,8 +96,8 @@ mod tests {
             .map(|name| (Method::POST, name));
         let gets = COSTLY_READS.iter().map(|name| (Method::GET, name));
         for (method, name) in posts.chain(gets) {
-            let is_routes = |(m, path, _): &(Method, &str, Scope)| {
-                *m == method && path.ends_with(&format!("/{name}"))
+            let is_routes = |route: &ScopedRoute| {
+                route.method == method && route.path.ends_with(&format!("/{name}"))
             };
             assert!(REQUIRED_SCOPES.iter().any(is_routes), "{name}");
         }

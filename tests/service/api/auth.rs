@@ -1,6 +1,6 @@
 use crate::app::{Answer, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
-use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, new_key};
+use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, ScopedRoute, new_key};
 use kincal::wire::key::Scope;
 use reqwest::Method;
 use serde_json::json;
@@ -16,7 +16,7 @@ async fn without_a_key_nothing_but_health_and_contract_answers() {
             "{path}"
         );
     }
-    for (method, path, _) in REQUIRED_SCOPES {
+    for ScopedRoute { method, path, .. } in REQUIRED_SCOPES {
         let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
         let answer = Answer::of(app.request(method.clone(), &path)).await;
         answer.problem(401, "unauthorized");
@@ -40,7 +40,12 @@ async fn without_a_key_nothing_but_health_and_contract_answers() {
 async fn each_route_takes_its_scope_and_no_other() {
     let (app, _dir) = guarded(0).await;
     let all = ["read", "upload", "identify", "release"];
-    for (method, path, scope) in REQUIRED_SCOPES {
+    for ScopedRoute {
+        method,
+        path,
+        scope,
+    } in REQUIRED_SCOPES
+    {
         let path = path.replace("{robot_id}", "rob_1").replace("{id}", "x_1");
         for name in all.into_iter().chain(["admin"]) {
             let (key, _) = key(&app, &[name], None).await;
@@ -115,17 +120,17 @@ async fn every_documented_route_has_a_policy() {
         {
             let has_policy = REQUIRED_SCOPES
                 .iter()
-                .any(|(m, route, _)| *m == method && route == path);
+                .any(|route| route.method == method && route.path == path);
             assert!(
                 has_policy || PUBLIC_ROUTES.contains(&path.as_str()),
                 "{method} {path} has no policy"
             );
         }
     }
-    for (method, route, _) in REQUIRED_SCOPES {
+    for ScopedRoute { method, path, .. } in REQUIRED_SCOPES {
         assert!(
-            document.paths.paths.contains_key(*route),
-            "{method} {route} is in the policy but not in the contract"
+            document.paths.paths.contains_key(*path),
+            "{method} {path} is in the policy but not in the contract"
         );
     }
 }

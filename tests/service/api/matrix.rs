@@ -3,7 +3,7 @@
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
-use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES};
+use kincal::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES, ScopedRoute};
 use kincal::wire::key::Scope;
 use reqwest::Method;
 use serde_json::{Value, json};
@@ -114,9 +114,9 @@ fn documented() -> Vec<(Method, String, Scope)> {
             .into_iter()
             .filter(|(_, operation)| operation.is_some() && !PUBLIC_ROUTES.contains(&path.as_str()))
         {
-            let (_, _, scope) = REQUIRED_SCOPES
+            let ScopedRoute { scope, .. } = REQUIRED_SCOPES
                 .iter()
-                .find(|(m, route, _)| *m == method && *route == path)
+                .find(|route| route.method == method && route.path == path)
                 .unwrap_or_else(|| panic!("{path}"));
             routes.push((method, path.clone(), *scope));
         }

@@ -39,9 +39,9 @@ async fn expire(store: &Store) -> (Vec<String>, Vec<String>, Vec<String>) {
 
 fn an_outcome(report_json: &str) -> JobOutcome {
     JobOutcome {
-        report_json: report_json.into(),
+        report_json: report_json.to_owned().into(),
         summary_json: "{}".into(),
-        convergence_json: "{}".into(),
+        convergence_json: "{}".to_owned().into(),
         result_sha256: "ab".into(),
         parameter_set: Some(NewParameterSet {
             body_json: "{}".into(),

@@ -218,7 +218,7 @@ fn a_computation_gets_everything_that_its_job_names() {
         let sweeps = kincal::store::NewFrames {
             robot_id: set.robot_id.clone(),
             content_type: "text/csv".into(),
-            body: vec![1],
+            body: vec![1].into(),
             result_json: "{}".into(),
         };
         let frames = in_transaction(store, async |tx| frames::insert(tx, &sweeps).await).await;

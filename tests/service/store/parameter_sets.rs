@@ -520,10 +520,11 @@ async fn scored(
         .unwrap()
         .unwrap();
     in_transaction(store, async |tx| {
+        let empty = "{}".to_owned().into();
         let result = JobResult {
-            report_json: "{}",
+            report_json: &empty,
             summary_json: "{}",
-            convergence_json: "{}",
+            convergence_json: &empty,
             result_sha256: "00",
         };
         leases::succeed(tx, &lease, &result).await?;

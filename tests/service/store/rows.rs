@@ -32,7 +32,7 @@ fn uploads_read_back_byte_for_byte() {
             let new = NewFrames {
                 robot_id: robot.id.clone(),
                 content_type: "text/csv".into(),
-                body: body.clone(),
+                body: body.clone().into(),
                 result_json: "{}".into(),
             };
             let row = in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
@@ -80,7 +80,7 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
                 model,
                 preset,
                 metadata_json: "{}".into(),
-                weights: every_byte(),
+                weights: every_byte().into(),
                 weights_sha256: "00".into(),
             };
             let row =

@@ -3,8 +3,8 @@
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, PolicyRow, Release, Store, api_keys, frames, leases,
-    networks, parameter_sets, policies, verifications,
+    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys, frames,
+    leases, networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
@@ -38,13 +38,17 @@ pub async fn broken(store: &Store) -> Vec<&'static str> {
         .collect()
 }
 
-/// The documents of a job.
-const A_RESULT: JobResult<'_> = JobResult {
-    report_json: r#"{"per_point":[1],"result_sha256":"r","version":"1"}"#,
-    summary_json: r#"{"result_sha256":"r","version":"1"}"#,
-    convergence_json: "{}",
-    result_sha256: "r",
-};
+/// Ends a job with its documents.
+async fn succeed(tx: &mut Tx, lease: &Lease) -> Result<()> {
+    let report_json = r#"{"per_point":[1],"result_sha256":"r","version":"1"}"#.to_owned();
+    let result = JobResult {
+        report_json: &report_json.into(),
+        summary_json: r#"{"result_sha256":"r","version":"1"}"#,
+        convergence_json: &"{}".to_owned().into(),
+        result_sha256: "r",
+    };
+    leases::succeed(tx, lease, &result).await.map(drop)
+}
 
 /// A running job.
 async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
@@ -63,7 +67,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
         sha256: sha256_hex(b"{}"),
     };
     in_transaction(store, async |tx| {
-        leases::succeed(tx, &lease, &A_RESULT).await?;
+        succeed(tx, &lease).await?;
         let row = parameter_sets::insert(tx, &lease.job_id, &new).await?;
         verifications::insert(tx, &lease.job_id, &as_identified()).await?;
         Ok(row)
@@ -127,7 +131,7 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
     let new = NewFrames {
         robot_id: set.robot_id.clone(),
         content_type: "text/csv".into(),
-        body: vec![0],
+        body: vec![0].into(),
         result_json: "{}".into(),
     };
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
@@ -138,11 +142,11 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
         model: Model::Paper,
         preset: Preset::Paper,
         metadata_json: "{}".into(),
-        weights: vec![1],
+        weights: vec![1].into(),
         weights_sha256: "00".into(),
     };
     in_transaction(store, async |tx| {
-        leases::succeed(tx, &lease, &A_RESULT).await?;
+        succeed(tx, &lease).await?;
         networks::insert_residual(tx, &lease.job_id, &network).await?;
         networks::insert(tx, &lease.job_id, &network).await
     })

@@ -1,0 +1,48 @@
+//! Uploads that do not fit their robot: which are refused, and which are kept with a warning.
+
+use crate::calibration::upload_checks::alignment::{Explanation, Suspicion};
+use crate::wire::suspicion::Insist;
+use crate::wire::warning::Warning;
+
+/// Why an upload that does not fit is kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeptMisfit {
+    /// The warning that the set keeps.
+    pub warning: Warning,
+    /// The code with which the upload would have been refused, if the caller insisted on it. No release rests on such a set.
+    pub insisted_on: Option<Insist>,
+}
+
+/// Keeps an upload whose misfit only deserves a warning, or on which the caller insists with the code of the suspicion.
+///
+/// # Errors
+/// The suspicion for which the upload is refused.
+pub fn keep_misfit(
+    explanation: Explanation,
+    insist: Option<Insist>,
+) -> Result<KeptMisfit, Box<Suspicion>> {
+    let warning = |code: &str, detail: String| Warning {
+        code: code.into(),
+        detail,
+        rows: Vec::new(),
+    };
+    match explanation {
+        Explanation::Warning { code, detail } => Ok(KeptMisfit {
+            warning: warning(code, detail),
+            insisted_on: None,
+        }),
+        Explanation::Refusal(suspicion)
+            if insist.is_some_and(|insist| insist.as_str() == suspicion.code) =>
+        {
+            let detail = format!(
+                "{}. It was kept because the uploader insisted; no release rests on it",
+                suspicion.detail
+            );
+            Ok(KeptMisfit {
+                warning: warning(suspicion.code, detail),
+                insisted_on: insist,
+            })
+        }
+        Explanation::Refusal(suspicion) => Err(Box::new(suspicion)),
+    }
+}
