@@ -86,9 +86,9 @@ function history(entries) {
 
 const section = (title, content) => el("section.card", {}, el("h2", {}, title), content);
 
-/** A parameter set's status. */
+/** The status of a parameter set or a job. That a job has succeeded says nothing of how good its result is. */
 export function statusBadge(status) {
-  const kinds = { released: "good", succeeded: "good", failed: "bad", withdrawn: "bad", running: "wait", queued: "wait", candidate: "wait" };
+  const kinds = { released: "good", failed: "bad", withdrawn: "bad", running: "wait", queued: "wait", candidate: "wait" };
   return el(kinds[status] ? `span.badge.${kinds[status]}` : "span.badge", {}, status);
 }
 

@@ -710,3 +710,39 @@ fn a_reflector_that_is_found_inside_the_arm_is_no_reflector() {
         }
     }
 }
+
+#[test]
+fn columns_that_look_like_a_makers_signs_are_told_with_those() {
+    let nominal = limited(paper_robot());
+    let mut random = Normal::new(77);
+    let truth = robot_of_the_priors(&nominal, 1, &mut random);
+    let mut truth = truth;
+    truth.t_instrument_base = IsometryMatrix3::identity();
+    truth.targets_mm[0] = Vector3::new(40.0, -60.0, 150.0);
+    let poses = poses(60, &mut random);
+    let mut set = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+    set.frame = Frame::Base;
+    let signs = [-1.0, 1.0, 1.0, -1.0, 1.0, -1.0];
+    for point in &mut set.points {
+        point.q_rad[0] -= PI / 2.0;
+        point
+            .q_rad
+            .iter_mut()
+            .zip(signs)
+            .for_each(|(q, sign)| *q *= sign);
+    }
+    let Some(Explanation::Refusal(suspicion)) = check_upload(&nominal, &set, &[]) else {
+        panic!("not refused");
+    };
+    println!("{}: {}", suspicion.code, suspicion.detail);
+    assert!(
+        suspicion.detail.contains("joint_map is"),
+        "{}",
+        suspicion.detail
+    );
+    assert!(
+        suspicion.detail.contains("mirrored"),
+        "{}",
+        suspicion.detail
+    );
+}

@@ -2,7 +2,7 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::equations::{generic_jacobian, model_rank, n_equations};
-use crate::calibration::preparation::observe::{free_parameters, observe};
+use crate::calibration::preparation::observe::{DEFAULT_VERIFY_FRACTION, free_parameters, observe};
 use crate::calibration::preparation::placement::nominal_model;
 use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
 use crate::calibration::settings::settings;
@@ -14,6 +14,7 @@ use crate::identification::bpnn_pso::fits;
 use crate::identification::linearisation::decomposition_at;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
+use crate::measurement::split::has_column;
 use crate::measurement::{Frame, Subset};
 use std::collections::BTreeSet;
 
@@ -144,7 +145,7 @@ fn check_determined(
     }
     let needed = model_rank(&request.robot, parameters, n_targets);
     if found < needed {
-        let more = (needed - found).div_ceil(3);
+        let more = ((needed - found).div_ceil(3) as f64 / identify_share(request)).ceil();
         let detail = format!(
             "{found} equations from distinct configurations in the identify subset cannot fix {needed} independent parameters ({}); measure at least {more} more \
              configurations, spread over the workspace, or hold parameters",
@@ -153,6 +154,17 @@ fn check_determined(
         return Err(unusable("under_determined", detail));
     }
     Ok(())
+}
+
+/// Share of new configurations that the identify subset gets.
+fn identify_share(request: &CalibrationRequest) -> f64 {
+    let verify_share = match request.verify {
+        VerifySource::Fraction(fraction) => fraction,
+        VerifySource::Default if !has_column(&request.set) => DEFAULT_VERIFY_FRACTION,
+        VerifySource::Default | VerifySource::Set(_) | VerifySource::Subset => 0.0,
+    };
+    // with all of them to verify, none would ever do
+    (1.0 - verify_share).max(0.01)
 }
 
 /// Refuses sets that rest on a station which hardly stands: what its base is off by goes into every link, and shows at no point.

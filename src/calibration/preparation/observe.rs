@@ -10,7 +10,7 @@ use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Share of the configurations kept for verification where nothing else is said.
-const DEFAULT_VERIFY_FRACTION: f64 = 0.5;
+pub const DEFAULT_VERIFY_FRACTION: f64 = 0.5;
 
 /// Points of one set, fitted or scored together.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,6 +11,7 @@ use crate::identification::evidence::Noise;
 use crate::identification::objective::Observation;
 use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::{Link, reach_mm};
+use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
@@ -31,13 +32,13 @@ pub enum LastJoint {
 /// Compares the fit with the one to the same points with the last joint counted the other way round.
 pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let reach_mm = reach_mm(&problem.request.robot.links);
+    if let Some(warning) = behind_the_wrist(model, reach_mm) {
+        return LastJoint::Otherwise(warning);
+    }
     let off_axis_mm = model.targets_mm.iter().map(|target| target.xy().norm());
     let is_near = off_axis_mm.fold(0.0, f64::max) < NEAR_PER_REACH * reach_mm;
     if !is_near || problem.request.preset == Preset::Paper {
         return LastJoint::Shown;
-    }
-    if let Some(warning) = behind_the_wrist(model, reach_mm) {
-        return LastJoint::Otherwise(warning);
     }
     let own = problem.noise(model);
     let Some(reversed) = noise_reversed(problem) else {
@@ -86,18 +87,17 @@ fn noise_reversed(problem: &Problem<'_>) -> Option<Noise> {
     (!is_turned(problem, &found.model)).then(|| Noise::of(&rows, &found.evidence, &found.posterior))
 }
 
-/// A reflector on the last axis that is behind the centre of a spherical wrist is inside the arm. It fits where the joint before the last one is
-/// counted from half a turn off, and the reflector is in front.
+/// A reflector that is behind the centre of a spherical wrist, and further behind than off the last axis, is inside the arm. It fits where the joint
+/// before the last one is counted from half a turn off, and the reflector is in front.
 fn behind_the_wrist(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
     let Link { a_mm, d_mm, .. } = model.links.last()?;
     let near_mm = NEAR_PER_REACH * reach_mm;
     if a_mm.abs() > near_mm || d_mm.abs() < near_mm {
         return None;
     }
-    let behind = model
-        .targets_mm
-        .iter()
-        .find(|target| (target.z + d_mm) * d_mm.signum() < -near_mm)?;
+    let behind_mm = |target: &Vector3<f64>| -(target.z + d_mm) * d_mm.signum();
+    let mut targets = model.targets_mm.iter();
+    let inside = targets.find(|t| behind_mm(t) > near_mm.max(t.xy().norm()))?;
     let joint = model.links.len() - 1;
     Some(Warning {
         code: JOINT_MAP,
@@ -105,7 +105,7 @@ fn behind_the_wrist(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
             "the reflector is found {:.1} mm behind the wrist, inside the arm: joint {joint} that is counted from half a turn off looks like that, and then \
              the flange is turned wrongly. Compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the \
              file again. It cannot be released",
-            (behind.z + d_mm).abs()
+            behind_mm(inside)
         ),
         rows: vec![],
     })

@@ -43,6 +43,8 @@ pub(super) struct Supposed {
     pub rms_mm: f64,
     /// What would look the same.
     or: Option<Hypothesis>,
+    /// Joints that would look the same as a left-handed file.
+    or_joints: Option<Box<Convention>>,
     /// With joint zeros that are off as well.
     zeros: Option<Zeroed>,
 }
@@ -112,6 +114,7 @@ impl<'a> Suspect<'a> {
             what: What::Joints(Box::new(convention)),
             rms_mm: fitted.rms_mm,
             or: None,
+            or_joints: None,
             zeros: None,
         })
     }
@@ -126,6 +129,7 @@ impl<'a> Suspect<'a> {
             what: What::Joints(Box::new(convention)),
             rms_mm: zeros.rms_mm,
             or: None,
+            or_joints: None,
             zeros: Some(zeros),
         })
     }
@@ -151,6 +155,7 @@ impl<'a> Suspect<'a> {
                 what: What::File(hypothesis),
                 rms_mm,
                 or: None,
+                or_joints: None,
                 zeros: None,
             })
         };
@@ -166,9 +171,17 @@ impl<'a> Suspect<'a> {
             What::File(file) if file.is_left_handed() => Some(file),
             _ => None,
         });
-        let mut likeliest = all.into_iter().next()?;
-        if matches!(likeliest.what, What::Joints(_)) {
-            likeliest.or = left_handed;
+        let mut all = all.into_iter();
+        let mut likeliest = all.next()?;
+        match &likeliest.what {
+            What::Joints(_) => likeliest.or = left_handed,
+            What::File(file) if file.is_left_handed() => {
+                likeliest.or_joints = all.find_map(|supposed| match supposed.what {
+                    What::Joints(convention) => Some(convention),
+                    What::File(_) => None,
+                });
+            }
+            What::File(_) => {}
         }
         Some(likeliest)
     }
@@ -197,10 +210,18 @@ impl<'a> Suspect<'a> {
             What::File(hypothesis) => {
                 let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
                 let (words, hint) = (hypothesis.words(&names), hypothesis.hint());
+                let or = supposed.or_joints.as_ref().map_or(String::new(), |convention| {
+                    format!(
+                        ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one a \
+                         mirrored robot is identified",
+                        convention.words(),
+                        in_words(&convention.joint_map(self.robot))
+                    )
+                });
                 suspicion(
                     hypothesis.code(),
                     hypothesis.columns(),
-                    format!("{as_it_is}; if {words}, it fits to {found_mm} mm: {hint}"),
+                    format!("{as_it_is}; if {words}, it fits to {found_mm} mm: {hint}{or}"),
                 )
             }
             What::Joints(convention) => {
