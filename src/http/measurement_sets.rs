@@ -205,6 +205,9 @@ fn parse_upload(
     checker.finish("invalid_name")?;
     let found = upload_checks::warnings(&robot, &set);
     let mut warnings: Vec<Warning> = found.iter().map(Warning::from).collect();
+    for warning in &mut warnings {
+        warning.rows.truncate(MAX_WARNED_ROWS);
+    }
     if stated_frame.is_none() {
         warnings.push(frame_assumed());
     }
@@ -221,6 +224,9 @@ fn parse_upload(
         misfit: upload_check::check_fit(body, set)?,
     })
 }
+
+/// Most rows that one warning about an upload names.
+const MAX_WARNED_ROWS: usize = 20;
 
 /// Warning for an upload that does not declare its frame.
 fn frame_assumed() -> Warning {

@@ -21,11 +21,6 @@ const KNOWN_EXCEPTIONS: &[(&str, Rule, &str)] = &[
         Rule::CoreSerialize,
         CHOICES,
     ),
-    (
-        "src/calibration/validation/fit.rs",
-        Rule::CoreCrate,
-        CHOICES,
-    ),
     ("src/compensation/mode.rs", Rule::CoreSerialize, CHOICES),
     ("src/compensation/mode.rs", Rule::CoreCrate, CHOICES),
     (

@@ -13,9 +13,6 @@ use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
 use std::collections::BTreeSet;
 
-/// Most rows that one warning names.
-const MAX_WARNED_ROWS: usize = 20;
-
 /// Warnings for the uploader of a set. The set is stored in spite of them.
 pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     let mut warnings = Vec::new();
@@ -33,9 +30,6 @@ pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
         });
     }
     warnings.extend(outside_limits(robot, set));
-    for warning in &mut warnings {
-        warning.rows.truncate(MAX_WARNED_ROWS);
-    }
     warnings
 }
 
