@@ -239,7 +239,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
     });
     let difference = DMatrix::from_iterator(common.len(), 1, difference);
     // Satterthwaite (1946): each part's share of the variance, averaged over the combinations
-    let n = common.len() as f64;
+    let n = n_combinations.max(1) as f64;
     let share = |part: &DMatrix<f64>| root.solve(part).trace() / n;
     let spread: f64 = [(&noise[0], u.freedom), (&noise[1], v.freedom)]
         .iter()
@@ -297,11 +297,12 @@ impl Known {
         }
     }
 
-    /// C·P^(-1/2): how an error of each prior, one standard deviation, moves the most probable values of a session.
+    /// C·P⁻¹·S: how an error of each prior, one standard deviation, moves the most probable values of a session.
     fn pull(&self, of: &Uncertainty, at: &[usize]) -> DMatrix<f64> {
         let covariance = of.covariance();
         DMatrix::from_fn(covariance.nrows(), at.len(), |i, k| {
-            covariance[(i, at[k])] / self.std[k]
+            let own = of.prior_std[at[k]];
+            covariance[(i, at[k])] * self.std[k] / (own * own)
         })
     }
 }

@@ -109,7 +109,7 @@ struct Rows<'a> {
 struct Shared {
     /// σc²/σ².
     ratio: f64,
-    /// Degrees of freedom of the configurations' means.
+    /// Degrees of freedom of the means of all configurations.
     freedom: f64,
 }
 
@@ -193,7 +193,7 @@ impl<'a> Rows<'a> {
     /// the sum of their weights.
     fn whitened(&self, points: &[usize], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
         let (mut matrix, mut residuals) = self.of(points);
-        if ratio == 0.0 || points.len() < 2 {
+        if ratio == 0.0 {
             return (matrix, residuals);
         }
         let roots = self.roots(points);
@@ -242,8 +242,8 @@ impl<'a> Rows<'a> {
         let root = &posterior.root / solved.evidence.sigma_mm;
         let (mut between_mm2, mut within_mm2) = (0.0, 0.0);
         let (mut n_between, mut n_within, mut n_configurations) = (0.0, 0.0, 0.0);
-        let mut weights = 0.0;
-        for points in self.points_of.iter().filter(|points| points.len() > 1) {
+        let (mut weights, mut n_means) = (0.0, 0.0);
+        for points in &self.points_of {
             let (matrix, residuals) = self.of(points);
             let matrix = matrix.columns(0, n);
             let left = DVector::from_vec(residuals) + matrix * &step;
@@ -254,8 +254,12 @@ impl<'a> Rows<'a> {
             for (k, root) in roots.iter().enumerate() {
                 (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
             }
-            let means = (&along * &left).norm_squared();
             let taken_by_means = (&along * &taken).norm_squared();
+            n_means += 3.0 - taken_by_means;
+            if points.len() < 2 {
+                continue;
+            }
+            let means = (&along * &left).norm_squared();
             between_mm2 += means;
             within_mm2 += left.norm_squared() - means;
             n_between += 3.0 - taken_by_means;
@@ -278,7 +282,7 @@ impl<'a> Rows<'a> {
         let of_one = weights / n_configurations;
         Shared {
             ratio: ((between / within - 1.0) / of_one).min(MOST_SHARED),
-            freedom: n_between,
+            freedom: n_means,
         }
     }
 }
@@ -312,6 +316,9 @@ impl Rows<'_> {
             };
             misfit_std_rad = spectrum.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm);
             if misfit_std_rad == 0.0 {
+                evidence.widths.truncate(without);
+                posterior = of_links.solve(&x[..without], &evidence);
+                evidence.sigma_mm = of_links.noise_mm(&posterior).max(least_mm);
                 break;
             }
             evidence.widths.resize(columns.all(), misfit_std_rad);
