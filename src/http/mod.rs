@@ -5,6 +5,7 @@ mod accept;
 mod access;
 mod app;
 pub mod auth;
+mod columns;
 mod compensate;
 mod counters;
 mod creation;
@@ -41,6 +42,7 @@ mod router;
 mod routes;
 pub mod server;
 pub mod tls;
+mod table_upload;
 mod unreadable;
 mod upload_check;
 
