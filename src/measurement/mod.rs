@@ -17,6 +17,7 @@ pub mod table;
 pub mod table_columns;
 mod table_numbers;
 pub mod table_points;
+mod table_programs;
 pub mod table_text;
 
 pub use conventions::{Decimal, Frame, Subset};

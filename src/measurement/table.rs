@@ -2,6 +2,7 @@
 
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::column_names::{Known, Unit, recognise, unit_alone};
+use crate::measurement::conventions::Decimal;
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::csv_text::refuse_endless_rows;
 use crate::measurement::table_text::{Encoding, Source};
@@ -159,7 +160,7 @@ impl<'a> Table<'a> {
         let separators: Vec<Separator> = match (mapping.separator, &declared, source.encoding) {
             (Some(separator), ..) => vec![separator],
             (None, Some((_, separator)), _) => vec![*separator],
-            (None, None, Encoding::Xlsx | Encoding::Ods) => vec![Separator::Tab],
+            (None, None, Encoding::Xlsx | Encoding::Ods | Encoding::Program) => vec![Separator::Tab],
             (None, None, _) => Separator::ALL.into(),
         };
         let body = declared.map_or(0, |(at, _)| at + 1);
@@ -177,6 +178,11 @@ impl<'a> Table<'a> {
             None => separator_of_data(&above[body..], &separators)?,
         };
         refuse_endless_rows(text.as_bytes(), separator.byte())?;
+        let quoted = text.contains('"');
+        if separator == Separator::Comma && mapping.decimal == Some(Decimal::Comma) && !quoted {
+            let detail = "decimal commas were declared, so columns have to be separated by ';', tabs or spaces, not by ','";
+            return Err(whole("wrong_separator", detail.into()));
+        }
         let header_line = header.as_ref().map(|header| header.line);
         let names = header.map_or_else(
             || unnamed(&above[body..], separator),
@@ -256,7 +262,7 @@ impl<'a> Table<'a> {
         match (cells.get(0).and_then(comment_mark), self.comments) {
             (None, _) | (Some(_), Some(false)) => row(),
             (Some(_), Some(true)) => Next::Skipped,
-            (Some(_), None) if cells.len() < self.header.len().max(2) => Next::Skipped,
+            (Some(mark), None) if !may_be_data(mark, cells, self.header.len()) => Next::Skipped,
             (Some(mark), None) => {
                 let detail = format!(
                     "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State \"comments\": true \
@@ -311,6 +317,13 @@ impl<'a> Table<'a> {
             Some(name) => name.into(),
         }
     }
+}
+
+/// Whether a line that begins like a comment has as many cells as a row, and numbers among them.
+fn may_be_data(mark: &str, cells: &csv::StringRecord, n_columns: usize) -> bool {
+    let first = cells.get(0).unwrap_or("").trim_start().trim_start_matches(mark);
+    let numbers = cells.iter().skip(1).filter(|cell| is_numeric(cell)).count();
+    cells.len() >= n_columns.max(2) && numbers + usize::from(is_numeric(first)) >= 2
 }
 
 fn tail(text: Cow<'_, str>, start: usize) -> Cow<'_, str> {

@@ -1,6 +1,7 @@
 //! The bytes of a table as text: UTF-8, UTF-16 or Windows-1252 (which contains Latin-1). What is none of them is refused.
 
 use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::table_programs;
 use std::borrow::Cow;
 
 /// How a file writes its characters.
@@ -18,6 +19,8 @@ pub enum Encoding {
     Xlsx,
     /// A sheet of an ods workbook.
     Ods,
+    /// Points of a robot's program: KUKA, ABB or FANUC.
+    Program,
 }
 
 impl Encoding {
@@ -30,6 +33,7 @@ impl Encoding {
             Self::Windows1252 => "windows-1252",
             Self::Xlsx => "xlsx",
             Self::Ods => "ods",
+            Self::Program => "robot program",
         }
     }
 }
@@ -56,7 +60,10 @@ impl<'a> Source<'a> {
         if source.text.trim().is_empty() {
             return Err(whole("empty", "the file is empty".into()));
         }
-        Ok(source)
+        Ok(match table_programs::table(&source.text)? {
+            Some(text) => Self::from_sheet(text, Encoding::Program),
+            None => source,
+        })
     }
 
     /// A sheet of a workbook: a line per row, tabs between its cells.

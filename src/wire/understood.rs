@@ -21,7 +21,7 @@ pub struct UnderstoodBody {
     /// The decimal mark.
     #[schema(inline)]
     pub decimal: Decimal,
-    /// `utf-8`, `utf-16le`, `utf-16be`, `windows-1252`, `xlsx` or `ods`.
+    /// `utf-8`, `utf-16le`, `utf-16be`, `windows-1252`, `xlsx`, `ods` or `robot program`.
     pub encoding: String,
     /// The sheet of a workbook.
     #[serde(default, skip_serializing_if = "Option::is_none")]
