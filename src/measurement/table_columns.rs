@@ -69,6 +69,14 @@ pub fn key(means: &str) -> Option<Key> {
     })
 }
 
+/// Most links of a robot.
+const MAX_LINKS: usize = 12;
+
+/// Whether a text is the meaning of a column of some robot.
+pub fn is_meaning(means: &str) -> bool {
+    column(means, MAX_LINKS).is_some() || key(means).is_some()
+}
+
 fn key_name(key: Key) -> String {
     match key {
         Key::Name => "name".into(),

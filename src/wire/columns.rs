@@ -1,7 +1,9 @@
 //! The mapping of a file's columns as callers write it: `{"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}`.
 
 use crate::measurement::Decimal;
+use crate::measurement::column_names::PLAIN;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
+use crate::measurement::table_columns::is_meaning;
 use crate::measurement::join::{JoinBy, JoinOptions};
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
@@ -126,9 +128,9 @@ impl ColumnsBody {
         let common: Map<String, Value> = self
             .0
             .iter()
-            .filter(|(means, value)| {
+            .filter(|(means, _)| {
                 !matches!(means.as_str(), "robot" | "instrument" | "join")
-                    && (SETTINGS.contains(&means.as_str()) || !value.is_object() && is_wanted(means))
+                    && (SETTINGS.contains(&means.as_str()) || is_wanted(means))
             })
             .map(|(means, value)| (means.clone(), value.clone()))
             .collect();
@@ -239,6 +241,14 @@ impl Reader {
                     }
                     None => self.wrong(&pointer, "a list of columns"),
                 },
+                _ if !is_meaning(name) => {
+                    let detail = format!(
+                        "{name:?} is no meaning of a column: q1_deg … (or _rad), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or decimal, \
+                         separator, header_row, comments, ignore, sheet, robot, instrument, join",
+                        PLAIN.join(", ")
+                    );
+                    self.checker.note(&pointer, "unknown_meaning", detail);
+                }
                 _ => {
                     let column = self.column(value, &pointer);
                     mapping.columns.extend(column.map(|column| (name.clone(), column)));
