@@ -19,7 +19,7 @@ const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s",
 /** What a column of this file may be: [value, text]. */
 function meanings(part, nJoints) {
   const joints = Array.from({ length: nJoints }, (_, j) => j + 1).flatMap((j) => [[`q${j}_deg`, `joint ${j}, degrees`], [`q${j}_rad`, `joint ${j}, radians`]]);
-  const axes = ["x", "y", "z"].flatMap((axis) => ["mm", "m", "in"].map((unit) => [`${axis}_${unit}`, `${axis}, ${unit}`]));
+  const axes = ["x", "y", "z"].flatMap((axis) => ["mm", "m", "cm", "um", "in"].map((unit) => [`${axis}_${unit}`, `${axis}, ${unit}`]));
   const others = OTHERS.map((name) => [name, name]);
   const own = { robot: joints, instrument: [...axes, ...others], table: [...joints, ...axes, ...others] }[part];
   return [["", "(not read)"], ...own, ...(part === "table" ? [] : KEYS)];

@@ -69,9 +69,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = arguments.set_options.frame;
     let files = read_measured(&arguments.set, &arguments.table)?;
-    let (set, reading) = measurement::from_file(&files.upload(frame), robot.links.len())
-        .map_err(|invalid| {
-            Usage(cannot_be_used(&arguments.set, &files.shown, &invalid.issues))
+    let (set, reading) =
+        measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
+            Usage(cannot_be_used(
+                &arguments.set,
+                &files.shown,
+                &invalid.issues,
+            ))
         })?;
     for line in reading.iter().flat_map(understood_in_words) {
         eprintln!("{}", plain(&line));

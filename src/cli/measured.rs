@@ -65,19 +65,33 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
         Some(path) => named_columns(path)?,
     };
     let decimal = options.numbers.decimal_comma.then_some(Decimal::Comma);
-    let instrument = options.instrument_export.as_ref().or(options.instrument.as_ref());
+    let instrument = options
+        .instrument_export
+        .as_ref()
+        .or(options.instrument.as_ref());
     let Some(instrument) = instrument else {
-        let begins = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&bytes).trim_ascii_start();
+        let begins = bytes
+            .strip_prefix(BYTE_ORDER_MARK)
+            .unwrap_or(&bytes)
+            .trim_ascii_start();
         let is_json = is_json(set) || set == Path::new("-") && begins.first() == Some(&b'{');
         return Ok(Measured {
-            content_type: if is_json { "application/json" } else { "text/csv" }.into(),
+            content_type: if is_json {
+                "application/json"
+            } else {
+                "text/csv"
+            }
+            .into(),
             shown: bytes.clone(),
             bytes,
             columns,
             decimal,
         });
     };
-    let (content_type, form) = form(&[("robot", set, &bytes), ("instrument", instrument, &read(instrument)?)]);
+    let (content_type, form) = form(&[
+        ("robot", set, &bytes),
+        ("instrument", instrument, &read(instrument)?),
+    ]);
     Ok(Measured {
         content_type,
         bytes: form,
@@ -95,7 +109,10 @@ fn read_stdin() -> anyhow::Result<Vec<u8>> {
         .read_to_end(&mut bytes)
         .map_err(|e| Usage(format!("cannot read the standard input: {e}")))?;
     if bytes.len() as u64 > limit {
-        let text = format!("the standard input has more than {} MiB", limit / (1024 * 1024));
+        let text = format!(
+            "the standard input has more than {} MiB",
+            limit / (1024 * 1024)
+        );
         return Err(Usage(text).into());
     }
     Ok(bytes)
@@ -103,15 +120,30 @@ fn read_stdin() -> anyhow::Result<Vec<u8>> {
 
 fn named_columns(path: &Path) -> anyhow::Result<ColumnsBody> {
     ColumnsBody::parse(&read(path)?).map_err(|invalid| {
-        let faults: Vec<String> = invalid.issues.iter().map(|issue| format!("\n  {}", issue.in_words())).collect();
-        Usage(format!("{} cannot be used:{}", path.display(), faults.concat())).into()
+        let faults: Vec<String> = invalid
+            .issues
+            .iter()
+            .map(|issue| format!("\n  {}", issue.in_words()))
+            .collect();
+        Usage(format!(
+            "{} cannot be used:{}",
+            path.display(),
+            faults.concat()
+        ))
+        .into()
     })
 }
 
 /// A form with two files. Its boundary follows from the files, so that the same files make the same bytes.
 fn form(files: &[(&str, &Path, &[u8])]) -> (String, Vec<u8>) {
-    let hashes: Vec<String> = files.iter().map(|(_, _, bytes)| canonical::sha256_hex(bytes)).collect();
-    let boundary = format!("kincal-{}", &canonical::sha256_hex(hashes.concat().as_bytes())[..40]);
+    let hashes: Vec<String> = files
+        .iter()
+        .map(|(_, _, bytes)| canonical::sha256_hex(bytes))
+        .collect();
+    let boundary = format!(
+        "kincal-{}",
+        &canonical::sha256_hex(hashes.concat().as_bytes())[..40]
+    );
     let mut body = Vec::new();
     for (part, path, bytes) in files {
         let name: String = path
@@ -137,7 +169,11 @@ fn form(files: &[(&str, &Path, &[u8])]) -> (String, Vec<u8>) {
 pub fn in_words(reading: &Reading) -> Vec<String> {
     if let Some(joined) = &reading.joined {
         let mut lines = table_in_words("robot file: ", &joined.robot, true);
-        lines.extend(table_in_words("instrument file: ", &joined.instrument, true));
+        lines.extend(table_in_words(
+            "instrument file: ",
+            &joined.instrument,
+            true,
+        ));
         lines.extend(join_in_words(&joined.join));
         return lines;
     }
@@ -155,7 +191,10 @@ fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<Strin
         && table.encoding == "utf-8"
         && table.header_row == Some(1)
         && table.ignored.is_empty()
-        && table.columns.iter().all(|column| column.column == own(column));
+        && table
+            .columns
+            .iter()
+            .all(|column| column.column == own(column));
     if is_plain && !always {
         return vec![];
     }
@@ -163,8 +202,13 @@ fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<Strin
         Decimal::Point => "points",
         Decimal::Comma => "commas",
     };
-    let header = table.header_row.map_or("no header".into(), |line| format!("header in line {line}"));
-    let sheet = table.sheet.as_ref().map_or(String::new(), |sheet| format!(", sheet {sheet:?}"));
+    let header = table
+        .header_row
+        .map_or("no header".into(), |line| format!("header in line {line}"));
+    let sheet = table
+        .sheet
+        .as_ref()
+        .map_or(String::new(), |sheet| format!(", sheet {sheet:?}"));
     let columns: Vec<String> = table
         .columns
         .iter()
@@ -190,8 +234,14 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         ),
         _ => String::new(),
     };
-    let mut lines = vec![format!("{} pairs of rows, joined by {}{clock}", join.n_joined, join.by)];
-    for (file, rest) in [("robot", &join.leftover_robot), ("instrument", &join.leftover_instrument)] {
+    let mut lines = vec![format!(
+        "{} pairs of rows, joined by {}{clock}",
+        join.n_joined, join.by
+    )];
+    for (file, rest) in [
+        ("robot", &join.leftover_robot),
+        ("instrument", &join.leftover_instrument),
+    ] {
         if rest.n > 0 {
             let rows: Vec<String> = rest
                 .rows
@@ -203,7 +253,11 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
                 })
                 .collect();
             let more = if rest.n > rows.len() { ", …" } else { "" };
-            lines.push(format!("{} rows of the {file} file have no partner: {}{more}", rest.n, rows.join(", ")));
+            lines.push(format!(
+                "{} rows of the {file} file have no partner: {}{more}",
+                rest.n,
+                rows.join(", ")
+            ));
         }
     }
     lines

@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::Id;
 use crate::http::extract::{ListQuery, Query};
 use crate::http::limits::RequestClass;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
@@ -15,7 +16,6 @@ use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, Robot};
 use crate::wire::table_preview::PreviewAnswer;
 use crate::wire::time::rfc3339;
-use crate::http::extract::Id;
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::response::Response;
@@ -67,7 +67,9 @@ async fn preview(
     let robot = access::robot(&app, &submission.caller, &robot_id).await?;
     refuse_other_types(&submission)?;
     if submission.media_type == "application/json" {
-        return Err(submission.unsupported("text/csv, a workbook (xlsx, ods) or multipart/form-data"));
+        return Err(
+            submission.unsupported("text/csv, a workbook (xlsx, ods) or multipart/form-data")
+        );
     }
     let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
     let n_joints = Robot::try_from(&access::robot_body(&robot)?)?.links.len();
@@ -96,7 +98,11 @@ fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error>
     let mut checker = Checker::default();
     checker.text("/name", &name, MAX_NAME);
     if name.starts_with('{') || name.trim() != name {
-        checker.note("/name", "invalid_name", "a name does not begin with { and has no space around it");
+        checker.note(
+            "/name",
+            "invalid_name",
+            "a name does not begin with { and has no space around it",
+        );
     }
     checker.finish("invalid_name")?;
     Ok(Named { robot_id, name })
@@ -116,7 +122,9 @@ async fn list(
 ) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let page = column_mappings::list(&app.store, &robot_id, &query.page()?).await?;
-    Ok(Json(page.into_answer(|row| ColumnMappingAnswer::try_from(&row))?))
+    Ok(Json(
+        page.into_answer(|row| ColumnMappingAnswer::try_from(&row))?,
+    ))
 }
 
 /// A mapping of columns by its name.

@@ -5,20 +5,20 @@ use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::limits::RequestClass;
-use crate::http::upload_check::{self, Misfit};
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
+use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
-use crate::wire::issue::Checker;
 use crate::wire::columns::ColumnsBody;
+use crate::wire::issue::Checker;
 use crate::wire::measurement::{
     self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
 };
-use crate::wire::understood::Reading;
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::time::rfc3339;
+use crate::wire::understood::Reading;
 use crate::wire::{Invalid, canonical, json};
 use axum::Json;
 use axum::body::Bytes;
@@ -133,7 +133,11 @@ async fn create(
         uploaded_by: Some(submission.caller.holder.clone()),
         serial_number: upload.serial_number,
         insisted_on,
-        reading_json: upload.reading.as_ref().map(serde_json::to_string).transpose()?,
+        reading_json: upload
+            .reading
+            .as_ref()
+            .map(serde_json::to_string)
+            .transpose()?,
     };
     let effect = async |tx: &mut Tx| {
         let row = measurement_sets::insert(tx, &new).await?;
@@ -173,7 +177,9 @@ fn parse_upload(
     check_serial_number(body, serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
-    let is_json = content_type.to_ascii_lowercase().starts_with("application/json");
+    let is_json = content_type
+        .to_ascii_lowercase()
+        .starts_with("application/json");
     let (stated_frame, name, set, reading, content_type) = if is_json {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
@@ -300,7 +306,10 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
     type Error = Error;
 
     fn try_from(row: &MeasurementSetRow) -> Result<Self, Error> {
-        let reading = row.reading_json.as_deref().map(serde_json::from_str::<Reading>);
+        let reading = row
+            .reading_json
+            .as_deref()
+            .map(serde_json::from_str::<Reading>);
         let reading = reading.transpose()?.unwrap_or_default();
         Ok(Self {
             id: row.id.clone(),

@@ -41,8 +41,8 @@ mod robots;
 mod router;
 mod routes;
 pub mod server;
-pub mod tls;
 mod table_upload;
+pub mod tls;
 mod unreadable;
 mod upload_check;
 

@@ -99,12 +99,6 @@ pub struct Mapping {
 }
 
 impl Mapping {
-    /// Whether some column is named by its number.
-    pub(super) fn has_numbers(&self) -> bool {
-        let is_number = |(_, column): &(String, ColumnRef)| matches!(column, ColumnRef::Number(_));
-        self.columns.iter().any(is_number)
-    }
-
     /// Whether a header has a text that the mapping names.
     pub(super) fn names(&self, header: &str) -> bool {
         let columns = self.columns.iter().map(|(_, column)| column);

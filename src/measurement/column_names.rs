@@ -121,7 +121,8 @@ pub fn unit_alone(cell: &str) -> Option<Unit> {
 /// Lower case, `°` as deg, µ as u.
 fn simplified(text: &str) -> String {
     let text = text.trim().to_lowercase();
-    text.replace(['°', 'º', '˚'], "deg").replace(['µ', 'μ'], "u")
+    text.replace(['°', 'º', '˚'], "deg")
+        .replace(['µ', 'μ'], "u")
 }
 
 /// What a header means; `below` is the unit that stands under it, if there is a row of units.
@@ -217,7 +218,10 @@ const BESIDE_JOINT: [&str; 8] = [
 ];
 
 fn joint(words: &[&str], unit: Unit) -> Option<Known> {
-    let angle = matches!(unit, Unit::Is("deg" | "rad") | Unit::Missing | Unit::TwoReadings);
+    let angle = matches!(
+        unit,
+        Unit::Is("deg" | "rad") | Unit::Missing | Unit::TwoReadings
+    );
     let is_base = |word: &&str| {
         matches!(
             *word,
@@ -256,8 +260,8 @@ const BESIDE_POSITION: [&str; 15] = [
 ];
 
 fn position(words: &[&str], unit: Unit) -> Option<Known> {
-    let length = matches!(unit, Unit::Missing)
-        || LENGTHS.iter().any(|(name, _)| unit == Unit::Is(name));
+    let length =
+        matches!(unit, Unit::Missing) || LENGTHS.iter().any(|(name, _)| unit == Unit::Is(name));
     let rest: Vec<&str> = words
         .iter()
         .copied()
@@ -278,9 +282,10 @@ fn key(words: &[&str], unit: Unit) -> Option<Known> {
         | ["point" | "pt" | "punkt" | "target", "name" | "id" | "label"]
         | ["object", "name"] => Key::Name,
         ["no" | "nr" | "number" | "num" | "index" | "idx" | "nummer" | "#" | "id"]
-        | ["point" | "pt" | "punkt" | "pose" | "row", "no" | "nr" | "number" | "index" | "#"] => {
-            Key::Number
-        }
+        | [
+            "point" | "pt" | "punkt" | "pose" | "row",
+            "no" | "nr" | "number" | "index" | "#",
+        ] => Key::Number,
         ["time" | "timestamp" | "t" | "zeit" | "datetime" | "uhrzeit"]
         | ["time", "stamp"]
         | ["date", "time"] => Key::Time(match unit {
@@ -370,7 +375,10 @@ mod tests {
     #[test]
     fn what_a_name_does_not_say_is_not_known() {
         assert_eq!(recognise("J1", None), Known::Joint(1, Unit::Missing));
-        assert_eq!(recognise("A2 [Grad]", None), Known::Joint(2, Unit::TwoReadings));
+        assert_eq!(
+            recognise("A2 [Grad]", None),
+            Known::Joint(2, Unit::TwoReadings)
+        );
         assert_eq!(recognise("x_um", None), Known::WrongUnit);
         assert_eq!(recognise("q1_inch", None), Known::WrongUnit);
         for name in [

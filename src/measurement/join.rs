@@ -1,11 +1,11 @@
 //! Joins the robot's file and the instrument's: which joint values belong to which position, by name, number, time or order.
 
+use crate::measurement::column_meaning::key;
+use crate::measurement::column_names::Key;
 use crate::measurement::join_options::{Pairs, error};
 use crate::measurement::join_time::{Clock, by_time, times};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
-use crate::measurement::table_columns::key;
 use crate::measurement::table_points::Content;
-use crate::measurement::column_names::Key;
 use std::collections::{BTreeMap, BTreeSet};
 
 pub use crate::measurement::join_options::{JoinBy, JoinError, JoinOptions};
@@ -104,7 +104,12 @@ pub fn join(
         }
     }
     let usable: Vec<&Pairing> = found.iter().filter(|pairing| pairing.is_most()).collect();
-    let Some(best) = usable.first().copied().or_else(|| found.iter().filter(|p| options.by.is_some() && p.n_joined() > 0).max_by_key(|p| p.n_joined())) else {
+    let Some(best) = usable.first().copied().or_else(|| {
+        found
+            .iter()
+            .filter(|p| options.by.is_some() && p.n_joined() > 0)
+            .max_by_key(|p| p.n_joined())
+    }) else {
         return Err(why.unwrap_or_else(|| {
             error(
                 "join_unclear",
@@ -124,7 +129,10 @@ pub fn join(
             ),
         ));
     }
-    Ok((points(robot, instrument, &best.pairs), summary(robot, instrument, best)))
+    Ok((
+        points(robot, instrument, &best.pairs),
+        summary(robot, instrument, best),
+    ))
 }
 
 fn points(robot: &Content, instrument: &Content, pairs: &Pairs) -> Vec<Point> {
@@ -171,7 +179,9 @@ fn pair(
     if by == JoinBy::Order {
         let (a, b) = (n_robot, instrument.points.len());
         if a != b {
-            let detail = format!("the robot's file has {a} rows and the instrument's {b}: by order they do not pair");
+            let detail = format!(
+                "the robot's file has {a} rows and the instrument's {b}: by order they do not pair"
+            );
             return Err(error("join_unclear", detail));
         }
         return plain((0..a).map(Some).collect());
@@ -218,7 +228,9 @@ fn last_part(label: &str) -> String {
 
 /// A number, however many zeros are in front of it.
 fn number(label: &str) -> String {
-    label.parse::<f64>().map_or_else(|_| label.to_owned(), |number| number.to_string())
+    label
+        .parse::<f64>()
+        .map_or_else(|_| label.to_owned(), |number| number.to_string())
 }
 
 /// Pairs rows of the same label, in the form that pairs the most.
@@ -232,7 +244,9 @@ fn by_label(
     let mut most = 0;
     for form in forms {
         let pairs = paired_as(robot, ours, theirs, *form);
-        let n = pairs.as_ref().map_or(usize::MAX, |pairs| pairs.iter().flatten().count());
+        let n = pairs
+            .as_ref()
+            .map_or(usize::MAX, |pairs| pairs.iter().flatten().count());
         // a form that makes one of two names is no better
         if best.is_none() || n > most && pairs.is_ok() {
             (most, best) = (n, Some(pairs));
@@ -249,7 +263,11 @@ fn paired_as(
 ) -> Result<Pairs, JoinError> {
     let mut rows: BTreeMap<String, usize> = BTreeMap::new();
     let wanted: BTreeSet<String> = theirs.iter().map(|label| form(label)).collect();
-    for (row, label) in ours.iter().enumerate().filter(|(_, label)| !label.is_empty()) {
+    for (row, label) in ours
+        .iter()
+        .enumerate()
+        .filter(|(_, label)| !label.is_empty())
+    {
         let label = form(label);
         let first = *rows.entry(label.clone()).or_insert(row);
         if wanted.contains(&label) && !same_joints(&robot.points[first], &robot.points[row]) {
@@ -260,14 +278,20 @@ fn paired_as(
             return Err(error("duplicate_name", detail));
         }
     }
-    Ok(theirs.iter().map(|label| rows.get(&form(label)).copied()).collect())
+    Ok(theirs
+        .iter()
+        .map(|label| rows.get(&form(label)).copied())
+        .collect())
 }
 
 fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
     let taken: BTreeSet<usize> = pairing.pairs.iter().flatten().copied().collect();
     let label = |content: &Content, row: usize| {
         let cells = cells(content, pairing.by).map(|(_, cells)| cells);
-        cells.and_then(|cells| cells.get(row)).cloned().unwrap_or_default()
+        cells
+            .and_then(|cells| cells.get(row))
+            .cloned()
+            .unwrap_or_default()
     };
     let is_leftover = |row: &usize| match &pairing.clock {
         // a log has many rows of one standstill, and rows in which the robot moves
@@ -278,7 +302,11 @@ fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
         line: content.lines[row],
         label: label(content, row),
     };
-    let without = pairing.pairs.iter().enumerate().filter(|(_, pair)| pair.is_none());
+    let without = pairing
+        .pairs
+        .iter()
+        .enumerate()
+        .filter(|(_, pair)| pair.is_none());
     Join {
         by: pairing.by,
         n_joined: pairing.n_joined(),

@@ -1,9 +1,9 @@
 //! Pairs rows of two files by time: the difference of the two clocks is found where it is not stated, from the pattern of the times.
 
+use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::{Key, TimeUnit};
 use crate::measurement::join_options::{JoinError, JoinOptions, Pairs, error};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
-use crate::measurement::table_columns::key;
 
 /// Rows of a log that follow each other faster than this were not written pose by pose, s.
 const LOG_SPACING_S: f64 = 0.5;
@@ -74,7 +74,9 @@ fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
     let mut parts = time.split(':');
     let mut part = |limit: f64| {
         let text = parts.next()?;
-        let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.' || byte == b',');
+        let is_plain = text
+            .bytes()
+            .all(|byte| byte.is_ascii_digit() || byte == b'.' || byte == b',');
         let value: f64 = text.replace(',', ".").parse().ok().filter(|_| is_plain)?;
         (value < limit).then_some(value)
     };
@@ -96,14 +98,21 @@ fn without_zone(time: &str) -> Option<(&str, f64)> {
     };
     let (hours, minutes) = time[at + 1..].split_once(':')?;
     let (hours, minutes): (f64, f64) = (hours.parse().ok()?, minutes.parse().ok()?);
-    let sign = if time.as_bytes()[at] == b'-' { -1.0 } else { 1.0 };
+    let sign = if time.as_bytes()[at] == b'-' {
+        -1.0
+    } else {
+        1.0
+    };
     Some((&time[..at], sign * (hours * 3600.0 + minutes * 60.0)))
 }
 
 /// Days of 2026-03-01 or 01.03.2026 since 1970. A date with slashes has two readings, and is none here.
 fn days(date: &str) -> Option<f64> {
     let numbers = |separator: char| -> Option<[i64; 3]> {
-        let parts: Vec<i64> = date.split(separator).map(|part| part.parse().ok()).collect::<Option<_>>()?;
+        let parts: Vec<i64> = date
+            .split(separator)
+            .map(|part| part.parse().ok())
+            .collect::<Option<_>>()?;
         parts.try_into().ok()
     };
     let [year, month, day] = match (date.contains('-'), date.contains('.')) {
@@ -135,9 +144,14 @@ pub(super) fn by_time(
 ) -> Result<(Pairs, Clock), JoinError> {
     let standstills = standstills(robot, robot_s);
     if standstills.is_empty() {
-        return Err(error("join_unclear", "the robot's file has no standstill: it moves in every row"));
+        return Err(error(
+            "join_unclear",
+            "the robot's file has no standstill: it moves in every row",
+        ));
     }
-    let tolerance_s = options.tolerance_s.unwrap_or_else(|| tolerance(&standstills));
+    let tolerance_s = options
+        .tolerance_s
+        .unwrap_or_else(|| tolerance(&standstills));
     let offset_s = match options.clock_offset_s {
         Some(offset_s) => offset_s,
         None => found_offset(&standstills, instrument_s, tolerance_s)?,
@@ -151,7 +165,10 @@ pub(super) fn by_time(
         Clock {
             offset_s,
             tolerance_s,
-            standstills: standstills.iter().map(|standstill| standstill.row).collect(),
+            standstills: standstills
+                .iter()
+                .map(|standstill| standstill.row)
+                .collect(),
             n_standstills: standstills.len(),
         },
     ))
@@ -161,9 +178,14 @@ pub(super) fn by_time(
 fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
     let mut order: Vec<usize> = (0..robot.len()).collect();
     order.sort_by(|a, b| robot_s[*a].total_cmp(&robot_s[*b]));
-    let mut spacings: Vec<f64> = order.windows(2).map(|w| robot_s[w[1]] - robot_s[w[0]]).collect();
+    let mut spacings: Vec<f64> = order
+        .windows(2)
+        .map(|w| robot_s[w[1]] - robot_s[w[0]])
+        .collect();
     spacings.sort_by(f64::total_cmp);
-    let is_log = spacings.get(spacings.len() / 2).is_some_and(|s| *s <= LOG_SPACING_S);
+    let is_log = spacings
+        .get(spacings.len() / 2)
+        .is_some_and(|s| *s <= LOG_SPACING_S);
     let mut found: Vec<Vec<usize>> = Vec::new();
     for row in order {
         let stands = |first: usize| {
@@ -188,7 +210,9 @@ fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
 
 /// A quarter of the smallest distance between two standstills.
 fn tolerance(standstills: &[Standstill]) -> f64 {
-    let gaps = standstills.windows(2).map(|pair| pair[1].from_s - pair[0].to_s);
+    let gaps = standstills
+        .windows(2)
+        .map(|pair| pair[1].from_s - pair[0].to_s);
     (gaps.fold(f64::INFINITY, f64::min) / 4.0).clamp(0.0, MAX_TOLERANCE_S)
 }
 
@@ -202,9 +226,15 @@ fn paired(
     let nearest = |time_s: &f64| {
         let at_s = time_s + offset_s;
         let after = standstills.partition_point(|standstill| standstill.from_s <= at_s);
-        let near = [after.checked_sub(1), Some(after).filter(|at| *at < standstills.len())];
+        let near = [
+            after.checked_sub(1),
+            Some(after).filter(|at| *at < standstills.len()),
+        ];
         let gap = |at: usize| gap(&standstills[at], at_s).abs();
-        let best = near.into_iter().flatten().min_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
+        let best = near
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
         (gap(best) <= tolerance_s).then_some(best)
     };
     instrument_s.iter().map(nearest).collect()
@@ -254,7 +284,9 @@ fn found_offset(
         return Err(error("join_unclear", detail));
     }
     // the clocks agree as they are
-    let as_they_are = best.iter().find(|(offset_s, _)| offset_s.abs() <= tolerance_s);
+    let as_they_are = best
+        .iter()
+        .find(|(offset_s, _)| offset_s.abs() <= tolerance_s);
     let Some((offset_s, pairs)) = as_they_are.or(best.first()) else {
         return Ok(0.0);
     };
@@ -262,7 +294,10 @@ fn found_offset(
         let both = pairs.iter().zip(other).filter_map(|(a, b)| a.zip(*b));
         both.into_iter().any(|(a, b)| a != b)
     };
-    match best.iter().find(|(_, other)| as_they_are.is_none() && contradicts(other)) {
+    match best
+        .iter()
+        .find(|(_, other)| as_they_are.is_none() && contradicts(other))
+    {
         None => Ok(*offset_s),
         Some((other_s, _)) => {
             let detail = format!(
@@ -307,7 +342,14 @@ mod tests {
         assert_eq!(plain("1970-01-02T00:00:01Z"), Some(86_401.0));
         assert_eq!(plain("2000-03-01 00:00"), Some(951_868_800.0));
         assert_eq!(plain("01.03.2000 01:00:00+01:00"), Some(951_868_800.0));
-        for bad in ["03/01/2000 08:00:00", "25:00:00", "noon", "", "1:2:3:4", "-1:00:00"] {
+        for bad in [
+            "03/01/2000 08:00:00",
+            "25:00:00",
+            "noon",
+            "",
+            "1:2:3:4",
+            "-1:00:00",
+        ] {
             assert_eq!(plain(bad), None, "{bad}");
         }
     }

@@ -1,6 +1,7 @@
 //! Measured poses: the set, its CSV form, units and the split into identify and verify.
 
 pub mod column_mapping;
+pub mod column_meaning;
 pub mod column_names;
 mod conventions;
 pub mod csv;
@@ -15,6 +16,8 @@ pub mod set;
 pub mod split;
 pub mod table;
 pub mod table_columns;
+mod table_header;
+mod table_lines;
 mod table_numbers;
 pub mod table_points;
 mod table_programs;

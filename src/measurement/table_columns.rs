@@ -1,9 +1,8 @@
 //! What each column of a table means: by the mapping of the caller first, by its name second.
 
-use crate::measurement::column_mapping::{ColumnRef, Mapping};
-use crate::measurement::column_names::{
-    Key, Known, LENGTHS, PLAIN, TimeUnit, Unit, nearly, recognise,
-};
+use crate::measurement::column_mapping::Mapping;
+use crate::measurement::column_meaning::{self, column, key, key_name, thing};
+use crate::measurement::column_names::{Known, PLAIN, Unit, nearly, recognise};
 use crate::measurement::csv_columns::{Column, column_of, missing_columns};
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::{Table, listed};
@@ -42,55 +41,6 @@ pub struct Columns {
     pub missing: Vec<String>,
     /// What a caller might confirm: meaning with unit, and place. Never used without being confirmed.
     pub proposed: Vec<(String, usize)>,
-}
-
-/// A column that is read as a measurement.
-pub(super) fn column(means: &str, n_joints: usize) -> Option<Column> {
-    if let Some((axis, unit)) = means.split_once('_') {
-        let axis = ["x", "y", "z"].iter().position(|name| *name == axis);
-        let factor = LENGTHS.iter().find(|(name, _)| *name == unit);
-        if let (Some(axis), Some((_, factor))) = (axis, factor) {
-            return Some(Column::Position(axis, *factor));
-        }
-    }
-    column_of(means, n_joints).ok()
-}
-
-/// The key that a meaning is, if it is one.
-pub fn key(means: &str) -> Option<Key> {
-    Some(match means {
-        "name" => Key::Name,
-        "number" => Key::Number,
-        "time" => Key::Time(TimeUnit::Unstated),
-        "time_s" => Key::Time(TimeUnit::Seconds),
-        "time_ms" => Key::Time(TimeUnit::Milliseconds),
-        "time_us" => Key::Time(TimeUnit::Microseconds),
-        _ => return None,
-    })
-}
-
-/// Most links of a robot.
-const MAX_LINKS: usize = 12;
-
-/// Whether a text is the meaning of a column of some robot.
-pub fn is_meaning(means: &str) -> bool {
-    column(means, MAX_LINKS).is_some() || key(means).is_some()
-}
-
-fn key_name(key: Key) -> String {
-    match key {
-        Key::Name => "name".into(),
-        Key::Number => "number".into(),
-        Key::Time(unit) => unit.as_str().map_or("time".into(), |unit| format!("time_{unit}")),
-    }
-}
-
-/// The thing that a meaning is about: `q1`, `x`, `time`, `station`.
-fn thing(means: &str) -> &str {
-    let (base, _) = means.split_once('_').unwrap_or((means, ""));
-    let is_axis = matches!(base, "x" | "y" | "z" | "time");
-    let is_joint = base.strip_prefix('q').is_some_and(|rest| rest.parse::<usize>().is_ok());
-    if is_axis || is_joint { base } else { means }
 }
 
 /// Everything that is known while columns are resolved.
@@ -133,7 +83,10 @@ impl Resolution<'_> {
     }
 
     fn has(&self, wanted: &str) -> bool {
-        self.columns.used.iter().any(|used| thing(&used.means) == wanted)
+        self.columns
+            .used
+            .iter()
+            .any(|used| thing(&used.means) == wanted)
     }
 
     fn needs_joints(&self) -> bool {
@@ -300,7 +253,11 @@ impl Resolution<'_> {
     /// Takes a column for a thing, or says what is unclear about it.
     fn offer(&mut self, place: usize, thing: &str, unit: Unit, units: [&str; 2]) {
         let name = self.table.name(place);
-        let other = self.columns.used.iter().find(|used| self::thing(&used.means) == thing);
+        let other = self
+            .columns
+            .used
+            .iter()
+            .find(|used| column_meaning::thing(&used.means) == thing);
         if let Some(other) = other {
             if other.is_mapped {
                 return;
@@ -315,11 +272,16 @@ impl Resolution<'_> {
             self.issue(Some(name), "duplicate_column", detail);
             return;
         }
-        let mapping = format!("?columns={{\"{thing}_{}\": {name:?}, …}} (--columns)", units[0]);
+        let mapping = format!(
+            "?columns={{\"{thing}_{}\": {name:?}, …}} (--columns)",
+            units[0]
+        );
         match unit {
             Unit::Is(unit) => self.take(place, format!("{thing}_{unit}")),
             Unit::Missing => {
-                self.columns.proposed.push((format!("{thing}_{}", units[0]), place));
+                self.columns
+                    .proposed
+                    .push((format!("{thing}_{}", units[0]), place));
                 let detail = format!(
                     "column {name} has no unit; name it {thing}_{} or {thing}_{}, or say it once by {mapping}",
                     units[0], units[1]
@@ -327,7 +289,9 @@ impl Resolution<'_> {
                 self.issue(Some(name), "missing_unit", detail);
             }
             Unit::TwoReadings => {
-                self.columns.proposed.push((format!("{thing}_{}", units[0]), place));
+                self.columns
+                    .proposed
+                    .push((format!("{thing}_{}", units[0]), place));
                 let detail = format!(
                     "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it by {mapping}"
                 );
@@ -341,8 +305,10 @@ impl Resolution<'_> {
     fn named_plain(&mut self, known: &[(usize, Known)]) {
         // in another's table, "Target" or "Station" is another thing
         let is_own = self.table.header.iter().all(|name| {
-            !matches!(recognise(name, None), Known::Joint(..) | Known::Position(..))
-                || column(&name.trim().to_lowercase(), self.n_joints).is_some()
+            !matches!(
+                recognise(name, None),
+                Known::Joint(..) | Known::Position(..)
+            ) || column(&name.trim().to_lowercase(), self.n_joints).is_some()
         });
         for (place, known) in known {
             let name = self.table.name(*place);
@@ -375,13 +341,20 @@ impl Resolution<'_> {
     fn wrong_unit(&mut self, name: String) {
         let lower = name.to_lowercase();
         let thing = thing(&lower);
-        let is_wanted = if thing.starts_with('q') { self.needs_joints() } else { self.needs_positions() };
+        let is_wanted = if thing.starts_with('q') {
+            self.needs_joints()
+        } else {
+            self.needs_positions()
+        };
         if !is_wanted || self.has(thing) {
             return;
         }
         if let Err(issue) = column_of(&lower, self.n_joints) {
             let units = if thing.starts_with('q') { "deg" } else { "mm" };
-            let detail = format!("{}; or say what it is by ?columns={{\"{thing}_{units}\": …}} (--columns)", issue.detail);
+            let detail = format!(
+                "{}; or say what it is by ?columns={{\"{thing}_{units}\": …}} (--columns)",
+                issue.detail
+            );
             self.issue(Some(name), issue.code, detail);
         }
     }
@@ -391,7 +364,11 @@ impl Resolution<'_> {
         let mut missing = Vec::new();
         if self.needs_joints() {
             let joints = (1..=self.n_joints).map(|joint| format!("q{joint}"));
-            missing.extend(joints.filter(|joint| !self.has(joint)).map(|joint| format!("{joint}_deg")));
+            missing.extend(
+                joints
+                    .filter(|joint| !self.has(joint))
+                    .map(|joint| format!("{joint}_deg")),
+            );
         }
         if self.needs_positions() {
             let axes = ["x", "y", "z"].into_iter().filter(|axis| !self.has(axis));
@@ -416,8 +393,15 @@ impl Resolution<'_> {
                 (Needs::Positions, Some(thing)) => !thing.starts_with('q'),
             }
         };
-        let found: Vec<Issue> = missing_columns(&columns, self.n_joints).into_iter().filter(is_about).collect();
-        let has_none = !self.columns.used.iter().any(|used| key(&used.means).is_none());
+        let found: Vec<Issue> = missing_columns(&columns, self.n_joints)
+            .into_iter()
+            .filter(is_about)
+            .collect();
+        let has_none = !self
+            .columns
+            .used
+            .iter()
+            .any(|used| key(&used.means).is_none());
         let no_header = self.table.header_line.is_none();
         self.columns.issues = found
             .into_iter()
@@ -435,7 +419,15 @@ impl Resolution<'_> {
         if has_none && no_header && !self.columns.issues.is_empty() {
             let detail = "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
                           from 1: ?columns={\"q1_deg\": 1, …} (--columns)";
-            self.columns.issues.insert(0, Issue { row: None, column: None, code: "no_header", detail: detail.into() });
+            self.columns.issues.insert(
+                0,
+                Issue {
+                    row: None,
+                    column: None,
+                    code: "no_header",
+                    detail: detail.into(),
+                },
+            );
         }
         if self.columns.issues.is_empty() {
             self.columns.issues = mixed_units(&self.columns.used);
@@ -452,7 +444,10 @@ fn mixed_units(used: &[Used]) -> Vec<Issue> {
             .collect()
     };
     let lengths = units(|base| matches!(base, "x" | "y" | "z"));
-    let angles = units(|base| base.strip_prefix('q').is_some_and(|n| n.parse::<usize>().is_ok()));
+    let angles = units(|base| {
+        base.strip_prefix('q')
+            .is_some_and(|n| n.parse::<usize>().is_ok())
+    });
     if lengths.len() < 2 && angles.len() < 2 {
         return vec![];
     }
@@ -460,11 +455,7 @@ fn mixed_units(used: &[Used]) -> Vec<Issue> {
         row: None,
         column: None,
         code: "mixed_units",
-        detail: "joints (or coordinates) are in two different units; use one unit for all of them".into(),
+        detail: "joints (or coordinates) are in two different units; use one unit for all of them"
+            .into(),
     }]
-}
-
-/// A resolved column as a mapping names it again.
-pub fn reference(used: &Used) -> (String, ColumnRef) {
-    (used.means.clone(), ColumnRef::Number(used.place + 1))
 }

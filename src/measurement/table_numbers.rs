@@ -70,7 +70,11 @@ fn count(marks: &mut Marks, cell: &str, column: Option<Column>, line: usize) -> 
         return false;
     };
     let is_grouped = is_group_of_three(cell, mark);
-    if is_grouped && thousands.parse().is_ok_and(|value| is_possible(value, column)) {
+    if is_grouped
+        && thousands
+            .parse()
+            .is_ok_and(|value| is_possible(value, column))
+    {
         let is_first = marks.unclear.is_none();
         marks.unclear.get_or_insert((line, mark));
         return is_first;

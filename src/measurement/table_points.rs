@@ -1,13 +1,14 @@
 //! Reads a table of any form as measurements: columns by mapping and by name, cells by the reader of measurement files.
 
-use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
+use crate::measurement::column_mapping::{Mapping, Separator};
+use crate::measurement::column_meaning::{self, key};
 use crate::measurement::conventions::{Decimal, Frame};
 use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::set::{MeasurementSet, Point};
 use crate::measurement::table::{Next, Table};
-use crate::measurement::table_columns::{self, Columns, Needs, Used, key, resolve};
+use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table_numbers::decimal_mark;
 use crate::measurement::table_text::{Encoding, Source};
 
@@ -34,22 +35,6 @@ pub struct Understood {
     pub skipped_rows: usize,
 }
 
-impl Understood {
-    /// The mapping that reads the file in the same way, whatever names mean by then.
-    pub fn mapping(&self) -> Mapping {
-        Mapping {
-            columns: self.columns.iter().map(|(used, _)| table_columns::reference(used)).collect(),
-            ignore: vec![],
-            decimal: Some(self.decimal),
-            separator: Some(self.separator),
-            header_row: Some(self.header_row.map_or(HeaderRow::None, HeaderRow::Line)),
-            comments: self.comments,
-            sheet: self.sheet.clone(),
-            is_complete: true,
-        }
-    }
-}
-
 /// Why a table was refused, with the lines of its rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableError {
@@ -60,7 +45,11 @@ pub struct TableError {
 impl From<ParseError> for TableError {
     fn from(error: ParseError) -> Self {
         Self {
-            issues: error.issues.into_iter().map(|issue| (issue, None)).collect(),
+            issues: error
+                .issues
+                .into_iter()
+                .map(|issue| (issue, None))
+                .collect(),
         }
     }
 }
@@ -123,10 +112,19 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
         is_time: options.is_time,
     };
     let mut content = Rows::default();
-    content.keys = parts.keys.iter().map(|used| (used.means.clone(), vec![])).collect();
+    content.keys = parts
+        .keys
+        .iter()
+        .map(|used| (used.means.clone(), vec![]))
+        .collect();
     table.each_row(|next| content.take(next, &table, &parts, &reading));
     if content.points.is_empty() && content.issues.is_empty() {
-        content.issue(None, None, "no_rows", "the file has a header but no data rows".into());
+        content.issue(
+            None,
+            None,
+            "no_rows",
+            "the file has a header but no data rows".into(),
+        );
     }
     if !content.issues.is_empty() {
         content.issues.truncate(MAX_ISSUES);
@@ -163,7 +161,11 @@ pub fn read_set(
 ///
 /// # Errors
 /// [`TableError`] if not even its columns can be told apart.
-pub fn preview(source: Source, options: &TableOptions, n_rows: usize) -> Result<Preview, TableError> {
+pub fn preview(
+    source: Source,
+    options: &TableOptions,
+    n_rows: usize,
+) -> Result<Preview, TableError> {
     let table = Table::find(source, options.mapping)?;
     let columns = resolve(&table, options.mapping, options.n_joints, options.needs);
     let parts = Parts::new(&table, &columns, options);
@@ -174,7 +176,12 @@ pub fn preview(source: Source, options: &TableOptions, n_rows: usize) -> Result<
     table.each_row(|next| {
         seen += 1;
         if let Next::Row(row) = next {
-            rows.push(row.cells.iter().map(|cell| cell.trim().to_owned()).collect());
+            rows.push(
+                row.cells
+                    .iter()
+                    .map(|cell| cell.trim().to_owned())
+                    .collect(),
+            );
         }
         rows.len() < n_rows && seen < 100 * n_rows
     });
@@ -209,10 +216,22 @@ impl<'t> Parts<'t> {
             .used
             .iter()
             .filter(wanted)
-            .filter_map(|used| Some((used.place, table_columns::column(&used.means, options.n_joints)?)))
+            .filter_map(|used| {
+                Some((
+                    used.place,
+                    column_meaning::column(&used.means, options.n_joints)?,
+                ))
+            })
             .collect();
-        let keys = columns.used.iter().filter(|used| key(&used.means).is_some());
-        let named = table.header.iter().rposition(|name| !name.is_empty()).map_or(0, |at| at + 1);
+        let keys = columns
+            .used
+            .iter()
+            .filter(|used| key(&used.means).is_some());
+        let named = table
+            .header
+            .iter()
+            .rposition(|name| !name.is_empty())
+            .map_or(0, |at| at + 1);
         let last = read.iter().map(|(place, _)| place + 1).max().unwrap_or(0);
         Self {
             table,
@@ -244,7 +263,12 @@ impl<'t> Parts<'t> {
         decimal_mark(self.table, &numbers)
     }
 
-    fn understood(&self, columns: &Columns, decimal: Decimal, options: &TableOptions) -> Understood {
+    fn understood(
+        &self,
+        columns: &Columns,
+        decimal: Decimal,
+        options: &TableOptions,
+    ) -> Understood {
         let is_used = |used: &&Used| {
             self.places.contains(&used.place)
                 || key(&used.means).is_some() && (options.needs != Needs::Points || used.is_mapped)
@@ -276,7 +300,8 @@ impl<'t> Parts<'t> {
 
 fn is_joint(means: &str) -> bool {
     let base = means.split_once('_').map_or(means, |(base, _)| base);
-    base.strip_prefix('q').is_some_and(|rest| rest.parse::<usize>().is_ok())
+    base.strip_prefix('q')
+        .is_some_and(|rest| rest.parse::<usize>().is_ok())
 }
 
 /// What was read so far.
@@ -291,7 +316,13 @@ struct Rows {
 }
 
 impl Rows {
-    fn issue(&mut self, row: Option<usize>, line: Option<usize>, code: &'static str, detail: String) {
+    fn issue(
+        &mut self,
+        row: Option<usize>,
+        line: Option<usize>,
+        code: &'static str,
+        detail: String,
+    ) {
         let issue = Issue {
             row,
             column: None,
@@ -311,7 +342,12 @@ impl Rows {
             }
             Next::Bad(line, code, detail) => {
                 let row = self.n_rows;
-                self.issue(Some(row), Some(line), code, format!("row {row} cannot be read: {detail}"));
+                self.issue(
+                    Some(row),
+                    Some(line),
+                    code,
+                    format!("row {row} cannot be read: {detail}"),
+                );
                 self.n_rows += 1;
                 return self.issues.len() < MAX_ISSUES;
             }
@@ -324,7 +360,11 @@ impl Rows {
             return false;
         }
         self.n_rows += 1;
-        let too_many = row.cells.iter().skip(table.header.len()).any(|cell| !cell.trim().is_empty());
+        let too_many = row
+            .cells
+            .iter()
+            .skip(table.header.len())
+            .any(|cell| !cell.trim().is_empty());
         if row.cells.len() < parts.n_needed || too_many {
             let detail = wrong_cell_count(
                 index,
@@ -335,10 +375,22 @@ impl Rows {
             self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
             return self.issues.len() < MAX_ISSUES;
         }
-        let cells: csv::StringRecord = parts.places.iter().map(|place| &row.cells[*place]).collect();
+        let cells: csv::StringRecord = parts
+            .places
+            .iter()
+            .map(|place| &row.cells[*place])
+            .collect();
         let mut issues = Vec::new();
-        let point = parse_row(index, &cells, &parts.names, &parts.columns, reading, &mut issues);
-        self.issues.extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
+        let point = parse_row(
+            index,
+            &cells,
+            &parts.names,
+            &parts.columns,
+            reading,
+            &mut issues,
+        );
+        self.issues
+            .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
         if let Some(point) = point {
             self.points.push(point);
             self.lines.push(row.line);
@@ -348,9 +400,4 @@ impl Rows {
         }
         self.issues.len() < MAX_ISSUES
     }
-}
-
-/// A mapping's column by number or name, for callers that write mappings.
-pub fn column_ref(place: usize) -> ColumnRef {
-    ColumnRef::Number(place + 1)
 }

@@ -37,8 +37,14 @@ pub(super) fn table(text: &str) -> Result<Option<String>, ParseError> {
 }
 
 fn in_table(points: &[Point]) -> String {
-    let n_axes = points.iter().map(|point| point.angles.len()).max().unwrap_or(0);
-    let joints: Vec<String> = (1..=n_axes).map(|joint| format!("J{joint} [deg]")).collect();
+    let n_axes = points
+        .iter()
+        .map(|point| point.angles.len())
+        .max()
+        .unwrap_or(0);
+    let joints: Vec<String> = (1..=n_axes)
+        .map(|joint| format!("J{joint} [deg]"))
+        .collect();
     let mut text = format!("name\tnumber\t{}\n", joints.join("\t"));
     let mut at = 1;
     for point in points {
@@ -46,7 +52,12 @@ fn in_table(points: &[Point]) -> String {
             text.push('\n');
             at += 1;
         }
-        text.push_str(&format!("{}\t{}\t{}\n", point.name, point.number, point.angles.join("\t")));
+        text.push_str(&format!(
+            "{}\t{}\t{}\n",
+            point.name,
+            point.number,
+            point.angles.join("\t")
+        ));
         at += 1;
     }
     text
@@ -60,11 +71,13 @@ fn number_of(name: &str) -> String {
 
 fn point(line: usize, name: &str, angles: Vec<String>) -> Option<Point> {
     let is_number = |text: &String| text.parse::<f64>().is_ok();
-    (!angles.is_empty() && angles.len() <= MAX_AXES && angles.iter().all(is_number)).then(|| Point {
-        line,
-        number: number_of(name),
-        name: name.to_owned(),
-        angles,
+    (!angles.is_empty() && angles.len() <= MAX_AXES && angles.iter().all(is_number)).then(|| {
+        Point {
+            line,
+            number: number_of(name),
+            name: name.to_owned(),
+            angles,
+        }
     })
 }
 
@@ -83,11 +96,15 @@ fn kuka(line: usize, text: &str) -> Option<Point> {
         let wanted = format!("A{number}");
         body.split(',').find_map(|part| {
             let (axis, value) = part.trim().split_once(' ')?;
-            axis.eq_ignore_ascii_case(&wanted).then(|| value.trim().to_owned())
+            axis.eq_ignore_ascii_case(&wanted)
+                .then(|| value.trim().to_owned())
         })
     };
     let angles: Vec<String> = (1..=6).map_while(axis).collect();
-    let name = name.strip_prefix(['X', 'x']).filter(|rest| !rest.is_empty()).unwrap_or(name);
+    let name = name
+        .strip_prefix(['X', 'x'])
+        .filter(|rest| !rest.is_empty())
+        .unwrap_or(name);
     point(line, name, angles)
 }
 
@@ -100,7 +117,14 @@ fn abb(line: usize, text: &str) -> Option<Point> {
         return None;
     }
     let inner = value.trim().strip_prefix("[[")?.split_once(']')?.0;
-    point(line, name, inner.split(',').map(|angle| angle.trim().to_owned()).collect())
+    point(
+        line,
+        name,
+        inner
+            .split(',')
+            .map(|angle| angle.trim().to_owned())
+            .collect(),
+    )
 }
 
 /// `P[1:"name"]{ GP1: UF : 0, UT : 1, J1= 0.000 deg, … };` over several lines.
@@ -161,13 +185,22 @@ mod tests {
         assert_eq!(lines[3], "P2\t2\t1.5\t-90.0\t90\t0.0\t-1E1\t0.25");
         let abb = "MODULE m\n  CONST jointtarget cal_10:=[[1,-2.5,3,4,5,6],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];\n  CONST robtarget p:=[[1,2,3],[1,0,0,0]];\nENDMODULE";
         let found = table(abb).unwrap().unwrap();
-        assert_eq!(found.lines().nth(1), Some("cal_10\t10\t1\t-2.5\t3\t4\t5\t6"));
+        assert_eq!(
+            found.lines().nth(1),
+            Some("cal_10\t10\t1\t-2.5\t3\t4\t5\t6")
+        );
         assert_eq!(found.lines().count(), 2);
         let fanuc = "/PROG CAL\n/MN\n 1:J P[1] 10% FINE ;\n/POS\nP[1:\"T 1\"]{\n   GP1:\n\tUF : 0, UT : 1,\t\n\tJ1=    10.000 deg,\tJ2=   -30.000 deg,\tJ3=     5.500 deg,\n\tJ4=     0.000 deg,\tJ5=   -90.000 deg,\tJ6=     1.000 deg\n};\nP[2]{\n   GP1:\n\tUF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm\n};\n/END\n";
         let found = table(fanuc).unwrap().unwrap();
-        assert_eq!(found.lines().nth(4), Some("T 1\t1\t10.000\t-30.000\t5.500\t0.000\t-90.000\t1.000"));
+        assert_eq!(
+            found.lines().nth(4),
+            Some("T 1\t1\t10.000\t-30.000\t5.500\t0.000\t-90.000\t1.000")
+        );
         assert_eq!(found.lines().filter(|line| !line.is_empty()).count(), 2);
         assert!(table("q1_deg,x_mm\n1,2\n").unwrap().is_none());
-        assert_eq!(table("/JOB\n///PULSE\nC00000=1,2\n").unwrap_err().issues[0].code, "not_angles");
+        assert_eq!(
+            table("/JOB\n///PULSE\nC00000=1,2\n").unwrap_err().issues[0].code,
+            "not_angles"
+        );
     }
 }

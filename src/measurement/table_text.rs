@@ -54,7 +54,10 @@ impl<'a> Source<'a> {
     /// [`ParseError`] for what is not text.
     pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
         if bytes.starts_with(b"PK\x03\x04") {
-            return Err(whole("not_csv", "this is a zip file, and no workbook".into()));
+            return Err(whole(
+                "not_csv",
+                "this is a zip file, and no workbook".into(),
+            ));
         }
         let source = decoded(bytes)?;
         if source.text.trim().is_empty() {
@@ -155,7 +158,7 @@ fn windows_1252(bytes: &[u8]) -> Result<String, ParseError> {
             0x80..=0x9F => HIGH[usize::from(byte - 0x80)],
             byte => char::from(byte),
         };
-        if character == '\0' {
+        if character == '\0' && byte != 0 {
             let detail = format!(
                 "byte {at} is neither UTF-8 nor Windows-1252 text; save the file as CSV (UTF-8)"
             );

@@ -1,9 +1,9 @@
 //! The mapping of a file's columns as callers write it: `{"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}`.
 
 use crate::measurement::Decimal;
-use crate::measurement::column_names::PLAIN;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
-use crate::measurement::table_columns::is_meaning;
+use crate::measurement::column_meaning::is_meaning;
+use crate::measurement::column_names::PLAIN;
 use crate::measurement::join::{JoinBy, JoinOptions};
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
@@ -110,12 +110,20 @@ impl ColumnsBody {
         if let Some(own) = own {
             match own.as_object() {
                 Some(own) => reader.object(own, &format!("/{}", part.as_str()), &mut mapping),
-                None => reader.wrong(&format!("/{}", part.as_str()), "an object with the columns of that file"),
+                None => reader.wrong(
+                    &format!("/{}", part.as_str()),
+                    "an object with the columns of that file",
+                ),
             }
         }
-        let stated: Vec<String> = mapping.columns.iter().map(|(means, _)| means.clone()).collect();
+        let stated: Vec<String> = mapping
+            .columns
+            .iter()
+            .map(|(means, _)| means.clone())
+            .collect();
         let is_wanted = |means: &str| {
-            let is_joint = means.starts_with('q') && means.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
+            let is_joint =
+                means.starts_with('q') && means.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
             let is_key = means == "name" || means == "number" || means.starts_with("time");
             let is_stated = stated.iter().any(|known| known == means);
             let is_this = match part {
@@ -165,10 +173,14 @@ impl ColumnsBody {
         };
         for (name, value) in join {
             let pointer = format!("/join/{name}");
-            let seconds = value.as_f64().filter(|s| s.is_finite() && s.abs() <= 1.0e10);
+            let seconds = value
+                .as_f64()
+                .filter(|s| s.is_finite() && s.abs() <= 1.0e10);
             match name.as_str() {
                 "by" => {
-                    let by = JoinBy::ALL.into_iter().find(|by| value.as_str() == Some(by.as_str()));
+                    let by = JoinBy::ALL
+                        .into_iter()
+                        .find(|by| value.as_str() == Some(by.as_str()));
                     if by.is_none() {
                         reader.wrong(&pointer, "name, number, time or order");
                     }
@@ -177,7 +189,10 @@ impl ColumnsBody {
                 "tolerance_s" if seconds.is_some_and(|s| s >= 0.0) => options.tolerance_s = seconds,
                 "clock_offset_s" if seconds.is_some() => options.clock_offset_s = seconds,
                 "tolerance_s" | "clock_offset_s" => reader.wrong(&pointer, "a number of seconds"),
-                _ => reader.wrong(&pointer, "nothing: a join has by, tolerance_s and clock_offset_s"),
+                _ => reader.wrong(
+                    &pointer,
+                    "nothing: a join has by, tolerance_s and clock_offset_s",
+                ),
             }
         }
         reader.checker.finish("invalid_columns")?;
@@ -186,7 +201,14 @@ impl ColumnsBody {
 }
 
 /// Keys that are no columns.
-const SETTINGS: [&str; 6] = ["decimal", "separator", "header_row", "comments", "ignore", "sheet"];
+const SETTINGS: [&str; 6] = [
+    "decimal",
+    "separator",
+    "header_row",
+    "comments",
+    "ignore",
+    "sheet",
+];
 
 /// Reads the values of a mapping, and collects what is wrong.
 #[derive(Default)]
@@ -228,7 +250,10 @@ impl Reader {
                     Some(comments) => mapping.comments = Some(comments),
                     None => self.wrong(&pointer, "true or false"),
                 },
-                "sheet" => match value.as_str().filter(|text| text.chars().count() <= MAX_TEXT) {
+                "sheet" => match value
+                    .as_str()
+                    .filter(|text| text.chars().count() <= MAX_TEXT)
+                {
                     Some(sheet) => mapping.sheet = Some(sheet.to_owned()),
                     None => self.wrong(&pointer, "the name of a sheet"),
                 },
@@ -251,20 +276,29 @@ impl Reader {
                 }
                 _ => {
                     let column = self.column(value, &pointer);
-                    mapping.columns.extend(column.map(|column| (name.clone(), column)));
+                    mapping
+                        .columns
+                        .extend(column.map(|column| (name.clone(), column)));
                 }
             }
         }
     }
 
     fn column(&mut self, value: &Value, pointer: &str) -> Option<ColumnRef> {
-        let number = value.as_u64().filter(|number| (1..=MAX_NUMBER).contains(number));
-        let text = value.as_str().filter(|text| !text.is_empty() && text.chars().count() <= MAX_TEXT);
+        let number = value
+            .as_u64()
+            .filter(|number| (1..=MAX_NUMBER).contains(number));
+        let text = value
+            .as_str()
+            .filter(|text| !text.is_empty() && text.chars().count() <= MAX_TEXT);
         match (text, number) {
             (Some(text), _) => Some(ColumnRef::Header(text.to_owned())),
             (None, Some(number)) => Some(ColumnRef::Number(number as usize)),
             (None, None) => {
-                self.wrong(pointer, "the header of a column, or its number counted from 1");
+                self.wrong(
+                    pointer,
+                    "the header of a column, or its number counted from 1",
+                );
                 None
             }
         }

@@ -198,7 +198,9 @@ pub fn from_file(
     };
     let options = UploadOptions {
         columns,
-        decimal: upload.decimal.or_else(|| declared_decimal(upload.content_type)),
+        decimal: upload
+            .decimal
+            .or_else(|| declared_decimal(upload.content_type)),
         frame: upload.frame,
         n_joints,
         is_time: is_rfc3339,

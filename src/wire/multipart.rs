@@ -21,7 +21,9 @@ pub struct Part<'a> {
 /// Whether a content type is that of a form with files.
 pub fn is_multipart(content_type: &str) -> bool {
     let media_type = content_type.split(';').next().unwrap_or_default();
-    media_type.trim().eq_ignore_ascii_case("multipart/form-data")
+    media_type
+        .trim()
+        .eq_ignore_ascii_case("multipart/form-data")
 }
 
 /// The parts of a body.
@@ -61,7 +63,11 @@ pub fn parts<'a>(content_type: &str, body: &'a [u8]) -> Result<Vec<Part<'a>>, In
             false => find(rest, delimiter.as_bytes())
                 .ok_or_else(|| malformed("a part has no end: was the body cut off?"))?,
         };
-        let skipped = if rest.starts_with(first) { first.len() } else { delimiter.len() };
+        let skipped = if rest.starts_with(first) {
+            first.len()
+        } else {
+            delimiter.len()
+        };
         found.push(part(headers, &rest[..length])?);
         rest = &rest[length + skipped..];
     }
@@ -71,7 +77,9 @@ pub fn parts<'a>(content_type: &str, body: &'a [u8]) -> Result<Vec<Part<'a>>, In
 fn part<'a>(headers: &str, body: &'a [u8]) -> Result<Part<'a>, Invalid> {
     let disposition = headers.split("\r\n").find_map(|line| {
         let (name, value) = line.split_once(':')?;
-        name.trim().eq_ignore_ascii_case("content-disposition").then_some(value)
+        name.trim()
+            .eq_ignore_ascii_case("content-disposition")
+            .then_some(value)
     });
     let disposition = disposition.ok_or_else(|| malformed("a part has no Content-Disposition"))?;
     let name = parameter(disposition, "name").ok_or_else(|| malformed("a part has no name"))?;
@@ -114,7 +122,8 @@ fn find(bytes: &[u8], wanted: &[u8]) -> Option<usize> {
 }
 
 fn malformed(why: &str) -> Invalid {
-    let detail = format!("{why}; a form has the parts robot and instrument, or table, and perhaps columns");
+    let detail =
+        format!("{why}; a form has the parts robot and instrument, or table, and perhaps columns");
     Invalid::at("", "malformed_multipart", detail)
 }
 
@@ -129,9 +138,15 @@ mod tests {
         let body = b"--x y\r\nContent-Disposition: form-data; name=\"robot\"; filename=\"a;b=1.csv\"\r\nContent-Type: text/csv\r\n\r\n1\r\n--x\r\n\r\n--x y\r\ncontent-disposition: form-data; name=columns\r\n\r\n\r\n--x y--\r\n";
         let found = parts(TYPE, body).unwrap();
         assert_eq!(found.len(), 2);
-        assert_eq!((found[0].name.as_str(), found[0].body), ("robot", &b"1\r\n--x\r\n"[..]));
+        assert_eq!(
+            (found[0].name.as_str(), found[0].body),
+            ("robot", &b"1\r\n--x\r\n"[..])
+        );
         assert_eq!(found[0].file_name.as_deref(), Some("a;b=1.csv"));
-        assert_eq!((found[1].name.as_str(), found[1].body), ("columns", &b""[..]));
+        assert_eq!(
+            (found[1].name.as_str(), found[1].body),
+            ("columns", &b""[..])
+        );
     }
 
     #[test]

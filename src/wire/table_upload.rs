@@ -3,9 +3,7 @@
 use crate::measurement::column_mapping::Mapping;
 use crate::measurement::join::join;
 use crate::measurement::table_columns::Needs;
-use crate::measurement::table_points::{
-    self, Content, Preview, TableError, TableOptions,
-};
+use crate::measurement::table_points::{self, Content, Preview, TableError, TableOptions};
 use crate::measurement::table_text::Source;
 use crate::measurement::{Decimal, Frame, MeasurementSet};
 use crate::wire::columns::{ColumnsBody, FilePart};
@@ -50,7 +48,9 @@ impl<'a> Files<'a> {
                     columns = Some(ColumnsBody::parse(part.body)?);
                 }
                 (_, name) => {
-                    let detail = format!("part {name:?}: a form has robot and instrument, or table, and perhaps columns, each once");
+                    let detail = format!(
+                        "part {name:?}: a form has robot and instrument, or table, and perhaps columns, each once"
+                    );
                     return Err(Invalid::at("", "malformed_multipart", detail));
                 }
             }
@@ -58,7 +58,9 @@ impl<'a> Files<'a> {
         files.sort_by_key(|(part, _)| *part as usize);
         let parts: Vec<FilePart> = files.iter().map(|(part, _)| *part).collect();
         match parts[..] {
-            [FilePart::Table] | [FilePart::Robot, FilePart::Instrument] => Ok(Self { files, columns }),
+            [FilePart::Table] | [FilePart::Robot, FilePart::Instrument] => {
+                Ok(Self { files, columns })
+            }
             _ => Err(Invalid::at(
                 "",
                 "malformed_multipart",
@@ -150,7 +152,8 @@ pub fn read_again(
     };
     let read = |at: usize, understood: &UnderstoodBody| {
         let file = files.files.get(at).copied();
-        let file = file.ok_or_else(|| Invalid::at("", "unreadable", "the upload has no such file"))?;
+        let file =
+            file.ok_or_else(|| Invalid::at("", "unreadable", "the upload has no such file"))?;
         one(file, &understood.mapping(), &options)
     };
     match (&reading.understood, &reading.joined) {
@@ -158,10 +161,12 @@ pub fn read_again(
             let (robot, instrument) = (read(0, &two.robot)?, read(1, &two.instrument)?);
             Ok(joined(&robot, &instrument, &two.join.options(), frame)?.0)
         }
-        (Some(understood), None) => {
-            Ok(MeasurementSet::new(frame, read(0, understood)?.points))
-        }
-        (None, None) => Err(Invalid::at("", "unreadable", "nothing says how it was read")),
+        (Some(understood), None) => Ok(MeasurementSet::new(frame, read(0, understood)?.points)),
+        (None, None) => Err(Invalid::at(
+            "",
+            "unreadable",
+            "nothing says how it was read",
+        )),
     }
 }
 

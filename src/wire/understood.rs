@@ -133,7 +133,12 @@ impl From<&Understood> for UnderstoodBody {
             header_row: found.header_row,
             comments: found.comments,
             columns: found.columns.iter().map(column).collect(),
-            ignored: found.ignored.iter().take(MAX_NAMED).map(|name| shown(name)).collect(),
+            ignored: found
+                .ignored
+                .iter()
+                .take(MAX_NAMED)
+                .map(|name| shown(name))
+                .collect(),
             skipped_rows: found.skipped_rows,
         }
     }
@@ -147,7 +152,11 @@ fn shown(name: &str) -> String {
 fn split(means: &str) -> (&str, Option<&str>) {
     match means.split_once('_') {
         Some((base, unit)) if matches!(base, "x" | "y" | "z" | "time") => (base, Some(unit)),
-        Some((base, unit)) if base.strip_prefix('q').is_some_and(|n| n.parse::<u16>().is_ok()) => {
+        Some((base, unit))
+            if base
+                .strip_prefix('q')
+                .is_some_and(|n| n.parse::<u16>().is_ok()) =>
+        {
             (base, Some(unit))
         }
         _ => (means, None),

@@ -6,7 +6,9 @@ use zip::write::SimpleFileOptions;
 pub fn zip(files: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     for (name, bytes) in files {
-        writer.start_file(*name, SimpleFileOptions::default()).unwrap();
+        writer
+            .start_file(*name, SimpleFileOptions::default())
+            .unwrap();
         writer.write_all(bytes).unwrap();
     }
     writer.finish().unwrap().into_inner()
@@ -30,15 +32,21 @@ pub fn xlsx(sheets: &[Sheet]) -> Vec<u8> {
     let mut files = vec![
         (
             "[Content_Types].xml".to_owned(),
-            format!("<Types xmlns=\"{PACKAGE}/content-types\"><Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>"),
+            format!(
+                "<Types xmlns=\"{PACKAGE}/content-types\"><Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>"
+            ),
         ),
         (
             "_rels/.rels".to_owned(),
-            format!("<Relationships xmlns=\"{PACKAGE}/relationships\"><Relationship Id=\"rId1\" Type=\"{DOCUMENT}/officeDocument\" Target=\"xl/workbook.xml\"/></Relationships>"),
+            format!(
+                "<Relationships xmlns=\"{PACKAGE}/relationships\"><Relationship Id=\"rId1\" Type=\"{DOCUMENT}/officeDocument\" Target=\"xl/workbook.xml\"/></Relationships>"
+            ),
         ),
         (
             "xl/workbook.xml".to_owned(),
-            format!("<workbook xmlns=\"{MAIN}\" xmlns:r=\"{DOCUMENT}\"><sheets>{list}</sheets></workbook>"),
+            format!(
+                "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{DOCUMENT}\"><sheets>{list}</sheets></workbook>"
+            ),
         ),
         (
             "xl/_rels/workbook.xml.rels".to_owned(),
@@ -46,7 +54,11 @@ pub fn xlsx(sheets: &[Sheet]) -> Vec<u8> {
         ),
     ];
     for (i, (_, rows)) in numbered() {
-        let rows: String = rows.iter().enumerate().map(|(r, row)| xlsx_row(r + 1, row)).collect();
+        let rows: String = rows
+            .iter()
+            .enumerate()
+            .map(|(r, row)| xlsx_row(r + 1, row))
+            .collect();
         files.push((
             format!("xl/worksheets/sheet{i}.xml"),
             format!("<worksheet xmlns=\"{MAIN}\"><sheetData>{rows}</sheetData></worksheet>"),
@@ -72,12 +84,19 @@ fn xlsx_row(number: usize, row: &[String]) -> String {
 
 pub fn ods(sheets: &[Sheet]) -> Vec<u8> {
     let cell = |cell: &String| match cell.parse::<f64>() {
-        Ok(value) => format!("<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value:.1}</text:p></table:table-cell>"),
-        Err(_) => format!("<table:table-cell office:value-type=\"string\"><text:p>{cell}</text:p></table:table-cell>"),
+        Ok(value) => format!(
+            "<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value:.1}</text:p></table:table-cell>"
+        ),
+        Err(_) => format!(
+            "<table:table-cell office:value-type=\"string\"><text:p>{cell}</text:p></table:table-cell>"
+        ),
     };
     let empty = "<table:table-cell table:number-columns-repeated=\"16000\"/>";
     let row = |row: &Vec<String>| {
-        format!("<table:table-row>{}{empty}</table:table-row>", row.iter().map(cell).collect::<String>())
+        format!(
+            "<table:table-row>{}{empty}</table:table-row>",
+            row.iter().map(cell).collect::<String>()
+        )
     };
     let table = |(name, rows): &Sheet| {
         format!(

@@ -263,9 +263,15 @@ const CLASSES: &[Class] = &[
     }),
     ("a number with two readings", |_| {
         let mut rows = cells()[..2].to_vec();
-        rows[1][2..].iter_mut().for_each(|cell| *cell = "1,234".into());
+        rows[1][2..]
+            .iter_mut()
+            .for_each(|cell| *cell = "1,234".into());
         let text: Vec<String> = rows.iter().map(|row| row.join(";")).collect();
-        whole(text.join("\n").into_bytes(), "two_readings", "?decimal=comma")
+        whole(
+            text.join("\n").into_bytes(),
+            "two_readings",
+            "?decimal=comma",
+        )
     }),
     ("no rows", |p| {
         let blank = "\n".repeat(p.below(5));
@@ -580,11 +586,11 @@ async fn a_decimal_comma_is_read_declared_or_not_and_never_against_what_is_decla
     let german = with_decimal_commas(&cells());
     for (path, content_type) in [
         (format!("{upload}&decimal=comma"), "text/csv; charset=utf-8"),
+        (upload.clone(), "text/csv; charset=utf-8; Decimal=Comma"),
         (
             upload.clone(),
-            "text/csv; charset=utf-8; Decimal=Comma",
+            "text/csv; note=\"decimal=comma is not declared\"",
         ),
-        (upload.clone(), "text/csv; note=\"decimal=comma is not declared\""),
     ] {
         let set = app.post(&path, content_type, german.clone()).await.ok(201);
         let points = app

@@ -9,8 +9,8 @@ use crate::store::jobs::JobWithClient;
 use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
-    ApiKeyRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow, NetworkRow, ParameterSetStatus, Result,
-    RobotRow, Store, VerificationRow,
+    ApiKeyRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow, NetworkRow,
+    ParameterSetStatus, Result, RobotRow, Store, VerificationRow,
 };
 use crate::wire::canonical;
 

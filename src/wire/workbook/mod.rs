@@ -73,7 +73,11 @@ pub fn read(
     };
     let Sheets { names, found } = sheets;
     let listed = |names: &[String]| {
-        let names: Vec<String> = names.iter().take(20).map(|name| format!("{name:?}")).collect();
+        let names: Vec<String> = names
+            .iter()
+            .take(20)
+            .map(|name| format!("{name:?}"))
+            .collect();
         names.join(", ")
     };
     let mut found = found.into_iter();
@@ -82,7 +86,10 @@ pub fn read(
         (None, _) => Err(match sheet {
             Some(wanted) => refused(
                 "unknown_sheet",
-                format!("the workbook has no sheet {wanted:?} with cells; it has {}", listed(&names)),
+                format!(
+                    "the workbook has no sheet {wanted:?} with cells; it has {}",
+                    listed(&names)
+                ),
             ),
             None => refused("empty", "no sheet of the workbook has cells".into()),
         }),
@@ -102,7 +109,9 @@ fn refuse_bombs(archive: &mut Archive) -> Result<(), Invalid> {
     }
     let mut left = MAX_UNPACKED_BYTES;
     for index in 0..archive.len() {
-        let file = archive.by_index(index).map_err(|e| broken(&e.to_string()))?;
+        let file = archive
+            .by_index(index)
+            .map_err(|e| broken(&e.to_string()))?;
         let mut file = file.take(left + 1);
         let unpacked = std::io::copy(&mut file, &mut std::io::sink());
         let unpacked = unpacked.map_err(|e| broken(&e.to_string()))?;

@@ -1,12 +1,12 @@
 //! Sheets of ods, row by row. A row or cell may say that it repeats a million times, which most empty ones do.
 
-use super::sheet::{SheetText, Sheets};
 use super::refusal::{Archive, broken, refused};
+use super::sheet::{SheetText, Sheets};
 use crate::measurement::csv::MAX_ROWS;
 use crate::measurement::table::MAX_COLUMNS;
 use crate::wire::Invalid;
-use quick_xml::events::{BytesStart, Event};
 use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
 use std::io::BufReader;
 
 /// A row that is read.
@@ -26,7 +26,9 @@ struct Cell {
 }
 
 pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Sheets, Invalid> {
-    let content = archive.by_name("content.xml").map_err(|e| broken(&e.to_string()))?;
+    let content = archive
+        .by_name("content.xml")
+        .map_err(|e| broken(&e.to_string()))?;
     let mut reader = Reader::from_reader(BufReader::new(content));
     let (mut names, mut found) = (Vec::new(), Vec::new());
     let (mut buffer, mut sheet, mut row, mut cell) = (Vec::new(), None, Row::default(), None);
@@ -34,7 +36,9 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
     let mut depth = 0;
     loop {
         buffer.clear();
-        let event = reader.read_event_into(&mut buffer).map_err(|e| broken(&e.to_string()))?;
+        let event = reader
+            .read_event_into(&mut buffer)
+            .map_err(|e| broken(&e.to_string()))?;
         match &event {
             Event::Eof => break,
             Event::Start(start) | Event::Empty(start) => {
@@ -126,7 +130,11 @@ fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {
         return Ok(());
     }
     if row.repeats > MAX_ROWS {
-        let detail = format!("row {} repeats {} times; a set has at most {MAX_ROWS} rows", at + 1, row.repeats);
+        let detail = format!(
+            "row {} repeats {} times; a set has at most {MAX_ROWS} rows",
+            at + 1,
+            row.repeats
+        );
         return Err(refused("too_many_rows", detail));
     }
     for repeat in 0..row.repeats {
@@ -146,7 +154,8 @@ impl Row {
                 return Err(refused("too_many_columns", detail));
             }
             let places = self.column..self.column + cell.repeats;
-            self.cells.extend(places.map(|column| (column, value.clone())));
+            self.cells
+                .extend(places.map(|column| (column, value.clone())));
         }
         self.column = self.column.saturating_add(cell.repeats);
         Ok(())
@@ -175,7 +184,9 @@ fn repeats(start: &BytesStart, name: &str) -> usize {
 
 fn attribute(start: &BytesStart, name: &str) -> Option<String> {
     let found = start.try_get_attribute(name).ok()??;
-    let value = found.normalized_value(quick_xml::XmlVersion::Implicit1_0).ok()?;
+    let value = found
+        .normalized_value(quick_xml::XmlVersion::Implicit1_0)
+        .ok()?;
     Some(value.into_owned())
 }
 

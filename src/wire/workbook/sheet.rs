@@ -37,7 +37,11 @@ impl SheetText {
         if column >= MAX_COLUMNS || row > 2 * 1024 * 1024 {
             return Err(refused(
                 "too_many_columns",
-                format!("cell in row {}, column {}: at most {MAX_COLUMNS} columns are read", row + 1, column + 1),
+                format!(
+                    "cell in row {}, column {}: at most {MAX_COLUMNS} columns are read",
+                    row + 1,
+                    column + 1
+                ),
             ));
         }
         while self.row < row {
@@ -50,7 +54,8 @@ impl SheetText {
         }
         let plain = cell.replace(['\t', '\n', '\r'], " ");
         if plain.starts_with('"') {
-            self.text.push_str(&format!("\"{}\"", plain.replace('"', "\"\"")));
+            self.text
+                .push_str(&format!("\"{}\"", plain.replace('"', "\"\"")));
         } else {
             self.text.push_str(&plain);
         }

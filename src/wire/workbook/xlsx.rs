@@ -11,7 +11,10 @@ pub(super) fn sheets(bytes: &[u8], wanted: Option<&str>) -> Result<Sheets, Inval
     let mut workbook: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
     let names = workbook.sheet_names();
     let mut found = Vec::new();
-    for name in names.iter().filter(|name| wanted.is_none_or(|wanted| *name == wanted)) {
+    for name in names
+        .iter()
+        .filter(|name| wanted.is_none_or(|wanted| *name == wanted))
+    {
         // charts and macros are no sheets of cells
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
@@ -33,7 +36,9 @@ fn in_text(value: &DataRef) -> String {
     match value {
         DataRef::Int(value) => value.to_string(),
         DataRef::Float(value) => value.to_string(),
-        DataRef::String(text) | DataRef::DateTimeIso(text) | DataRef::DurationIso(text) => text.clone(),
+        DataRef::String(text) | DataRef::DateTimeIso(text) | DataRef::DurationIso(text) => {
+            text.clone()
+        }
         DataRef::SharedString(text) => (*text).to_owned(),
         DataRef::Bool(value) => value.to_string(),
         DataRef::DateTime(time) => time_in_text(time),

@@ -1,11 +1,14 @@
 //! Tables of other forms and two files through the server: kept as they came, read the same way by the worker, mappings kept per robot.
 
 use crate::app::{Answer, TestApp, paper, text};
-use crate::data::paper_path;
 use reqwest::Method;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
+
+fn paper_path(name: &str) -> String {
+    format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))
+}
 
 /// Runs a command with a text on its standard input.
 fn kincal(arguments: &[&str], input: &str) -> Output {
@@ -96,23 +99,37 @@ async fn a_table_without_units_is_asked_about_once_and_then_read_by_name() {
         .problem(422, "invalid_measurements");
     assert_eq!(problem["errors"][0]["code"], "missing_unit");
     let preview = app
-        .post(&format!("{robot}/measurement-sets/preview"), "text/csv", table.clone())
+        .post(
+            &format!("{robot}/measurement-sets/preview"),
+            "text/csv",
+            table.clone(),
+        )
         .await
         .ok(200);
     let file = &preview["files"][0];
     assert_eq!(file["proposed"]["q1_deg"], 1);
     assert_eq!(file["header"][9], "Rest");
     assert_eq!(file["understood"]["separator"], ";");
-    assert_eq!(file["understood"]["decimal"], "point", "no column is known to hold numbers");
+    assert_eq!(
+        file["understood"]["decimal"], "point",
+        "no column is known to hold numbers"
+    );
     assert_eq!(file["rows"].as_array().unwrap().len(), 8);
     assert_eq!(preview["errors"][0]["code"], "missing_unit");
 
     let path = format!("{robot}/columns/cell%204");
     let kept = put(&app, &path, &columns()).await.ok(200);
-    assert_eq!((&kept["name"], &kept["columns"]), (&json!("cell 4"), &columns()));
+    assert_eq!(
+        (&kept["name"], &kept["columns"]),
+        (&json!("cell 4"), &columns())
+    );
     assert_eq!(app.get(&path).await.ok(200), kept);
     let set = app
-        .post(&format!("{upload}&columns=cell%204"), "text/csv", table.clone())
+        .post(
+            &format!("{upload}&columns=cell%204"),
+            "text/csv",
+            table.clone(),
+        )
         .await
         .ok(201);
     assert_eq!(set["understood"]["decimal"], "comma");
@@ -121,8 +138,15 @@ async fn a_table_without_units_is_asked_about_once_and_then_read_by_name() {
         set["understood"]["columns"][6],
         json!({"column": "X", "number": 7, "means": "x", "unit": "mm"})
     );
-    assert_eq!(app.get(&format!("/v1/measurement-sets/{}", text(&set["id"]))).await.ok(200), set);
-    let points = app.get(&format!("/v1/measurement-sets/{}/points", text(&set["id"]))).await;
+    assert_eq!(
+        app.get(&format!("/v1/measurement-sets/{}", text(&set["id"])))
+            .await
+            .ok(200),
+        set
+    );
+    let points = app
+        .get(&format!("/v1/measurement-sets/{}/points", text(&set["id"])))
+        .await;
     assert_eq!(points.bytes, table.clone().into_bytes());
 
     // Another mapping under that name changes no set that is there; the list has the newest.
@@ -133,23 +157,40 @@ async fn a_table_without_units_is_asked_about_once_and_then_read_by_name() {
     let list = app.get(&format!("{robot}/columns")).await.ok(200);
     assert_eq!(list["items"].as_array().unwrap().len(), 1);
     assert_eq!(list["items"][0]["columns"], other);
-    app.post(&format!("{upload}&columns=cell%204"), "text/csv", table.clone())
-        .await
-        .problem(422, "invalid_measurements");
+    app.post(
+        &format!("{upload}&columns=cell%204"),
+        "text/csv",
+        table.clone(),
+    )
+    .await
+    .problem(422, "invalid_measurements");
     let stated = query(&[("columns", &columns().to_string())]);
-    let same = app.post(&format!("{upload}&{stated}"), "text/csv", table).await.ok(201);
+    let same = app
+        .post(&format!("{upload}&{stated}"), "text/csv", table)
+        .await
+        .ok(201);
     assert_eq!(same["understood"], set["understood"]);
 
     let found = outcome(&app, &robot, text(&set["id"])).await;
     assert_eq!(found, plain_outcome(&app, &robot).await);
 
-    let unknown = app.post(&format!("{upload}&columns=other"), "text/csv", "a").await;
+    let unknown = app
+        .post(&format!("{upload}&columns=other"), "text/csv", "a")
+        .await;
     unknown.problem(422, "unknown_mapping");
-    put(&app, &path, &json!({"q1": "A1"})).await.problem(422, "invalid_columns");
-    app.get(&format!("{robot}/columns/none")).await.problem(404, "not_found");
+    put(&app, &path, &json!({"q1": "A1"}))
+        .await
+        .problem(422, "invalid_columns");
+    app.get(&format!("{robot}/columns/none"))
+        .await
+        .problem(404, "not_found");
     let data_dir = app.config.database.data_dir.to_str().unwrap();
     let verified = kincal(&["verify-store", "--data-dir", data_dir], "");
-    assert!(verified.status.success(), "{}", String::from_utf8_lossy(&verified.stdout));
+    assert!(
+        verified.status.success(),
+        "{}",
+        String::from_utf8_lossy(&verified.stdout)
+    );
 }
 
 #[tokio::test]
@@ -172,25 +213,45 @@ async fn two_files_are_joined_kept_as_they_came_and_read_the_same_by_the_worker(
     let set = app.post(&upload, form, body.clone()).await.ok(201);
     assert_eq!(set["n_points"], 100);
     let joined = &set["joined"];
-    assert_eq!((&joined["join"]["by"], &joined["join"]["n_joined"]), (&json!("name"), &json!(100)));
+    assert_eq!(
+        (&joined["join"]["by"], &joined["join"]["n_joined"]),
+        (&json!("name"), &json!(100))
+    );
     assert_eq!(
         joined["join"]["leftover_robot"],
         json!({"n": 1, "rows": [{"line": 102, "label": "P999"}]})
     );
     assert_eq!(joined["instrument"]["header_row"], 2);
-    let points = app.get(&format!("/v1/measurement-sets/{}/points", text(&set["id"]))).await;
-    assert_eq!((points.header("content-type"), points.bytes), (Some(form), body.clone().into_bytes()));
+    let points = app
+        .get(&format!("/v1/measurement-sets/{}/points", text(&set["id"])))
+        .await;
+    assert_eq!(
+        (points.header("content-type"), points.bytes),
+        (Some(form), body.clone().into_bytes())
+    );
     let preview = app
-        .post(&format!("{robot}/measurement-sets/preview"), form, body.clone())
+        .post(
+            &format!("{robot}/measurement-sets/preview"),
+            form,
+            body.clone(),
+        )
         .await
         .ok(200);
-    assert_eq!((&preview["n_points"], &preview["errors"]), (&json!(100), &json!([])));
+    assert_eq!(
+        (&preview["n_points"], &preview["errors"]),
+        (&json!(100), &json!([]))
+    );
     let found = outcome(&app, &robot, text(&set["id"])).await;
     assert_eq!(found, plain_outcome(&app, &robot).await);
     let cut = &body[..body.len() - 20];
-    app.post(&upload, form, cut.to_owned()).await.problem(422, "malformed_multipart");
+    app.post(&upload, form, cut.to_owned())
+        .await
+        .problem(422, "malformed_multipart");
     let broken = body.replace("P3;", "P3;x");
-    let problem = app.post(&upload, form, broken).await.problem(422, "invalid_measurements");
+    let problem = app
+        .post(&upload, form, broken)
+        .await
+        .problem(422, "invalid_measurements");
     assert_eq!(problem["errors"][0]["pointer"], "/instrument", "{problem}");
     assert_eq!(problem["errors"][0]["line"], 6);
 }
@@ -205,7 +266,11 @@ fn the_command_line_takes_mappings_two_files_and_the_standard_input() {
     };
     let robot = paper_path("robot.json");
     let calibrated = |arguments: &[&str], input: &str| {
-        let all = [&["calibrate", "--json", "--method", "least_squares", &robot], arguments].concat();
+        let all = [
+            &["calibrate", "--json", "--method", "least_squares", &robot],
+            arguments,
+        ]
+        .concat();
         let output = kincal(&all, input);
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{stderr}");
@@ -224,17 +289,26 @@ fn the_command_line_takes_mappings_two_files_and_the_standard_input() {
         export += &format!("P{i}\t{}\n", row[8..].join("\t"));
     }
     let (log, export) = (file("log.csv", &log), file("export.txt", &export));
-    let axes = file("axes.json", "{\"x_mm\": \"x\", \"y_mm\": \"y\", \"z_mm\": \"z\"}");
+    let axes = file(
+        "axes.json",
+        "{\"x_mm\": \"x\", \"y_mm\": \"y\", \"z_mm\": \"z\"}",
+    );
     let (found, told) = calibrated(&[&log, &export, "--columns", &axes], "");
     assert_eq!(found, meant);
     assert!(told.contains("100 pairs of rows, joined by name"), "{told}");
     assert!(told.contains("robot file: q1_deg = \"A1 [deg]\""), "{told}");
-    assert_eq!(calibrated(&[&log, "--instrument", &export, "--columns", &axes], "").0, meant);
+    assert_eq!(
+        calibrated(&[&log, "--instrument", &export, "--columns", &axes], "").0,
+        meant
+    );
     let table = file("table.csv", &without_units());
     let mapping = file("columns.json", &columns().to_string());
     assert_eq!(calibrated(&[&table, "--columns", &mapping], "").0, meant);
     let asked = kincal(&["calibrate", &robot, &table], "");
     let told = String::from_utf8_lossy(&asked.stderr).into_owned();
     assert_eq!(asked.status.code(), Some(2), "{told}");
-    assert!(told.contains("column A1 has no unit") && told.contains("--columns"), "{told}");
+    assert!(
+        told.contains("column A1 has no unit") && told.contains("--columns"),
+        "{told}"
+    );
 }

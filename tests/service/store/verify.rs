@@ -3,9 +3,8 @@
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys, column_mappings,
-    frames,
-    leases, networks, parameter_sets, policies, verifications,
+    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys,
+    column_mappings, frames, leases, networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
