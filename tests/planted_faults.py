@@ -39,6 +39,14 @@ class Fault:
 
 
 FAULTS = [
+    # Tables
+    Fault("a number with two readings is taken", "core", "one_number_with_two_readings", [
+        ("if is_grouped && thousands.parse()", "if false && is_grouped && thousands.parse()")], "src/measurement"),
+    Fault("another table's target is a reflector", "core", "another_tables_target_is_no_reflector", [
+        ("Known::Plain(means) if is_own && self.needs != Needs::Joints => {", "Known::Plain(means) if self.needs != Needs::Joints => {")],
+        "src/measurement"),
+    Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
+        (".find(|(_, other)| as_they_are.is_none() && contradicts(other))", ".find(|(_, other)| false && contradicts(other))")], "src/measurement"),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
         ("""create table parameter_set (

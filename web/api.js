@@ -73,6 +73,12 @@ export async function post(path, body, contentType = "application/json") {
   return answer.json();
 }
 
+/** Stores a document under its path. */
+export async function put(path, body) {
+  const answer = await call(path, { method: "PUT", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+  return answer.json();
+}
+
 function fresh() {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");

@@ -1,6 +1,7 @@
 // Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
+import { askColumns, isAboutColumns, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
@@ -32,51 +33,79 @@ export function uploadCard(robot, sets, parameterSets, may, uploaded) {
 
 function uploadForm(context) {
   const out = el("div", { "aria-live": "polite", tabindex: -1 });
-  const file = el("input", { id: "set-file", type: "file", accept: ".csv,.json,text/csv,application/json" });
+  const file = el("input", { id: "set-file", type: "file", multiple: true, accept: ".csv,.txt,.tsv,.xlsx,.ods,.json,.dat,.mod,.ls,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
   const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", true), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", false));
-  const take = (chosen) => upload(context, chosen, { frame: frames.querySelector("input:checked").value }, out);
-  file.addEventListener("change", () => file.files.length > 0 && take(file.files[0]).then(() => { file.value = ""; }));
-  const drop = el("div.drop", {}, el("label", { for: "set-file" }, "Drop a measurement set here, or choose one"), file,
-    el("p.note", {}, "CSV with a header row: q1_deg … q", context.robot.links.length, "_deg, x_mm, y_mm, z_mm (or _rad, _m); subset, configuration and target if you have them."));
+  const query = () => ({ frame: frames.querySelector("input:checked").value });
+  const take = async (chosen) => {
+    const files = [...chosen];
+    if (files.length === 2) twoFiles(context, files, query(), out);
+    else if (files.length === 1) await upload(context, single(files[0]), query(), out);
+    else if (files.length > 2) fill(out, el("p.problem", { role: "alert" }, "One file, or two: the robot's and the instrument's."));
+  };
+  file.addEventListener("change", () => take(file.files).then(() => { file.value = ""; }));
+  const drop = el("div.drop", {}, el("label", { for: "set-file" }, "Drop a measurement set here, or choose one; or two files, the robot's and the instrument's"), file,
+    el("p.note", {}, "A table (CSV, xlsx, ods) with q1_deg … q", context.robot.links.length, "_deg, x_mm, y_mm, z_mm, or with columns of other names: you are asked once what they mean."));
   const over = (is) => (event) => { event.preventDefault(); drop.classList.toggle("over", is); };
   drop.addEventListener("dragover", over(true));
   drop.addEventListener("dragleave", over(false));
   drop.addEventListener("drop", (event) => {
     over(false)(event);
-    if (event.dataTransfer.files.length > 0) take(event.dataTransfer.files[0]);
+    take(event.dataTransfer.files);
   });
   return el("div", {}, frames, drop, out);
 }
 
-/** Sends the file as it is, so that what is stored has the checksum of the file. */
+const TYPES = { json: "application/json", xlsx: "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet", ods: "application/vnd.oasis.opendocument.spreadsheet" };
+
+/** One file, sent as it is, so that what is stored has the checksum of the file. */
+function single(file) {
+  const extension = /\.(\w+)$/.exec(file.name)?.[1].toLowerCase();
+  return { name: file.name, body: file, type: TYPES[extension] ?? "text/csv", isJson: extension === "json", text: file };
+}
+
+/** Two files in a form; their bytes stay as they are. */
+function pair(robotFile, instrumentFile) {
+  const boundary = `kincal-${Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("")}`;
+  const head = (part) => `--${boundary}\r\nContent-Disposition: form-data; name="${part}"\r\n\r\n`;
+  const body = new Blob([head("robot"), robotFile, "\r\n", head("instrument"), instrumentFile, `\r\n--${boundary}--\r\n`]);
+  return { name: robotFile.name, body, type: `multipart/form-data; boundary=${boundary}`, isJson: false, text: null };
+}
+
+/** Asks which of two files is the robot's. */
+function twoFiles(context, [one, other], query, out) {
+  const choose = (robot, instrument) => el("button", { type: "button", click: () => { out.focus(); upload(context, pair(robot, instrument), query, out); } }, robot.name);
+  fill(out, el("div", {}, el("p", {}, "Which of the two has the robot's joint values? The other one is the instrument's."), el("div.actions", {}, choose(one, other), choose(other, one))));
+}
+
+/** Sends what was chosen. */
 async function upload(context, file, query, out) {
   const { robot, parameterSets, may, came } = context;
-  const isJson = /\.json$/i.test(file.name);
+  const { isJson } = file;
   const name = file.name.replace(/\.\w+$/, "").slice(0, 200) || "set";
   fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
     const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...query, name })}`;
-    const set = await post(path, file, isJson ? "application/json" : "text/csv");
+    const set = await post(path, file.body, file.type);
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
-      set.warnings.map(warning),
+      set.warnings.map(warning), understoodDetails(set),
       may("identify") && jobForm(robot, [set], parameterSets));
     came(set);
   } catch (error) {
-    const text = isJson ? "" : await textOf(file);
-    const again = () => {
-      // the button goes, the focus stays near
-      out.focus();
-      upload(context, file, { ...query, decimal: "comma" }, out);
-    };
-    const offer = mayHaveCommas(error, text, query) && el("p", {}, el("button", { type: "button", click: again }, "The file has decimal commas: read it so"));
+    const text = isJson || !file.text ? "" : await textOf(file.text);
+    const columns = el("div", {});
     const retry = (more) => () => {
       out.focus();
       upload(context, file, { ...query, ...more }, out);
     };
-    fill(out, refused(error, file, text, query.decimal), offer, remedies(error, isJson, retry));
+    fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
+    if (!isJson && isAboutColumns(error)) {
+      const read = (chosen) => retry({ columns: JSON.stringify(chosen) })();
+      // without a preview the refusal says enough
+      await askColumns(robot, file.body, file.type, columns, read).catch(() => false);
+    }
   }
 }
 
@@ -101,30 +130,27 @@ async function textOf(file) {
 }
 
 /** Why nothing was stored: faults in rows as a table, what is wrong with the file as a whole as a sentence. */
-function refused(error, file, text, decimal) {
+function refused(error, file, text) {
   const errors = error.errors ?? [];
   const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
   if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => issue.detail).join("; ")}.` : error.detail });
-  return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text, decimal === "comma" ? ";" : ",")];
-}
-
-/** A spreadsheet of a country with decimal commas separates columns by semicolons. The service never guesses that, so people say it. */
-function mayHaveCommas({ errors }, text, query) {
-  return !query.decimal && (errors ?? []).some((issue) => issue.code === "wrong_separator") && text.split(/\r?\n/, 1)[0].includes(";");
+  return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
 }
 
 const count = (n) => (n === 1 ? "One thing is" : `${n} things are`);
 
 /** Every fault with the line of the file that it stands in. */
-function faults(errors, text, separator) {
+function faults(errors, text) {
+  const separator = [";", "\t"].find((mark) => text.split(/\r?\n/, 1)[0].includes(mark)) ?? ",";
   const [header, ...rows] = rowsOf(text, separator);
   const value = (issue) => {
-    const cell = rows[issue.row]?.cells[header.cells.indexOf(issue.column)];
+    const row = issue.line === undefined ? rows[issue.row] : rows.find((found) => found.line === issue.line);
+    const cell = row?.cells[header.cells.indexOf(issue.column)];
     return cell === undefined ? "–" : el("code", {}, cell === "" ? "(empty)" : cell);
   };
   const columns = [
     ["Row", (issue) => (issue.row === undefined ? "–" : issue.row), "n"],
-    ["Line in file", (issue) => rows[issue.row]?.line ?? "–", "n"],
+    ["Line in file", (issue) => issue.line ?? "–", "n"],
     ["Column", (issue) => issue.column ?? issue.pointer ?? "–"],
     ["Found", value, "wrong"],
     ["What is wrong", (issue) => issue.detail, "name"],

@@ -32,7 +32,9 @@ use operations::import::import;
 use operations::urdf::Urdf;
 use operations::xml_limits;
 use wire::Invalid;
+use wire::columns::ColumnsBody;
 use wire::import::ImportFormat;
+use wire::measurement::{Upload, from_file, from_upload};
 
 /// Longest text of one issue, bytes: whatever the file holds, an answer stays short.
 const LONGEST_DETAIL: usize = 70_000;
@@ -70,6 +72,42 @@ pub fn check_csv(decimal: Decimal, bytes: &[u8], n_joints: usize) {
         parsed,
         "the same bytes, the same answer"
     );
+}
+
+/// What holds for every table: it is refused with reasons, or read, and read again in the way that was told.
+pub fn check_table(is_mapped: bool, bytes: &[u8], n_joints: usize) {
+    let columns = match is_mapped {
+        false => ColumnsBody::default(),
+        true => {
+            let joints = (1..=n_joints).map(|joint| format!("\"q{joint}_deg\": {joint}"));
+            let all: Vec<String> = joints
+                .chain((1..=3).map(|axis| format!("\"{}_mm\": {}", ["x", "y", "z"][axis - 1], n_joints + axis)))
+                .collect();
+            ColumnsBody::parse(format!("{{{}}}", all.join(",")).as_bytes()).expect("a mapping")
+        }
+    };
+    let upload = Upload {
+        content_type: "text/csv",
+        bytes,
+        columns: &columns,
+        decimal: None,
+        frame: Frame::Base,
+    };
+    match from_file(&upload, n_joints) {
+        Ok((set, reading)) => {
+            check_set(&set, n_joints);
+            let reading = serde_json::to_string(&reading.expect("a table was read somehow")).expect("JSON");
+            let again = from_upload("text/csv", Some(&reading), bytes, Frame::Base, n_joints);
+            assert_eq!(again.as_ref(), Ok(&set), "{reading}");
+        }
+        Err(Invalid { issues, .. }) => {
+            assert!((1..=MAX_ISSUES).contains(&issues.len()), "{} issues", issues.len());
+            for issue in issues {
+                assert!(!issue.detail.is_empty() && !issue.code.is_empty(), "{issue:?}");
+                assert!(issue.detail.len() < LONGEST_DETAIL, "{} bytes", issue.detail.len());
+            }
+        }
+    }
 }
 
 fn check_set(set: &MeasurementSet, n_joints: usize) {

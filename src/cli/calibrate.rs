@@ -1,9 +1,10 @@
 //! `kincal calibrate`: identifies a robot offline, without server and database.
 
-use super::files::{NumberFormat, cannot_be_used, fault, read, read_json};
+use super::files::{cannot_be_used, fault, read_json};
+use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SetOptions};
 use super::table;
-use super::terminal::{Output, in_commands};
+use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
 use crate::calibration::upload_checks::{
     self,
@@ -38,13 +39,13 @@ pub struct Arguments {
     /// Robot file: the body of POST /v1/robots.
     #[arg(value_name = "ROBOT.json")]
     robot: PathBuf,
-    /// Measurement set: CSV with units in its header, or JSON.
+    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. With two files, the robot's.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
-    set_options: SetOptions,
+    table: TableOptions,
     #[command(flatten)]
-    numbers: NumberFormat,
+    set_options: SetOptions,
     #[command(flatten)]
     identify: IdentifyOptions,
     /// Refine the swarm's result with least squares [default: true, false in preset paper].
@@ -67,14 +68,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = arguments.set_options.frame;
-    let bytes = read(&arguments.set)?;
-    let set = measurement::from_file(
-        &arguments.numbers.content_type(&arguments.set),
-        &bytes,
-        frame,
-        robot.links.len(),
-    )
-    .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
+    let files = read_measured(&arguments.set, &arguments.table)?;
+    let (set, reading) =
+        measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
+            Usage(cannot_be_used(
+                &arguments.set,
+                &files.shown,
+                &invalid.issues,
+            ))
+        })?;
+    for line in reading.iter().flat_map(understood_in_words) {
+        eprintln!("{}", plain(&line));
+    }
     // Leaves out `under_determined`: the calibration itself reports too few poses, and offline the set is not stored for a later verification.
     for warning in upload_checks::warnings(&robot, &set)
         .iter()
@@ -88,7 +93,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         frame,
         n_points: set.points.len(),
         n_configurations: set.configurations().len(),
-        sha256: &canonical::sha256_hex(&bytes),
+        sha256: &canonical::sha256_hex(&files.bytes),
     };
     let parts = JobParts {
         robot,

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// Byte order mark (UTF-8) that editors on Windows write.
-const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+pub const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 /// Number format of a measurement set.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -97,7 +97,7 @@ pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
             .column
             .as_ref()
             .is_some_and(|column| detail.contains(column.as_str()));
-        return if says_it {
+        return if says_it || issue.pointer.is_some() {
             detail
         } else {
             Issue {
@@ -107,7 +107,14 @@ pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
             .in_words()
         };
     };
-    let place = self::row(row, bytes);
+    let place = match issue.line {
+        Some(line) => format!("row {row} (line {line})"),
+        None => self::row(row, bytes),
+    };
+    // of two files the detail names the one that is meant
+    if let Some((file, rest)) = detail.split_once(&format!(" file: row {row}")) {
+        return format!("{file} file: {place}{rest}");
+    }
     if let Some(rest) = detail.strip_prefix(&format!("row {row}")) {
         return format!("{place}{rest}");
     }

@@ -16,6 +16,7 @@ mod files;
 mod import;
 mod key;
 mod list;
+mod measured;
 mod openapi;
 mod options;
 mod plan;

@@ -6,9 +6,10 @@ use super::terminal::Output;
 use super::usage::Usage;
 use crate::kinematics::Robot;
 use crate::operations::plan_poses;
+use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::Issue;
 use crate::wire::job::Model;
-use crate::wire::measurement::{Frame, from_file};
+use crate::wire::measurement::{Frame, Upload, from_file};
 use crate::wire::pose_plan::PosePlanBody;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -65,13 +66,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut measured = Vec::new();
     for path in &arguments.measured {
         let bytes = read(path)?;
-        let set = from_file(
-            &arguments.numbers.content_type(path),
-            &bytes,
+        let columns = ColumnsBody::default();
+        let upload = Upload {
+            content_type: &arguments.numbers.content_type(path),
+            bytes: &bytes,
+            columns: &columns,
+            decimal: None,
             frame,
-            robot.links.len(),
-        );
-        measured.push(set.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?);
+        };
+        let read = from_file(&upload, robot.links.len());
+        let (set, _) =
+            read.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?;
+        measured.push(set);
     }
     let plan = plan_poses(&body, &robot, &measured).map_err(|invalid| {
         let faults: Vec<String> = invalid

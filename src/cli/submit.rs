@@ -3,11 +3,12 @@
 use super::calibrate::{progress_bar, refuse_unusable, show};
 use super::client::{Client, ServerArguments};
 use super::failure::Refused;
-use super::files::{NumberFormat, cannot_be_used, is_json, read};
+use super::files::cannot_be_used;
+use super::measured::{Measured, TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SetOptions};
 use super::runtime::block_on;
 use super::table;
-use super::terminal::{Output, in_commands};
+use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
 use crate::release::unusable_because;
 use crate::report_page::words;
@@ -16,6 +17,7 @@ use crate::wire::job_answer::{JobAnswer, JobStatus};
 use crate::wire::release::GatesAnswer;
 use crate::wire::report_shape::Report;
 use crate::wire::robot::MAX_NAME;
+use crate::wire::understood::Reading;
 use anyhow::Context;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -30,13 +32,13 @@ pub struct Arguments {
     /// The robot's id, name or serial number, as `kincal robots` lists them.
     #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT")]
     robot: String,
-    /// Measurement set: CSV with units in its header, or JSON.
+    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. With two files, the robot's.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
-    set_options: SetOptions,
+    table: TableOptions,
     #[command(flatten)]
-    numbers: NumberFormat,
+    set_options: SetOptions,
     /// Identify nothing; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
@@ -61,11 +63,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = "--parameters (or KINCAL_PARAMETERS) says what is verified: give --verify with it, or leave it out to identify";
         return Err(Usage(text.into()).into());
     }
-    let bytes = read(&arguments.set)?;
+    let files = read_measured(&arguments.set, &arguments.table)?;
     block_on(async {
         let client = arguments.server.client()?;
         let robot = client.robot_id(&arguments.robot).await?;
-        let set = upload(&client, arguments, &robot, bytes).await?;
+        let set = upload(&client, arguments, &robot, files).await?;
         let request = serde_json::to_value(request(arguments, text(&set, "id")?))?;
         let posted = client
             .create(
@@ -137,33 +139,30 @@ async fn upload(
     client: &Client,
     arguments: &Arguments,
     robot: &str,
-    bytes: Vec<u8>,
+    files: Measured,
 ) -> anyhow::Result<Value> {
-    let content_type = if is_json(&arguments.set) {
-        "application/json"
-    } else {
-        "text/csv"
-    };
     let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
     let insist = arguments.set_options.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
-    if content_type == "text/csv" {
+    if files.content_type != "application/json" {
         // A CSV has no name field; its file name is used.
         parameters.extend(file_name(arguments).map(|name| ("name", name)));
-        parameters.extend(
-            arguments
-                .numbers
-                .decimal_comma
-                .then(|| ("decimal", "comma".into())),
-        );
+        parameters.extend(files.decimal.map(|_| ("decimal", "comma".into())));
+        if !files.columns.0.is_empty() {
+            parameters.push(("columns", serde_json::to_string(&files.columns)?));
+        }
     }
     let path = format!("/v1/robots/{robot}/measurement-sets");
     let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
     let path = format!("{path}?{}", query.query().unwrap_or_default());
     let set = client
-        .create(&path, content_type, bytes.clone())
+        .create(&path, &files.content_type, files.bytes)
         .await
-        .map_err(|error| with_file_rows(error, arguments, &bytes))?;
+        .map_err(|error| with_file_rows(error, arguments, &files.shown))?;
+    let reading: Reading = serde_json::from_value(set.clone()).unwrap_or_default();
+    for line in understood_in_words(&reading) {
+        eprintln!("{}", plain(&line));
+    }
     for warning in set["warnings"].as_array().into_iter().flatten() {
         let (code, detail) = (
             warning["code"].as_str().unwrap_or_default(),

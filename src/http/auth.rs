@@ -55,6 +55,22 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
         "/v1/robots/{robot_id}/measurement-sets",
         Scope::Read,
     ),
+    route(
+        Method::POST,
+        "/v1/robots/{robot_id}/measurement-sets/preview",
+        Scope::Upload,
+    ),
+    route(Method::GET, "/v1/robots/{robot_id}/columns", Scope::Read),
+    route(
+        Method::GET,
+        "/v1/robots/{robot_id}/columns/{name}",
+        Scope::Read,
+    ),
+    route(
+        Method::PUT,
+        "/v1/robots/{robot_id}/columns/{name}",
+        Scope::Upload,
+    ),
     route(Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
     route(Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
     route(Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),

@@ -41,6 +41,7 @@ const ASSETS: &[Asset] = assets! {
     "api.js": JAVASCRIPT,
     "app.js": JAVASCRIPT,
     "charts.js": JAVASCRIPT,
+    "columns.js": JAVASCRIPT,
     "csv.js": JAVASCRIPT,
     "docs.js": JAVASCRIPT,
     "dom.js": JAVASCRIPT,

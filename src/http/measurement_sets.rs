@@ -5,9 +5,11 @@ use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::limits::RequestClass;
+use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
+use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
     self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
@@ -16,6 +18,7 @@ use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::time::rfc3339;
+use crate::wire::understood::Reading;
 use crate::wire::{Invalid, canonical, json};
 use axum::Json;
 use axum::body::Bytes;
@@ -54,6 +57,8 @@ struct UploadQuery {
     /// Stores the set although the check refuses it with this code. The code is stored too, and no release rests on the set.
     #[param(inline)]
     insist: Option<Insist>,
+    /// What the columns of a table mean: a mapping in JSON, or the name of one that the robot has (`PUT …/columns/{name}`).
+    columns: Option<String>,
 }
 
 /// A parsed upload.
@@ -66,6 +71,8 @@ struct Upload {
     n_targets: usize,
     warnings: Vec<Warning>,
     sha256: String,
+    content_type: String,
+    reading: Option<Reading>,
     misfit: Option<Misfit>,
 }
 
@@ -74,8 +81,14 @@ struct Upload {
     post, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "createMeasurementSet",
     params(("robot_id" = String, Path, description = "The robot"), UploadQuery),
     request_body(
-        description = "CSV: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`",
-        content((String = "text/csv"), (MeasurementSetBody = "application/json"))
+        description = "A table: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`, or columns that `columns` maps; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`. A form has the parts `robot` and `instrument` (two files that are joined), or `table`, and perhaps `columns`",
+        content(
+            (String = "text/csv"),
+            (MeasurementSetBody = "application/json"),
+            (Vec<u8> = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+            (Vec<u8> = "application/vnd.oasis.opendocument.spreadsheet"),
+            (Vec<u8> = "multipart/form-data")
+        )
     ),
     responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
 )]
@@ -89,14 +102,14 @@ async fn create(
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
-    let is_json = is_json(&submission)?;
+    refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content_type = content_type(&submission, query.decimal);
-    let kind = (!is_json).then(|| measurement::declared_decimal(&content_type));
+    let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;
     let mut upload = app
         .compute(RequestClass::Write, move || {
-            parse_upload(&robot, &bytes, kind, query)
+            parse_upload(&robot, &bytes, content_type, &columns, query)
         })
         .await?;
     let mut insisted_on = None;
@@ -110,7 +123,7 @@ async fn create(
         robot_id,
         name: upload.name,
         frame: upload.frame,
-        content_type,
+        content_type: upload.content_type,
         body: submission.body.to_vec(),
         sha256: upload.sha256,
         n_points: upload.n_points as i64,
@@ -120,6 +133,11 @@ async fn create(
         uploaded_by: Some(submission.caller.holder.clone()),
         serial_number: upload.serial_number,
         insisted_on,
+        reading_json: upload
+            .reading
+            .as_ref()
+            .map(serde_json::to_string)
+            .transpose()?,
     };
     let effect = async |tx: &mut Tx| {
         let row = measurement_sets::insert(tx, &new).await?;
@@ -130,30 +148,6 @@ async fn create(
         )
     };
     submission.create(&app.store, effect).await
-}
-
-/// First bytes of archives (xlsx is one) and of old workbooks.
-const BINARY_SIGNATURES: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0"];
-
-fn is_json(submission: &Submission) -> Result<bool, Error> {
-    if BINARY_SIGNATURES
-        .iter()
-        .any(|magic| submission.body.starts_with(magic))
-    {
-        let found = "an archive or a workbook".into();
-        return Err(Error::UnsupportedMediaType {
-            found,
-            expected: "text/csv or application/json (save the sheet as CSV first)",
-        });
-    }
-    match submission.media_type.as_str() {
-        "application/json" => Ok(true),
-        "text/csv" => Ok(false),
-        _ => {
-            Err(submission
-                .unsupported("text/csv or application/json (export a workbook as CSV first)"))
-        }
-    }
 }
 
 /// Content type that is stored with the bytes, with the decimal mark that the query declared.
@@ -171,33 +165,37 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// Parses an upload. `csv` is the number format of a CSV file; none for JSON.
+/// Parses an upload.
 fn parse_upload(
     body: &RobotBody,
     bytes: &Bytes,
-    csv: Option<Decimal>,
+    content_type: String,
+    columns: &ColumnsBody,
     query: UploadQuery,
 ) -> Result<Upload, Error> {
     let serial_number = query.serial_number.clone();
     check_serial_number(body, serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
-    let (stated_frame, name, set) = if let Some(decimal) = csv {
-        (
-            query.frame,
-            query.name,
-            measurement::from_csv(
-                bytes,
-                decimal,
-                query.frame.unwrap_or(DEFAULT_FRAME),
-                n_joints,
-            )?,
-        )
-    } else {
+    let is_json = content_type
+        .to_ascii_lowercase()
+        .starts_with("application/json");
+    let (stated_frame, name, set, reading, content_type) = if is_json {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
         let set = upload.measurement_set(frame, n_joints)?;
-        (frame, upload.name.or(query.name), set)
+        (frame, upload.name.or(query.name), set, None, content_type)
+    } else {
+        let content_type = table_type(bytes, content_type)?;
+        let upload = measurement::Upload {
+            content_type: &content_type,
+            bytes,
+            columns,
+            decimal: query.decimal,
+            frame: query.frame.unwrap_or(DEFAULT_FRAME),
+        };
+        let (set, reading) = measurement::from_file(&upload, n_joints)?;
+        (query.frame, query.name, set, reading, content_type)
     };
     let mut checker = Checker::default();
     name.iter()
@@ -221,6 +219,8 @@ fn parse_upload(
         n_targets: measurement::n_targets(&set),
         warnings,
         sha256: canonical::sha256_hex(bytes),
+        content_type,
+        reading,
         misfit: upload_check::check_fit(body, set)?,
     })
 }
@@ -293,7 +293,7 @@ async fn get(
 #[utoipa::path(
     get, path = "/v1/measurement-sets/{id}/points", tag = "measurement sets", operation_id = "getMeasurementSetPoints",
     params(("id" = String, Path, description = "The set")),
-    responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"))))
+    responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (Vec<u8> = "multipart/form-data"))))
 )]
 async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
     let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
@@ -306,6 +306,11 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
     type Error = Error;
 
     fn try_from(row: &MeasurementSetRow) -> Result<Self, Error> {
+        let reading = row
+            .reading_json
+            .as_deref()
+            .map(serde_json::from_str::<Reading>);
+        let reading = reading.transpose()?.unwrap_or_default();
         Ok(Self {
             id: row.id.clone(),
             robot_id: row.robot_id.clone(),
@@ -318,6 +323,8 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             created_at: rfc3339(row.created_at_ms),
             warnings: serde_json::from_str(&row.warnings_json)?,
             insisted_on: row.insisted_on.as_deref().and_then(Insist::parse),
+            understood: reading.understood,
+            joined: reading.joined,
         })
     }
 }

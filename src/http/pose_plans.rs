@@ -53,7 +53,9 @@ async fn create(
         // One after the other, because the bytes are much larger than the parsed points.
         let points = measurement_sets::body(&app.store, &set.id).await?;
         let parse = move || {
-            from_upload(&set.content_type, &points, set.frame, n_joints).map_err(Error::Invalid)
+            let reading = set.reading_json.as_deref();
+            from_upload(&set.content_type, reading, &points, set.frame, n_joints)
+                .map_err(Error::Invalid)
         };
         sets.push(permit.run(parse).await?);
     }

@@ -1,7 +1,7 @@
 //! Every route with its documentation.
 
 use crate::http::{
-    App, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
+    App, columns, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
     measurement_sets, metrics, networks, parameter_sets, policies, pose_plans, predict, release,
     report_html, robots,
 };
@@ -12,6 +12,7 @@ pub fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .merge(robots::router())
         .merge(measurement_sets::router())
+        .merge(columns::router())
         .merge(frames::router())
         .merge(jobs::router())
         .merge(job_events::router())

@@ -98,7 +98,14 @@ impl MeasurementSetInput {
     /// # Errors
     /// If the bytes cannot be read. This does not happen, because they were accepted once.
     pub fn parse(&self, n_joints: usize) -> std::result::Result<MeasurementSet, Invalid> {
-        from_upload(&self.row.content_type, &self.body, self.row.frame, n_joints)
+        let reading = self.row.reading_json.as_deref();
+        from_upload(
+            &self.row.content_type,
+            reading,
+            &self.body,
+            self.row.frame,
+            n_joints,
+        )
     }
 }
 

@@ -131,7 +131,7 @@ pub fn parse_with_times(
     }
 }
 
-fn parse_row(
+pub(super) fn parse_row(
     row: usize,
     record: &csv::StringRecord,
     header: &csv::StringRecord,
@@ -140,28 +140,8 @@ fn parse_row(
     issues: &mut Vec<Issue>,
 ) -> Option<Point> {
     if record.len() != columns.len() {
-        let other = if reading.decimal == Decimal::Point {
-            ';'
-        } else {
-            ','
-        };
-        let hint = match (record.len() < columns.len(), reading.decimal) {
-            (true, _)
-                if record.iter().filter(|cell| cell.contains(other)).count() == record.len() =>
-            {
-                "are its cells separated otherwise than the header's?"
-            }
-            (true, _) => {
-                "the end of the row is missing: was the file cut off or the row written in part?"
-            }
-            (false, Decimal::Point) => "a decimal comma makes extra cells: write 12.5, not 12,5",
-            (false, Decimal::Comma) => "is there a ';' too many?",
-        };
-        let detail = format!(
-            "row {row} has {} cells, the header has {}; {hint}",
-            record.len(),
-            columns.len()
-        );
+        let separator = reading.decimal.separator();
+        let detail = wrong_cell_count(row, record, columns.len(), separator);
         issues.push(Issue {
             row: Some(row),
             column: None,
@@ -186,13 +166,41 @@ fn parse_row(
     (issues.len() == before).then_some(point)
 }
 
+/// What is wrong with a row that has not as many cells as the header, and what may be the reason.
+pub(super) fn wrong_cell_count(
+    row: usize,
+    record: &csv::StringRecord,
+    n_columns: usize,
+    separator: u8,
+) -> String {
+    let other = if separator == b',' { ';' } else { ',' };
+    let is_cut = record.len() < n_columns;
+    let hint = match separator {
+        _ if is_cut
+            && record.iter().filter(|cell| cell.contains(other)).count() == record.len() =>
+        {
+            "are its cells separated otherwise than the header's?"
+        }
+        _ if is_cut => {
+            "the end of the row is missing: was the file cut off or the row written in part?"
+        }
+        b',' => "a decimal comma makes extra cells: write 12.5, not 12,5",
+        b';' => "is there a ';' too many?",
+        _ => "is there a separator too many?",
+    };
+    format!(
+        "row {row} has {} cells, the header has {n_columns}; {hint}",
+        record.len()
+    )
+}
+
 type CellError = (&'static str, String);
 
 /// How cells are read.
-struct Reading {
-    n_joints: usize,
-    decimal: Decimal,
-    is_time: fn(&str) -> bool,
+pub(super) struct Reading {
+    pub(super) n_joints: usize,
+    pub(super) decimal: Decimal,
+    pub(super) is_time: fn(&str) -> bool,
 }
 
 fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Result<(), CellError> {

@@ -54,7 +54,7 @@ pub(super) fn parse_header(
     }
 }
 
-fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
+pub(super) fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
     let plain = match name {
         "x_mm" => Column::Position(0, 1.0),
         "y_mm" => Column::Position(1, 1.0),
@@ -128,7 +128,7 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
     }
 }
 
-fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue> {
+pub(super) fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue> {
     let mut issues = Vec::new();
     for joint in 0..n_joints {
         if columns

@@ -1,13 +1,27 @@
 //! Measured poses: the set, its CSV form, units and the split into identify and verify.
 
+pub mod column_mapping;
+pub mod column_meaning;
+pub mod column_names;
 mod conventions;
 pub mod csv;
 mod csv_columns;
 mod csv_issue;
 mod csv_text;
+pub mod join;
+mod join_options;
+mod join_time;
 pub mod repeatability;
 pub mod set;
 pub mod split;
+pub mod table;
+pub mod table_columns;
+mod table_header;
+mod table_lines;
+mod table_numbers;
+pub mod table_points;
+mod table_programs;
+pub mod table_text;
 
 pub use conventions::{Decimal, Frame, Subset};
 pub use set::{MeasurementSet, Point};

@@ -8,6 +8,7 @@ mod frames;
 pub mod import;
 mod plan_poses;
 mod predict;
+mod table_preview;
 pub mod urdf;
 pub mod xml_limits;
 
@@ -16,3 +17,4 @@ pub use compensate::compensate;
 pub use frames::frames_from_sweeps;
 pub use plan_poses::plan_poses;
 pub use predict::predict;
+pub use table_preview::preview_table;

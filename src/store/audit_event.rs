@@ -18,6 +18,8 @@ pub enum AuditEvent {
     RobotChecked,
     /// The release policy of a robot was set.
     RobotPolicyChanged,
+    /// A mapping of columns was stored.
+    ColumnMappingCreated,
     /// An upload was stored.
     MeasurementSetCreated,
     /// Sweeps were stored.
@@ -59,6 +61,7 @@ impl AuditEvent {
             Self::RobotFitsAgain => "robot_fits_again",
             Self::RobotChecked => "robot_checked",
             Self::RobotPolicyChanged => "robot_policy_changed",
+            Self::ColumnMappingCreated => "column_mapping_created",
             Self::MeasurementSetCreated => "measurement_set_created",
             Self::FramesCreated => "frames_created",
             Self::JobCreated => "job_created",

@@ -13,6 +13,7 @@ use super::{Engine, Error, Result, Store};
 pub const TABLES: &[&str] = &[
     "robot",
     "robot_policy",
+    "column_mapping",
     "measurement_set",
     "frames",
     "job",

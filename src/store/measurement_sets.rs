@@ -40,6 +40,8 @@ pub struct MeasurementSetRow {
     pub serial_number: Option<String>,
     /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
     pub insisted_on: Option<String>,
+    /// How the bytes were read (`wire::understood::Reading`); none for JSON and for older sets.
+    pub reading_json: Option<String>,
 }
 
 from_row!(MeasurementSetRow {
@@ -55,7 +57,8 @@ from_row!(MeasurementSetRow {
     created_at_ms,
     uploaded_by,
     serial_number,
-    insisted_on
+    insisted_on,
+    reading_json
 } parsed { frame });
 
 /// A measurement set to be stored.
@@ -87,12 +90,14 @@ pub struct NewMeasurementSet {
     pub serial_number: Option<String>,
     /// Code of the suspicion that the uploader overrides with `insist`.
     pub insisted_on: Option<String>,
+    /// How the bytes were read; none for JSON.
+    pub reading_json: Option<String>,
 }
 
 macro_rules! columns {
     () => {
         "id, robot_id, name, frame, content_type, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms,
-         uploaded_by, serial_number, insisted_on"
+         uploaded_by, serial_number, insisted_on, reading_json"
     };
 }
 
@@ -100,8 +105,9 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
-         n_points, n_configurations, n_targets, warnings_json, created_at_ms, uploaded_by, serial_number, insisted_on)
-     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock), $12, $13, $14)
+         n_points, n_configurations, n_targets, warnings_json, created_at_ms, uploaded_by, serial_number, insisted_on,
+         reading_json)
+     values ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, (select now_ms from clock), $12, $13, $14, $15)
      returning ",
     columns!()
 );
@@ -139,6 +145,10 @@ fn as_created(row: &MeasurementSetRow) -> Value {
     // Entries that are older than `insist` do not have this field.
     if let Some(code) = &row.insisted_on {
         created["insisted_on"] = json!(code);
+    }
+    // Nor have those of JSON and of older sets this one.
+    if let Some(reading) = &row.reading_json {
+        created["reading_sha256"] = json!(canonical::sha256_hex(reading.as_bytes()));
     }
     created
 }
@@ -183,7 +193,8 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(&new.warnings_json)
         .bind(new.uploaded_by.as_deref())
         .bind(new.serial_number.as_deref())
-        .bind(new.insisted_on.as_deref());
+        .bind(new.insisted_on.as_deref())
+        .bind(new.reading_json.as_deref());
     tx.needs_room()?;
     let row: MeasurementSetRow = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));

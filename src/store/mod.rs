@@ -13,6 +13,7 @@ pub mod audit;
 mod audit_chain;
 mod audit_event;
 pub mod backup;
+pub mod column_mappings;
 pub mod copy;
 mod database;
 mod engine;
@@ -42,6 +43,7 @@ mod write_progress;
 pub use api_keys::{ApiKeyRow, NewApiKey};
 pub use audit_chain::{AuditEntryId, AuditHead, AuditRow, NoAuditEntryId};
 pub use audit_event::AuditEvent;
+pub use column_mappings::ColumnMappingRow;
 pub use database::{Store, Tx};
 pub use engine::Engine;
 pub use error::{Conflict, Error, Result};
@@ -87,6 +89,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         audit::ALL_QUERIES,
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
+        column_mappings::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         jobs::ALL_QUERIES,

@@ -13,6 +13,9 @@ pub struct Issue {
     /// 0-based data row of a CSV file (the header is not counted).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub row: Option<usize>,
+    /// Line of the file, or row of the sheet, on which that row begins, counted from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<usize>,
     /// Column of a CSV file, or name of a query parameter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub column: Option<String>,

@@ -7,11 +7,14 @@ pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point};
 pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};
 use crate::wire::angle::to_radians;
+use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::suspicion::Insist;
+use crate::wire::table_upload::{self, Files, UploadOptions};
 use crate::wire::time::is_rfc3339;
+use crate::wire::understood::{JoinedFiles, Reading, UnderstoodBody};
 pub use crate::wire::warning::Warning;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -20,6 +23,8 @@ use utoipa::ToSchema;
 
 /// Most points of one set; the largest public campaigns have under a thousand.
 pub const MAX_POINTS: usize = measurement::csv::MAX_ROWS;
+/// Largest upload, bytes: 100,000 rows of 300 characters.
+pub const MAX_UPLOAD_BYTES: usize = 32 * 1024 * 1024;
 /// Largest number of joint values that are read per point. It exceeds that of any robot, so the check can report the expected number.
 const MAX_LISTED: usize = 1_000;
 /// Largest joint value, degrees: ten turns.
@@ -111,48 +116,118 @@ pub struct SetSummary {
     /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insisted_on: Option<Insist>,
+    /// How a table was understood; JSON and older sets have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub understood: Option<UnderstoodBody>,
+    /// How two files were understood and joined.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joined: Option<JoinedFiles>,
 }
 
 /// Parameter of a content type that declares decimal commas. It is stored with the upload, so that the stored bytes are parsed the same way again.
 pub const DECIMAL_COMMA: &str = "decimal=comma";
+/// The same for decimal points.
+pub const DECIMAL_POINT: &str = "decimal=point";
 
-/// Decimal mark of a CSV file, from its content type.
-pub fn declared_decimal(content_type: &str) -> Decimal {
-    let is_comma = content_type
-        .split(';')
-        .skip(1)
-        .any(|parameter| parameter.trim().eq_ignore_ascii_case(DECIMAL_COMMA));
-    if is_comma {
-        Decimal::Comma
-    } else {
-        Decimal::Point
-    }
+/// Decimal mark of a CSV file, from its content type, if that states one.
+pub fn declared_decimal(content_type: &str) -> Option<Decimal> {
+    let mut parameters = content_type.split(';').skip(1);
+    parameters.find_map(|parameter| match parameter.trim() {
+        text if text.eq_ignore_ascii_case(DECIMAL_COMMA) => Some(Decimal::Comma),
+        text if text.eq_ignore_ascii_case(DECIMAL_POINT) => Some(Decimal::Point),
+        _ => None,
+    })
 }
 
 /// Check of `measured_at`: new uploads must have a time, older stored ones may have any label.
 type TimeCheck = fn(&str) -> bool;
 
-/// Reads an uploaded CSV file.
+/// A file of measurements and what the caller says about it.
+#[derive(Clone, Copy, Debug)]
+pub struct Upload<'a> {
+    /// Its content type: JSON, a form of several files, else a table.
+    pub content_type: &'a str,
+    /// Its bytes.
+    pub bytes: &'a [u8],
+    /// What its columns mean, where the file does not say it.
+    pub columns: &'a ColumnsBody,
+    /// Its decimal mark, where the caller states it beside the content type.
+    pub decimal: Option<Decimal>,
+    /// The frame of every position.
+    pub frame: Frame,
+}
+
+/// Reads sweeps, or any other table with decimal marks as it writes them.
 ///
 /// # Errors
 /// [`Invalid`] with row, column and value of everything that is wrong.
-pub fn from_csv(
-    bytes: &[u8],
-    decimal: Decimal,
-    frame: Frame,
-    n_joints: usize,
-) -> Result<MeasurementSet, Invalid> {
-    parse_csv(bytes, decimal, frame, n_joints, is_rfc3339)
+pub fn from_table(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
+    let upload = Upload {
+        content_type: "text/csv",
+        bytes,
+        columns: &ColumnsBody::default(),
+        decimal: None,
+        frame,
+    };
+    Ok(from_file(&upload, n_joints)?.0)
 }
 
-fn parse_csv(
+/// Parses a new file, and tells how a table was understood.
+///
+/// # Errors
+/// [`Invalid`] with row, column and value of everything that is wrong.
+pub fn from_file(
+    upload: &Upload,
+    n_joints: usize,
+) -> Result<(MeasurementSet, Option<Reading>), Invalid> {
+    if is_json(upload.content_type) {
+        let set = parse_json(upload.bytes, upload.frame, n_joints, is_rfc3339)?;
+        return Ok((set, None));
+    }
+    let files = Files::new(upload.content_type, upload.bytes)?;
+    let columns = match &files.columns {
+        None => upload.columns,
+        Some(columns) if upload.columns.0.is_empty() => columns,
+        Some(_) => {
+            return Err(Invalid::at(
+                "/columns",
+                "invalid_columns",
+                "the columns are mapped twice, in the form and beside it: leave one mapping out",
+            ));
+        }
+    };
+    let options = UploadOptions {
+        columns,
+        decimal: upload
+            .decimal
+            .or_else(|| declared_decimal(upload.content_type)),
+        frame: upload.frame,
+        n_joints,
+        is_time: is_rfc3339,
+    };
+    let (set, reading) = table_upload::read(&files, &options)?;
+    Ok((set, Some(reading)))
+}
+
+/// Parses a stored upload. `reading_json` is how it was read; uploads that are older than that, and JSON, have none.
+///
+/// # Errors
+/// [`Invalid`]; does not happen for bytes that were accepted once.
+pub fn from_upload(
+    content_type: &str,
+    reading_json: Option<&str>,
     bytes: &[u8],
-    decimal: Decimal,
     frame: Frame,
     n_joints: usize,
-    is_time: TimeCheck,
 ) -> Result<MeasurementSet, Invalid> {
-    measurement::csv::parse_with_times(decimal, bytes, frame, n_joints, is_time).map_err(|error| {
+    if is_json(content_type) {
+        return parse_json(bytes, frame, n_joints, |_| true);
+    }
+    if let Some(reading) = reading_json {
+        return table_upload::read_again(content_type, reading, bytes, frame, n_joints);
+    }
+    let decimal = declared_decimal(content_type).unwrap_or_default();
+    measurement::csv::parse_with_times(decimal, bytes, frame, n_joints, |_| true).map_err(|error| {
         Invalid {
             code: "invalid_measurements",
             issues: error
@@ -165,51 +240,18 @@ fn parse_csv(
     })
 }
 
-/// Parses a new file.
-///
-/// # Errors
-/// [`Invalid`] with row, column and value of everything that is wrong.
-pub fn from_file(
-    content_type: &str,
-    bytes: &[u8],
-    frame: Frame,
-    n_joints: usize,
-) -> Result<MeasurementSet, Invalid> {
-    parse_typed(content_type, bytes, frame, n_joints, is_rfc3339)
+fn is_json(content_type: &str) -> bool {
+    content_type
+        .to_ascii_lowercase()
+        .starts_with("application/json")
 }
 
-/// Parses a stored upload.
-///
-/// # Errors
-/// [`Invalid`]; does not happen for bytes that were accepted once.
-pub fn from_upload(
-    content_type: &str,
-    bytes: &[u8],
-    frame: Frame,
-    n_joints: usize,
-) -> Result<MeasurementSet, Invalid> {
-    parse_typed(content_type, bytes, frame, n_joints, |_| true)
-}
-
-fn parse_typed(
-    content_type: &str,
+fn parse_json(
     bytes: &[u8],
     frame: Frame,
     n_joints: usize,
     is_time: TimeCheck,
 ) -> Result<MeasurementSet, Invalid> {
-    if !content_type
-        .to_ascii_lowercase()
-        .starts_with("application/json")
-    {
-        return parse_csv(
-            bytes,
-            declared_decimal(content_type),
-            frame,
-            n_joints,
-            is_time,
-        );
-    }
     let body: MeasurementSetBody = json::parse(bytes).map_err(|error| match error {
         json::Error::Shape(invalid) => invalid,
         json::Error::Syntax(detail) => Invalid::at("", "malformed_json", detail),
@@ -221,10 +263,9 @@ fn csv_issue(issue: measurement::csv::Issue) -> Issue {
     Issue {
         row: issue.row,
         column: issue.column,
-        pointer: None,
         code: issue.code.into(),
         detail: issue.detail,
-        joint_map: None,
+        ..Issue::default()
     }
 }
 

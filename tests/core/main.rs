@@ -25,6 +25,9 @@ mod scale;
 mod screening;
 #[path = "../support/mod.rs"]
 mod support;
+mod tables;
+mod two_files;
 mod uncertainty;
+mod workbooks;
 
 use support::{bad_campaigns, data, real_robot, robots, simulation};

@@ -248,45 +248,29 @@ const CLASSES: &[Class] = &[
             hint: "one unit",
         }
     }),
-    ("other separators", |p| {
-        let by = pick(p, &[";", "\t"]);
-        whole(
-            String::from_utf8(csv(&cells()[..20 + p.below(50)]))
-                .unwrap()
-                .replace(',', by)
-                .into_bytes(),
-            "wrong_separator",
-            "separate them by ','",
-        )
+    ("a byte that is no digit in any encoding", |p| {
+        let mut bad = bad_cell(p, "12\u{fffd}.5", "not_a_number", "is not a number");
+        let text = String::from_utf8(bad.body).unwrap();
+        let (before, after) = text.split_once('\u{fffd}').unwrap();
+        bad.body = [before.as_bytes(), &[0xFF], after.as_bytes()].concat();
+        bad
     }),
-    ("a German export", |p| {
-        whole(
-            String::from_utf8(csv(&cells()[..20 + p.below(50)]))
-                .unwrap()
-                .replace(',', ";")
-                .replace('.', ",")
-                .into_bytes(),
-            "wrong_separator",
-            "decimal point",
-        )
-    }),
-    ("not UTF-8", |p| {
+    ("control characters", |p| {
         let mut body = csv(&cells());
         let at = 200 + p.below(1000);
-        body[at] = 0xFF;
-        whole(body, "not_utf8", "UTF-8")
+        body[at] = pick(p, &["\0", "\u{1}", "\u{1b}"]).as_bytes()[0];
+        whole(body, "not_text", "control character")
     }),
-    ("UTF-16", |p| {
+    ("a number with two readings", |_| {
+        let mut rows = cells()[..2].to_vec();
+        rows[1][2..]
+            .iter_mut()
+            .for_each(|cell| *cell = "1,234".into());
+        let text: Vec<String> = rows.iter().map(|row| row.join(";")).collect();
         whole(
-            String::from_utf8(csv(&cells()[..5 + p.below(50)]))
-                .unwrap()
-                .encode_utf16()
-                .fold(vec![0xFF, 0xFE], |mut all, unit| {
-                    all.extend(unit.to_le_bytes());
-                    all
-                }),
-            "not_utf8",
-            "UTF-8",
+            text.join("\n").into_bytes(),
+            "two_readings",
+            "?decimal=comma",
         )
     }),
     ("no rows", |p| {
@@ -595,7 +579,7 @@ fn with_decimal_commas(cells: &[Vec<String>]) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn a_decimal_comma_is_read_where_it_is_declared_and_nowhere_else() {
+async fn a_decimal_comma_is_read_declared_or_not_and_never_against_what_is_declared() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
     let upload = format!("{robot}/measurement-sets?frame=base");
@@ -603,6 +587,10 @@ async fn a_decimal_comma_is_read_where_it_is_declared_and_nowhere_else() {
     for (path, content_type) in [
         (format!("{upload}&decimal=comma"), "text/csv; charset=utf-8"),
         (upload.clone(), "text/csv; charset=utf-8; Decimal=Comma"),
+        (
+            upload.clone(),
+            "text/csv; note=\"decimal=comma is not declared\"",
+        ),
     ] {
         let set = app.post(&path, content_type, german.clone()).await.ok(201);
         let points = app
@@ -651,8 +639,7 @@ async fn a_decimal_comma_is_read_where_it_is_declared_and_nowhere_else() {
         .replacen("1234,5", "1.234,5", 1)
         .into_bytes();
     for (path, body, code) in [
-        (upload.clone(), german.clone(), "wrong_separator"),
-        (format!("{upload}&decimal=point"), german, "wrong_separator"),
+        (format!("{upload}&decimal=point"), german, "decimal_comma"),
         (
             format!("{upload}&decimal=comma"),
             csv(&cells()),

@@ -41,6 +41,7 @@ pub fn new_set(robot: &RobotRow, body: &[u8]) -> NewMeasurementSet {
         uploaded_by: Some("key_uploader".into()),
         serial_number: None,
         insisted_on: None,
+        reading_json: None,
     }
 }
 

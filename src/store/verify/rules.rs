@@ -9,8 +9,8 @@ use crate::store::jobs::JobWithClient;
 use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
-    ApiKeyRow, AuditEvent, FramesRow, MeasurementSetRow, NetworkRow, ParameterSetStatus, Result,
-    RobotRow, Store, VerificationRow,
+    ApiKeyRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow, NetworkRow,
+    ParameterSetStatus, Result, RobotRow, Store, VerificationRow,
 };
 use crate::wire::canonical;
 
@@ -38,6 +38,7 @@ const STATUS_AFTER_EVENT: &[(AuditEvent, ParameterSetStatus)] = &[
 pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     each(check, store, chain, |check, row| robot(check, chain, row)).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
+    each(check, store, chain, |_, _: &ColumnMappingRow| ()).await?;
     each(check, store, chain, |_, _: &FramesRow| ()).await?;
     each(check, store, chain, |_, _: &JobWithClient| ()).await?;
     each(check, store, chain, |_, _: &NetworkRow| ()).await?;

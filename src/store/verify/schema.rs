@@ -45,6 +45,8 @@ const GUARDS: &[&str] = &[
     "measurement_set_stays",
     "measurement_set_uploader_stays",
     "measurement_set_insisted_stays",
+    "measurement_set_reading_stays",
+    "column_mapping_stays",
     "robot_stays",
     "job_stays_over",
     "job_report_stays",

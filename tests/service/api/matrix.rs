@@ -53,6 +53,12 @@ impl Cell {
             paper("sweeps_instrument.csv"),
         )
         .await;
+        let mapping = app
+            .request(Method::PUT, &format!("{at}/columns/tracker"))
+            .bearer_auth(admin)
+            .header("content-type", "application/json")
+            .body("{\"q1_deg\": \"J1\"}");
+        Answer::of(mapping).await.ok(200);
         let request = json!({"measurement_set_id": set["id"], "method": "pso", "options": {"n_particles": 10, "n_iterations": 5}});
         let mut job = post(
             format!("{at}/jobs"),
@@ -96,6 +102,7 @@ impl Cell {
         };
         route
             .replace("{robot_id}", &self.robot)
+            .replace("{name}", "tracker")
             .replace("{id}", id.unwrap_or_default())
             + &query
     }

@@ -354,6 +354,7 @@ async fn a_set_that_was_stored_with_another_measured_at_stays_readable() {
     let csv = with_column("measured_at", |_| "Sunday morning".into());
     let new = kincal::store::NewMeasurementSet {
         insisted_on: None,
+        reading_json: None,
         robot_id: robot.rsplit('/').next().unwrap().into(),
         name: None,
         frame: kincal::wire::measurement::Frame::Base,

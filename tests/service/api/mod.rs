@@ -31,6 +31,7 @@ mod robots;
 mod secrets;
 mod sessions;
 mod suspicions;
+mod tables;
 mod tls;
 mod tools;
 mod tutorial;

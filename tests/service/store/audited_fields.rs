@@ -71,6 +71,9 @@ const KNOWN: &str = "
     job | measurement_set_id | (select max(id) from measurement_set)
     job | request_json | '[]' | request_sha256
     report_summary | summary_json | '[]' | summary
+    column_mapping | columns_json | '[]' | columns_sha256
+    column_mapping | name | 'other'
+    column_mapping | created_by | 'key_9'
     robot_policy | changed_by | 'key_9'
     robot_policy | tolerance_mm | 9.5
     api_key | name | 'other'
@@ -90,6 +93,7 @@ const NEW: &str = "
     measurement_set | n_targets | 9 | rest_sha256
     measurement_set | warnings_json | '[1]' | rest_sha256
     measurement_set | created_at_ms | created_at_ms + 1 | rest_sha256
+    column_mapping | created_at_ms | 1
     frames | content_type | 'other'
     network | metadata_json | '[]' | metadata_sha256
     network | weights_sha256 | 'ff'

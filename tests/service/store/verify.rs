@@ -3,8 +3,8 @@
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys, frames,
-    leases, networks, parameter_sets, policies, verifications,
+    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys,
+    column_mappings, frames, leases, networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
@@ -135,6 +135,12 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
         result_json: "{}".into(),
     };
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
+    let robot = &set.robot_id;
+    in_transaction(store, async |tx| {
+        tx.act_as("key_0");
+        column_mappings::insert(tx, robot, "n", "{}", "key_0").await
+    })
+    .await;
     let failed = a_running_job(store, set).await;
     in_transaction(store, async |tx| leases::fail(tx, &failed, "{}").await).await;
     let lease = a_running_job(store, set).await;
@@ -216,6 +222,9 @@ const FAULTS: &[(&str, &[&str])] = &[
     ("update api_key set revoked_at_ms = null", &["I1"]),
     ("update robot_policy set second_person_required = 0", &["I1"]),
     ("delete from robot_policy", &["I1"]),
+    ("drop trigger column_mapping_stays; update column_mapping set columns_json = '[]'", &["I1", "I9"]),
+    ("delete from column_mapping", &["I1"]),
+    ("drop trigger measurement_set_reading_stays", &["I9"]),
     ("drop trigger frames_stay; update frames set result_json = '[]'", &["I1", "I9"]),
     ("update job set request_json = '{\"seed\":1}' where status = 'succeeded'", &["I1"]),
     (
@@ -315,6 +324,8 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update report_summary set summary_json = '{}'",
             "update frames set result_json = '[]'",
             "update frames set body = x'00'",
+            "update measurement_set set reading_json = '{}'",
+            "update column_mapping set columns_json = '[]'",
         ] {
             let refused = sqlx::query(AssertSqlSafe(sql_for(store.engine(), sql)))
                 .execute(store.readers())
@@ -341,6 +352,7 @@ fn sql_for(engine: Engine, sql: &str) -> String {
                 "parameter_set",
                 "audit",
                 "frames",
+                "column_mapping",
                 "job",
                 "verification",
                 "report_summary",

@@ -1,0 +1,264 @@
+//! Measured files of a command: one table, or the robot's file and the instrument's; and how they were understood, for people.
+
+use super::files::{BYTE_ORDER_MARK, NumberFormat, is_json, read};
+use super::usage::Usage;
+use crate::measurement::Decimal;
+use crate::wire::canonical;
+use crate::wire::columns::ColumnsBody;
+use crate::wire::measurement::{MAX_UPLOAD_BYTES, Upload};
+use crate::wire::understood::{JoinBody, Reading, UnderstoodBody, UnderstoodColumn};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Further files of a set, and what its columns mean.
+#[derive(Debug, clap::Args)]
+pub struct TableOptions {
+    /// The instrument's file, if SET holds the robot's joint values only; rows are joined by name, number or time.
+    #[arg(value_name = "INSTRUMENT_EXPORT", conflicts_with = "instrument")]
+    pub instrument_export: Option<PathBuf>,
+    /// The instrument's file, as the argument INSTRUMENT_EXPORT.
+    #[arg(long, env = "KINCAL_INSTRUMENT", value_name = "FILE")]
+    pub instrument: Option<PathBuf>,
+    /// What the columns mean: a file with a JSON object, {"q1_deg": "J1 [deg]", "x_mm": "X (mm)"} (docs/measurement-files.md).
+    #[arg(long, env = "KINCAL_COLUMNS", value_name = "FILE")]
+    pub columns: Option<PathBuf>,
+    #[command(flatten)]
+    pub numbers: NumberFormat,
+}
+
+/// The files of a set as they are uploaded.
+pub struct Measured {
+    /// Content type of the bytes.
+    pub content_type: String,
+    /// The file, or a form with two.
+    pub bytes: Vec<u8>,
+    /// What the columns mean.
+    pub columns: ColumnsBody,
+    /// The decimal mark, if it was stated.
+    pub decimal: Option<Decimal>,
+    /// The set's file, whose lines issues name; nothing if there are two.
+    pub shown: Vec<u8>,
+}
+
+impl Measured {
+    /// As the reader of uploads takes it.
+    pub fn upload(&self, frame: crate::measurement::Frame) -> Upload<'_> {
+        Upload {
+            content_type: &self.content_type,
+            bytes: &self.bytes,
+            columns: &self.columns,
+            decimal: self.decimal,
+            frame,
+        }
+    }
+}
+
+/// Reads the files of a set; `-` is the standard input.
+pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measured> {
+    let bytes = if set == Path::new("-") {
+        read_stdin()?
+    } else {
+        read(set)?
+    };
+    let columns = match &options.columns {
+        None => ColumnsBody::default(),
+        Some(path) => named_columns(path)?,
+    };
+    let decimal = options.numbers.decimal_comma.then_some(Decimal::Comma);
+    let instrument = options
+        .instrument_export
+        .as_ref()
+        .or(options.instrument.as_ref());
+    let Some(instrument) = instrument else {
+        let begins = bytes
+            .strip_prefix(BYTE_ORDER_MARK)
+            .unwrap_or(&bytes)
+            .trim_ascii_start();
+        let is_json = is_json(set) || set == Path::new("-") && begins.first() == Some(&b'{');
+        return Ok(Measured {
+            content_type: if is_json {
+                "application/json"
+            } else {
+                "text/csv"
+            }
+            .into(),
+            shown: bytes.clone(),
+            bytes,
+            columns,
+            decimal,
+        });
+    };
+    let (content_type, form) = form(&[
+        ("robot", set, &bytes),
+        ("instrument", instrument, &read(instrument)?),
+    ]);
+    Ok(Measured {
+        content_type,
+        bytes: form,
+        columns,
+        decimal,
+        shown: vec![],
+    })
+}
+
+fn read_stdin() -> anyhow::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let limit = MAX_UPLOAD_BYTES as u64;
+    std::io::stdin()
+        .take(limit + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| Usage(format!("cannot read the standard input: {e}")))?;
+    if bytes.len() as u64 > limit {
+        let text = format!(
+            "the standard input has more than {} MiB",
+            limit / (1024 * 1024)
+        );
+        return Err(Usage(text).into());
+    }
+    Ok(bytes)
+}
+
+fn named_columns(path: &Path) -> anyhow::Result<ColumnsBody> {
+    ColumnsBody::parse(&read(path)?).map_err(|invalid| {
+        let faults: Vec<String> = invalid
+            .issues
+            .iter()
+            .map(|issue| format!("\n  {}", issue.in_words()))
+            .collect();
+        Usage(format!(
+            "{} cannot be used:{}",
+            path.display(),
+            faults.concat()
+        ))
+        .into()
+    })
+}
+
+/// A form with two files. Its boundary follows from the files, so that the same files make the same bytes.
+fn form(files: &[(&str, &Path, &[u8])]) -> (String, Vec<u8>) {
+    let hashes: Vec<String> = files
+        .iter()
+        .map(|(_, _, bytes)| canonical::sha256_hex(bytes))
+        .collect();
+    let boundary = format!(
+        "kincal-{}",
+        &canonical::sha256_hex(hashes.concat().as_bytes())[..40]
+    );
+    let mut body = Vec::new();
+    for (part, path, bytes) in files {
+        let name: String = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .unwrap_or(part)
+            .chars()
+            .filter(|c| !c.is_control() && *c != '"')
+            .take(200)
+            .collect();
+        let head = format!(
+            "--{boundary}\r\nContent-Disposition: form-data; name=\"{part}\"; filename=\"{name}\"\r\nContent-Type: application/octet-stream\r\n\r\n"
+        );
+        body.extend_from_slice(head.as_bytes());
+        body.extend_from_slice(bytes);
+        body.extend_from_slice(b"\r\n");
+    }
+    body.extend_from_slice(format!("--{boundary}--\r\n").as_bytes());
+    (format!("multipart/form-data; boundary={boundary}"), body)
+}
+
+/// How files were understood, a line for each thing that a reader could take for another.
+pub fn in_words(reading: &Reading) -> Vec<String> {
+    if let Some(joined) = &reading.joined {
+        let mut lines = table_in_words("robot file: ", &joined.robot, true);
+        lines.extend(table_in_words(
+            "instrument file: ",
+            &joined.instrument,
+            true,
+        ));
+        lines.extend(join_in_words(&joined.join));
+        return lines;
+    }
+    let understood = reading.understood.as_ref();
+    understood.map_or(vec![], |table| table_in_words("", table, false))
+}
+
+fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<String> {
+    let own = |column: &UnderstoodColumn| match &column.unit {
+        Some(unit) => format!("{}_{unit}", column.means),
+        None => column.means.clone(),
+    };
+    let is_plain = table.separator == ","
+        && table.decimal == Decimal::Point
+        && table.encoding == "utf-8"
+        && table.header_row == Some(1)
+        && table.ignored.is_empty()
+        && table
+            .columns
+            .iter()
+            .all(|column| column.column == own(column));
+    if is_plain && !always {
+        return vec![];
+    }
+    let decimal = match table.decimal {
+        Decimal::Point => "points",
+        Decimal::Comma => "commas",
+    };
+    let header = table
+        .header_row
+        .map_or("no header".into(), |line| format!("header in line {line}"));
+    let sheet = table
+        .sheet
+        .as_ref()
+        .map_or(String::new(), |sheet| format!(", sheet {sheet:?}"));
+    let columns: Vec<String> = table
+        .columns
+        .iter()
+        .map(|column| format!("{} = {:?}", own(column), column.column))
+        .collect();
+    let mut lines = vec![
+        format!(
+            "{file}read as {}{sheet}, columns separated by {:?}, decimal {decimal}, {header}, {} other lines skipped",
+            table.encoding, table.separator, table.skipped_rows
+        ),
+        format!("{file}{}", columns.join(", ")),
+    ];
+    if !table.ignored.is_empty() {
+        lines.push(format!("{file}not read: {}", table.ignored.join(", ")));
+    }
+    lines
+}
+
+fn join_in_words(join: &JoinBody) -> Vec<String> {
+    let clock = match (join.clock_offset_s, join.tolerance_s) {
+        (Some(offset), Some(tolerance)) => format!(
+            "; the robot's clock is {offset:.3} s ahead of the instrument's, pairs may be {tolerance:.3} s apart"
+        ),
+        _ => String::new(),
+    };
+    let mut lines = vec![format!(
+        "{} pairs of rows, joined by {}{clock}",
+        join.n_joined, join.by
+    )];
+    for (file, rest) in [
+        ("robot", &join.leftover_robot),
+        ("instrument", &join.leftover_instrument),
+    ] {
+        if rest.n > 0 {
+            let rows: Vec<String> = rest
+                .rows
+                .iter()
+                .take(10)
+                .map(|row| match row.label.as_str() {
+                    "" => format!("line {}", row.line),
+                    label => format!("line {} ({label})", row.line),
+                })
+                .collect();
+            let more = if rest.n > rows.len() { ", …" } else { "" };
+            lines.push(format!(
+                "{} rows of the {file} file have no partner: {}{more}",
+                rest.n,
+                rows.join(", ")
+            ));
+        }
+    }
+    lines
+}

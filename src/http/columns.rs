@@ -1,0 +1,186 @@
+//! What the columns of a robot's files mean: mappings that are kept under a name, and a look at a file before it is uploaded.
+
+use crate::http::auth::Caller;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::Id;
+use crate::http::extract::{ListQuery, Query};
+use crate::http::limits::RequestClass;
+use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
+use crate::http::{App, Error, access};
+use crate::operations::preview_table;
+use crate::store::{self, ColumnMappingRow, Tx, column_mappings};
+use crate::wire::columns::{ColumnMappingAnswer, ColumnsBody};
+use crate::wire::issue::Checker;
+use crate::wire::measurement::Decimal;
+use crate::wire::page::Page;
+use crate::wire::robot::{MAX_NAME, Robot};
+use crate::wire::table_preview::PreviewAnswer;
+use crate::wire::time::rfc3339;
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of mappings and previews.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(get, put))
+        .routes(routes!(preview))
+}
+
+/// Query of a preview.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+struct PreviewQuery {
+    /// As in the upload.
+    #[param(inline)]
+    decimal: Option<Decimal>,
+    /// As in the upload.
+    columns: Option<String>,
+}
+
+/// Looks at a table, or at two files, and stores nothing: how they are understood, their first rows, what is missing, and a mapping to be confirmed.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot_id}/measurement-sets/preview", tag = "measurement sets", operation_id = "previewMeasurementSet",
+    params(("robot_id" = String, Path, description = "The robot"), PreviewQuery),
+    request_body(
+        description = "As in the upload; no JSON",
+        content(
+            (String = "text/csv"),
+            (Vec<u8> = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+            (Vec<u8> = "application/vnd.oasis.opendocument.spreadsheet"),
+            (Vec<u8> = "multipart/form-data")
+        )
+    ),
+    responses((status = 200, description = "How the files are understood", body = PreviewAnswer))
+)]
+async fn preview(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    Query(query): Query<PreviewQuery>,
+    submission: Submission,
+) -> Result<Json<PreviewAnswer>, Error> {
+    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+    refuse_other_types(&submission)?;
+    if submission.media_type == "application/json" {
+        return Err(
+            submission.unsupported("text/csv, a workbook (xlsx, ods) or multipart/form-data")
+        );
+    }
+    let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
+    let n_joints = Robot::try_from(&access::robot_body(&robot)?)?.links.len();
+    let look = move || {
+        let content_type = table_type(&submission.body, submission.content_type.clone())?;
+        let answer = preview_table(
+            &content_type,
+            &submission.body,
+            &columns,
+            query.decimal,
+            n_joints,
+        )?;
+        Ok::<_, Error>(answer)
+    };
+    Ok(Json(app.compute(RequestClass::Write, look).await?))
+}
+
+/// Robot and name in a path.
+struct Named {
+    robot_id: String,
+    name: String,
+}
+
+/// Checks both before the database is asked.
+fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error> {
+    let mut checker = Checker::default();
+    checker.text("/name", &name, MAX_NAME);
+    if name.starts_with('{') || name.trim() != name {
+        checker.note(
+            "/name",
+            "invalid_name",
+            "a name does not begin with { and has no space around it",
+        );
+    }
+    checker.finish("invalid_name")?;
+    Ok(Named { robot_id, name })
+}
+
+/// A robot's mappings of columns, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/columns", tag = "measurement sets", operation_id = "listColumns",
+    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    responses((status = 200, description = "One page", body = Page<ColumnMappingAnswer>))
+)]
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let page = column_mappings::list(&app.store, &robot_id, &query.page()?).await?;
+    Ok(Json(
+        page.into_answer(|row| ColumnMappingAnswer::try_from(&row))?,
+    ))
+}
+
+/// A mapping of columns by its name.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/columns/{name}", tag = "measurement sets", operation_id = "getColumns",
+    params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The mapping's name")),
+    responses((status = 200, description = "The mapping", body = ColumnMappingAnswer))
+)]
+async fn get(
+    State(app): State<App>,
+    caller: Caller,
+    path: Path<(String, String)>,
+) -> Result<Json<ColumnMappingAnswer>, Error> {
+    let Named { robot_id, name } = named(path)?;
+    access::robot(&app, &caller, &robot_id).await?;
+    let row = column_mappings::newest(&app.store, &robot_id, &name).await;
+    let row = row.map_err(|error| match error {
+        store::Error::NotFound => Error::NotFound("mapping of columns"),
+        other => other.into(),
+    })?;
+    Ok(Json(ColumnMappingAnswer::try_from(&row)?))
+}
+
+/// Keeps a mapping of columns under a name, in place of an earlier one of that name. Sets that were uploaded with the earlier one stay as they are.
+#[utoipa::path(
+    put, path = "/v1/robots/{robot_id}/columns/{name}", tag = "measurement sets", operation_id = "putColumns",
+    params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The mapping's name")),
+    request_body = ColumnsBody,
+    responses((status = 200, description = "The mapping, stored", body = ColumnMappingAnswer))
+)]
+async fn put(
+    State(app): State<App>,
+    path: Path<(String, String)>,
+    submission: Submission,
+) -> Result<Response, Error> {
+    let Named { robot_id, name } = named(path)?;
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let columns: ColumnsBody = submission.json()?;
+    columns.check()?;
+    let json = serde_json::to_string(&columns)?;
+    let by = &submission.caller.holder;
+    let effect = async |tx: &mut Tx| {
+        let row = column_mappings::insert(tx, &robot_id, &name, &json, by).await?;
+        stored_json(200, None, &ColumnMappingAnswer::try_from(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+impl TryFrom<&ColumnMappingRow> for ColumnMappingAnswer {
+    type Error = Error;
+
+    fn try_from(row: &ColumnMappingRow) -> Result<Self, Error> {
+        Ok(Self {
+            name: row.name.clone(),
+            columns: serde_json::from_str(&row.columns_json)?,
+            created_at: rfc3339(row.created_at_ms),
+        })
+    }
+}

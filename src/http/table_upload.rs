@@ -1,0 +1,74 @@
+//! What an upload may be, and what its caller says about its columns.
+
+use crate::http::creation::Submission;
+use crate::http::{App, Error};
+use crate::store::{self, column_mappings};
+use crate::wire::columns::ColumnsBody;
+use crate::wire::multipart::is_multipart;
+use crate::wire::{Invalid, json, workbook};
+
+/// First bytes of a zip archive, which xlsx and ods are, and of old workbooks.
+const ZIP: &[u8] = b"PK\x03\x04";
+const OLD_WORKBOOK: &[u8] = b"\xD0\xCF\x11\xE0";
+/// What an upload may be.
+const EXPECTED: &str = "text/csv, application/json, a workbook (xlsx, ods) or multipart/form-data with two files (save other workbooks as CSV first)";
+
+/// Refuses what is no table, no JSON and no form, before anything of it is read.
+pub fn refuse_other_types(submission: &Submission) -> Result<(), Error> {
+    let media_type = submission.media_type.as_str();
+    let is_table = ["text/csv", workbook::XLSX, workbook::ODS].contains(&media_type);
+    let is_known = is_table || media_type == "application/json" || is_multipart(media_type);
+    let is_archive = submission.body.starts_with(ZIP) && !is_table;
+    if is_archive || submission.body.starts_with(OLD_WORKBOOK) {
+        return Err(not_a_workbook());
+    }
+    if is_known {
+        Ok(())
+    } else {
+        Err(submission.unsupported(EXPECTED))
+    }
+}
+
+fn not_a_workbook() -> Error {
+    Error::UnsupportedMediaType {
+        found: "an archive or an old workbook".into(),
+        expected: EXPECTED,
+    }
+}
+
+/// The content type that a table is stored with: a workbook's own, whatever it was sent as.
+pub fn table_type(bytes: &[u8], sent: String) -> Result<String, Error> {
+    if is_multipart(&sent) {
+        return Ok(sent);
+    }
+    match workbook::workbook(bytes) {
+        Some(kind) => Ok(kind.media_type().into()),
+        None if bytes.starts_with(ZIP) => Err(not_a_workbook()),
+        None if sent == workbook::XLSX || sent == workbook::ODS => Ok("text/csv".into()),
+        None => Ok(sent),
+    }
+}
+
+/// The mapping of a query: JSON, or the name of one that the robot has.
+pub async fn stated_columns(
+    app: &App,
+    robot_id: &str,
+    stated: Option<&str>,
+) -> Result<ColumnsBody, Error> {
+    let Some(stated) = stated.map(str::trim).filter(|text| !text.is_empty()) else {
+        return Ok(ColumnsBody::default());
+    };
+    if stated.starts_with('{') {
+        return Ok(ColumnsBody::parse(stated.as_bytes())?);
+    }
+    match column_mappings::newest(&app.store, robot_id, stated).await {
+        Ok(row) => Ok(json::parse(row.columns_json.as_bytes())?),
+        Err(store::Error::NotFound) => {
+            let detail = format!(
+                "the robot has no mapping of columns called {stated:?}: keep it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"
+            );
+            Err(Invalid::at("/columns", "unknown_mapping", detail).into())
+        }
+        Err(error) => Err(error.into()),
+    }
+}

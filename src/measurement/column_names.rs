@@ -1,0 +1,407 @@
+//! What the common names of columns mean. A name that has two meanings, or needs a unit and has none, is not decided here.
+
+/// What a header says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Known {
+    /// A joint value. The number is the one that the name has, `None` as unit means that it names none.
+    Joint(usize, Unit),
+    /// A coordinate, 0 to 2.
+    Position(usize, Unit),
+    /// One of the other columns under the name that the file format gives it, letter case aside.
+    Plain(String),
+    /// A name of the file format with a unit that it does not have.
+    WrongUnit,
+    /// What pairs rows of two files.
+    Key(Key),
+    /// Nothing that is known.
+    Unknown,
+}
+
+/// What pairs rows of two files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Key {
+    /// A point's name.
+    Name,
+    /// A point's number.
+    Number,
+    /// When a row was taken, with the factor from its unit to seconds.
+    Time(TimeUnit),
+}
+
+/// Unit of a column of times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeUnit {
+    /// None is named: times of day and dates can be read, bare numbers not.
+    Unstated,
+    /// Seconds.
+    Seconds,
+    /// Milliseconds.
+    Milliseconds,
+    /// Microseconds.
+    Microseconds,
+}
+
+impl TimeUnit {
+    /// Its unit.
+    pub fn as_str(self) -> Option<&'static str> {
+        match self {
+            Self::Unstated => None,
+            Self::Seconds => Some("s"),
+            Self::Milliseconds => Some("ms"),
+            Self::Microseconds => Some("us"),
+        }
+    }
+
+    /// Seconds in one.
+    pub fn seconds(self) -> f64 {
+        match self {
+            Self::Unstated | Self::Seconds => 1.0,
+            Self::Milliseconds => 1.0e-3,
+            Self::Microseconds => 1.0e-6,
+        }
+    }
+}
+
+/// A unit, as far as a header has one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// None is named.
+    Missing,
+    /// One that has two meanings: a German `Grad` is a degree, and a grad is a gon.
+    TwoReadings,
+    /// This one, as the file format writes it.
+    Is(&'static str),
+}
+
+/// Units of lengths, and mm in one.
+pub const LENGTHS: [(&str, f64); 5] = [
+    ("mm", 1.0),
+    ("m", 1000.0),
+    ("cm", 10.0),
+    ("um", 0.001),
+    ("in", 25.4),
+];
+
+/// Columns that need no unit.
+pub const PLAIN: [&str; 9] = [
+    "configuration",
+    "target",
+    "subset",
+    "measured_at",
+    "std_mm",
+    "station",
+    "session",
+    "sequence",
+    "temperature_c",
+];
+
+fn unit_of(text: &str) -> Option<Unit> {
+    Some(Unit::Is(match text {
+        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => "mm",
+        "m" | "meter" | "meters" | "metre" | "metres" => "m",
+        "cm" | "centimeter" | "centimeters" => "cm",
+        "um" | "micrometer" | "micrometers" | "micron" | "microns" => "um",
+        "in" | "inch" | "inches" => "in",
+        "deg" | "degree" | "degrees" | "degs" => "deg",
+        "rad" | "radian" | "radians" | "rads" => "rad",
+        "s" | "sec" | "secs" | "second" | "seconds" => "s",
+        "ms" | "milliseconds" => "ms",
+        "us" | "microseconds" => "us",
+        "grad" | "gon" | "grads" => return Some(Unit::TwoReadings),
+        _ => return None,
+    }))
+}
+
+/// The unit that a cell names and nothing else, for a row of units under the header.
+pub fn unit_alone(cell: &str) -> Option<Unit> {
+    let plain = simplified(cell);
+    unit_of(plain.trim_matches(|c: char| "[](){} ".contains(c)))
+}
+
+/// Lower case, `°` as deg, µ as u.
+fn simplified(text: &str) -> String {
+    let text = text.trim().to_lowercase();
+    text.replace(['°', 'º', '˚'], "deg")
+        .replace(['µ', 'μ'], "u")
+}
+
+/// What a header means; `below` is the unit that stands under it, if there is a row of units.
+pub fn recognise(header: &str, below: Option<Unit>) -> Known {
+    let text = simplified(header);
+    if PLAIN.contains(&text.as_str()) || text == "sweep_joint" {
+        return Known::Plain(text);
+    }
+    if let Some(known) = own_form(&text) {
+        return known;
+    }
+    let (base, unit) = without_unit(&text);
+    let unit = match (unit, below) {
+        (Some(unit), Some(other)) if unit != other => Unit::TwoReadings,
+        (Some(unit), _) | (None, Some(unit)) => unit,
+        (None, None) => Unit::Missing,
+    };
+    let words = words(&base);
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    joint(&words, unit)
+        .or_else(|| position(&words, unit))
+        .or_else(|| key(&words, unit))
+        .unwrap_or(Known::Unknown)
+}
+
+/// `q1_deg` and `x_mm`, as the file format writes them, in any case. Other units in this form are refused, as ever.
+fn own_form(text: &str) -> Option<Known> {
+    let (base, unit) = text.split_once('_')?;
+    let known = unit_of(unit)?;
+    if let Some(axis) = ["x", "y", "z"].iter().position(|name| *name == base) {
+        return Some(match known {
+            Unit::Is("mm" | "m") if unit.len() <= 2 => Known::Position(axis, known),
+            _ => Known::WrongUnit,
+        });
+    }
+    let digits = base.strip_prefix('q')?;
+    let number: usize = digits.parse().ok().filter(|_| digits.len() <= 3)?;
+    Some(match known {
+        Unit::Is("deg" | "rad") if unit.len() == 3 => Known::Joint(number, known),
+        _ => Known::WrongUnit,
+    })
+}
+
+/// The name without its unit, which stands in brackets or as its last word.
+fn without_unit(text: &str) -> (String, Option<Unit>) {
+    for (open, close) in [('[', ']'), ('(', ')'), ('{', '}'), ('<', '>')] {
+        let Some(inner) = text.strip_suffix(close) else {
+            continue;
+        };
+        let Some((base, unit)) = inner.rsplit_once(open) else {
+            continue;
+        };
+        if let Some(unit) = unit_of(unit.trim()) {
+            return (base.into(), Some(unit));
+        }
+    }
+    // J1deg, as `J1°` is written here
+    let short = text.strip_suffix("deg");
+    if let Some(base) = short.filter(|base| base.ends_with(|c: char| c.is_ascii_digit())) {
+        return (base.into(), Some(Unit::Is("deg")));
+    }
+    if let Some((base, unit)) = text.rsplit_once(|c: char| " _/,.-:".contains(c)) {
+        // "x in" may be inches or the beginning of "x in mm"
+        let unit = unit_of(unit).filter(|unit| *unit != Unit::Is("in"));
+        if let Some(unit) = unit.filter(|_| !base.trim().is_empty()) {
+            let base = base.trim_end_matches(|c: char| " _/,.-:".contains(c));
+            return (base.strip_suffix(" in").unwrap_or(base).into(), Some(unit));
+        }
+    }
+    (text.into(), None)
+}
+
+/// Words and numbers of a name: `Joint_1`, `joint1` and `joint[1]` are the same two.
+fn words(text: &str) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    let mut before = ' ';
+    for c in text.chars() {
+        let continues = before.is_alphabetic() && c.is_alphabetic()
+            || before.is_ascii_digit() && c.is_ascii_digit();
+        match words.last_mut().filter(|_| continues) {
+            Some(word) => word.push(c),
+            None if c.is_alphanumeric() || c == '#' => words.push(c.into()),
+            None => {}
+        }
+        before = c;
+    }
+    words
+}
+
+/// Words that stand beside a joint's name without changing what it means.
+const BESIDE_JOINT: [&str; 8] = [
+    "angle", "pos", "position", "value", "winkel", "actual", "act", "ist",
+];
+
+fn joint(words: &[&str], unit: Unit) -> Option<Known> {
+    let angle = matches!(
+        unit,
+        Unit::Is("deg" | "rad") | Unit::Missing | Unit::TwoReadings
+    );
+    let is_base = |word: &&str| {
+        matches!(
+            *word,
+            "q" | "j" | "a" | "joint" | "axis" | "ax" | "achse" | "gelenk" | "jt" | "rax"
+        )
+    };
+    let rest: Vec<&str> = words
+        .iter()
+        .copied()
+        .filter(|word| !BESIDE_JOINT.contains(word))
+        .collect();
+    let [base, number] = rest[..] else {
+        return None;
+    };
+    let number: usize = number.parse().ok().filter(|_| number.len() <= 3)?;
+    (angle && is_base(&base)).then_some(Known::Joint(number, unit))
+}
+
+/// Words that stand beside a coordinate's name without changing what it means. Not `tcp`, `nominal` or `target`: those are no measurements.
+const BESIDE_POSITION: [&str; 15] = [
+    "pos",
+    "position",
+    "coord",
+    "coordinate",
+    "koordinate",
+    "meas",
+    "measured",
+    "measurement",
+    "tracker",
+    "smr",
+    "reflector",
+    "actual",
+    "ist",
+    "laser",
+    "value",
+];
+
+fn position(words: &[&str], unit: Unit) -> Option<Known> {
+    let length =
+        matches!(unit, Unit::Missing) || LENGTHS.iter().any(|(name, _)| unit == Unit::Is(name));
+    let rest: Vec<&str> = words
+        .iter()
+        .copied()
+        .filter(|word| !BESIDE_POSITION.contains(word))
+        .collect();
+    let axis = match rest[..] {
+        ["x" | "px"] => 0,
+        ["y" | "py"] => 1,
+        ["z" | "pz"] => 2,
+        _ => return None,
+    };
+    length.then_some(Known::Position(axis, unit))
+}
+
+fn key(words: &[&str], unit: Unit) -> Option<Known> {
+    let key = match words {
+        ["name" | "point" | "pointname" | "pt" | "label" | "punkt" | "punktname" | "pose"]
+        | ["point" | "pt" | "punkt" | "target", "name" | "id" | "label"]
+        | ["object", "name"] => Key::Name,
+        ["no" | "nr" | "number" | "num" | "index" | "idx" | "nummer" | "#" | "id"]
+        | [
+            "point" | "pt" | "punkt" | "pose" | "row",
+            "no" | "nr" | "number" | "index" | "#",
+        ] => Key::Number,
+        ["time" | "timestamp" | "t" | "zeit" | "datetime" | "uhrzeit"]
+        | ["time", "stamp"]
+        | ["date", "time"] => Key::Time(match unit {
+            Unit::Is("ms") => TimeUnit::Milliseconds,
+            Unit::Is("us") => TimeUnit::Microseconds,
+            Unit::Missing => TimeUnit::Unstated,
+            Unit::Is("s") => TimeUnit::Seconds,
+            _ => return None,
+        }),
+        _ => return None,
+    };
+    Some(Known::Key(key))
+}
+
+/// The column that a name is one letter away from, so that a slip of the keyboard is not left aside as something unknown.
+pub fn nearly(header: &str) -> Option<&'static str> {
+    let text = simplified(header);
+    PLAIN.into_iter().find(|name| differs_by_one(name, &text))
+}
+
+fn differs_by_one(a: &str, b: &str) -> bool {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    if a == b || a.len().abs_diff(b.len()) > 1 {
+        return false;
+    }
+    let same_start = a.iter().zip(&b).take_while(|(x, y)| x == y).count();
+    let same_end = a
+        .iter()
+        .rev()
+        .zip(b.iter().rev())
+        .take_while(|(x, y)| x == y)
+        .count();
+    let longest = a.len().max(b.len());
+    same_start + same_end + 1 >= longest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Key, Known, TimeUnit, Unit, nearly, recognise};
+
+    #[test]
+    fn common_names_mean_what_they_say() {
+        let deg = Unit::Is("deg");
+        for name in [
+            "q3_deg",
+            "Q3_DEG",
+            "J3 [deg]",
+            "J3 (°)",
+            "A3 [°]",
+            "Axis 3 [deg]",
+            "Joint3_deg",
+            "joint_3 deg",
+            "Joint[3] (deg)",
+            "J3°",
+            "RAX_3 [deg]",
+            "Achse 3 in deg",
+            "JT3, deg",
+            "Joint 3 angle [degrees]",
+        ] {
+            assert_eq!(recognise(name, None), Known::Joint(3, deg), "{name}");
+        }
+        let mm = Unit::Is("mm");
+        for name in [
+            "x_mm",
+            "X (mm)",
+            "X [mm]",
+            "X mm",
+            "X/mm",
+            "x in mm",
+            "Pos X [mm]",
+            "Measured X [millimeters]",
+            "pos_x_mm",
+        ] {
+            assert_eq!(recognise(name, None), Known::Position(0, mm), "{name}");
+        }
+        assert_eq!(
+            recognise("Z", Some(Unit::Is("m"))),
+            Known::Position(2, Unit::Is("m"))
+        );
+        assert_eq!(recognise("Point Name", None), Known::Key(Key::Name));
+        assert_eq!(
+            recognise("time [ms]", None),
+            Known::Key(Key::Time(TimeUnit::Milliseconds))
+        );
+    }
+
+    #[test]
+    fn what_a_name_does_not_say_is_not_known() {
+        assert_eq!(recognise("J1", None), Known::Joint(1, Unit::Missing));
+        assert_eq!(
+            recognise("A2 [Grad]", None),
+            Known::Joint(2, Unit::TwoReadings)
+        );
+        assert_eq!(recognise("x_um", None), Known::WrongUnit);
+        assert_eq!(recognise("q1_inch", None), Known::WrongUnit);
+        for name in [
+            "TCP X [mm]",
+            "Nominal X [mm]",
+            "dX [mm]",
+            "J1 cmd [deg]",
+            "E1",
+            "A1 [mm]",
+            "x [deg]",
+            "colour",
+            "RX [deg]",
+            "",
+        ] {
+            assert_eq!(recognise(name, None), Known::Unknown, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_slip_of_the_keyboard_is_found() {
+        assert_eq!(nearly("std_m"), Some("std_mm"));
+        assert_eq!(nearly("Sesion"), Some("session"));
+        assert_eq!(nearly("station"), None);
+        assert_eq!(nearly("stdev"), None);
+    }
+}

@@ -1,0 +1,356 @@
+//! Pairs rows of two files by time: the difference of the two clocks is found where it is not stated, from the pattern of the times.
+
+use crate::measurement::column_meaning::key;
+use crate::measurement::column_names::{Key, TimeUnit};
+use crate::measurement::join_options::{JoinError, JoinOptions, Pairs, error};
+use crate::measurement::set::{Point, SAME_JOINT_RAD};
+
+/// Rows of a log that follow each other faster than this were not written pose by pose, s.
+const LOG_SPACING_S: f64 = 0.5;
+/// Rows that a standstill in such a log has at least.
+const MIN_STANDSTILL_ROWS: usize = 3;
+/// Largest tolerance that is chosen, s: an instrument measures some seconds after the robot has arrived.
+const MAX_TOLERANCE_S: f64 = 5.0;
+/// Positions on which differences of the clocks are tried.
+const MAX_TRIED: usize = 200;
+/// Fewest pairs from which a difference of clocks is found.
+const MIN_PAIRS: usize = 4;
+
+/// How two clocks were compared.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Clock {
+    pub offset_s: f64,
+    pub tolerance_s: f64,
+    /// The row that stands for each standstill.
+    pub standstills: Vec<usize>,
+    pub n_standstills: usize,
+}
+
+/// The robot stands: from, to, and the row in the middle.
+#[derive(Clone, Copy, Debug)]
+struct Standstill {
+    from_s: f64,
+    to_s: f64,
+    row: usize,
+}
+
+/// Times of a column, s.
+///
+/// # Errors
+/// `not_a_time` with the line.
+pub(super) fn times(
+    means: &str,
+    cells: &[String],
+    lines: &[usize],
+    file: &str,
+) -> Result<Vec<f64>, JoinError> {
+    let unit = match key(means) {
+        Some(Key::Time(unit)) => unit,
+        _ => TimeUnit::Unstated,
+    };
+    let read = |(cell, line): (&String, &usize)| {
+        seconds(cell, unit).ok_or_else(|| {
+            let what = match cell.replace(',', ".").parse::<f64>() {
+                Ok(_) => "has no unit: call the column time [s] or time [ms], or map it as \"time_s\" or \"time_ms\" in ?columns= (--columns)",
+                Err(_) => "is not a time: 12.5 under time [s], 08:15:30.250 or 2026-03-01T08:15:30Z",
+            };
+            error("not_a_time", format!("{file} file, line {line}: {cell:?} {what}"))
+        })
+    };
+    cells.iter().zip(lines).map(read).collect()
+}
+
+/// Seconds of a number in its unit, a time of day, or a date with one.
+fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
+    let cell = cell.trim();
+    if let Ok(number) = cell.replace(',', ".").parse::<f64>() {
+        return (number.is_finite() && unit != TimeUnit::Unstated).then(|| number * unit.seconds());
+    }
+    let (date, time) = match cell.split_once(['T', ' ']) {
+        Some((date, time)) => (days(date)?, time.trim()),
+        None => (0.0, cell),
+    };
+    let (time, zone_s) = without_zone(time)?;
+    let mut parts = time.split(':');
+    let mut part = |limit: f64| {
+        let text = parts.next()?;
+        let is_plain = text
+            .bytes()
+            .all(|byte| byte.is_ascii_digit() || byte == b'.' || byte == b',');
+        let value: f64 = text.replace(',', ".").parse().ok().filter(|_| is_plain)?;
+        (value < limit).then_some(value)
+    };
+    let (hours, minutes) = (part(24.0)?, part(60.0)?);
+    let rest = match time.matches(':').count() {
+        1 => 0.0,
+        2 => part(61.0)?,
+        _ => return None,
+    };
+    Some(date * 86_400.0 + hours * 3600.0 + minutes * 60.0 + rest - zone_s)
+}
+
+fn without_zone(time: &str) -> Option<(&str, f64)> {
+    if let Some(time) = time.strip_suffix(['Z', 'z']) {
+        return Some((time, 0.0));
+    }
+    let Some(at) = time.rfind(['+', '-']) else {
+        return Some((time, 0.0));
+    };
+    let (hours, minutes) = time[at + 1..].split_once(':')?;
+    let (hours, minutes): (f64, f64) = (hours.parse().ok()?, minutes.parse().ok()?);
+    let sign = if time.as_bytes()[at] == b'-' {
+        -1.0
+    } else {
+        1.0
+    };
+    Some((&time[..at], sign * (hours * 3600.0 + minutes * 60.0)))
+}
+
+/// Days of 2026-03-01 or 01.03.2026 since 1970. A date with slashes has two readings, and is none here.
+fn days(date: &str) -> Option<f64> {
+    let numbers = |separator: char| -> Option<[i64; 3]> {
+        let parts: Vec<i64> = date
+            .split(separator)
+            .map(|part| part.parse().ok())
+            .collect::<Option<_>>()?;
+        parts.try_into().ok()
+    };
+    let [year, month, day] = match (date.contains('-'), date.contains('.')) {
+        (true, false) => numbers('-')?,
+        (false, true) => numbers('.').map(|[day, month, year]| [year, month, day])?,
+        _ => return None,
+    };
+    if !(1970..=2200).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
+        return None;
+    }
+    // days from civil (Hinnant): years begin in March
+    let y = if month <= 2 { year - 1 } else { year };
+    let (era, m) = (y.div_euclid(400), (month + 9) % 12);
+    let year_of_era = y - era * 400;
+    let day_of_year = (153 * m + 2) / 5 + day - 1;
+    let day_of_era = year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year;
+    Some((era * 146_097 + day_of_era - 719_468) as f64)
+}
+
+/// Pairs positions with standstills of the robot.
+///
+/// # Errors
+/// `join_unclear` if the clocks cannot be compared, `two_readings` if they can in two ways.
+pub(super) fn by_time(
+    robot: &[Point],
+    robot_s: &[f64],
+    instrument_s: &[f64],
+    options: &JoinOptions,
+) -> Result<(Pairs, Clock), JoinError> {
+    let standstills = standstills(robot, robot_s);
+    if standstills.is_empty() {
+        return Err(error(
+            "join_unclear",
+            "the robot's file has no standstill: it moves in every row",
+        ));
+    }
+    let tolerance_s = options
+        .tolerance_s
+        .unwrap_or_else(|| tolerance(&standstills));
+    let offset_s = match options.clock_offset_s {
+        Some(offset_s) => offset_s,
+        None => found_offset(&standstills, instrument_s, tolerance_s)?,
+    };
+    let pairs: Pairs = paired(&standstills, instrument_s, offset_s, tolerance_s)
+        .into_iter()
+        .map(|pair| pair.map(|at| standstills[at].row))
+        .collect();
+    Ok((
+        pairs,
+        Clock {
+            offset_s,
+            tolerance_s,
+            standstills: standstills
+                .iter()
+                .map(|standstill| standstill.row)
+                .collect(),
+            n_standstills: standstills.len(),
+        },
+    ))
+}
+
+/// Stretches of rows, in the order of time, in which no joint moves.
+fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
+    let mut order: Vec<usize> = (0..robot.len()).collect();
+    order.sort_by(|a, b| robot_s[*a].total_cmp(&robot_s[*b]));
+    let mut spacings: Vec<f64> = order
+        .windows(2)
+        .map(|w| robot_s[w[1]] - robot_s[w[0]])
+        .collect();
+    spacings.sort_by(f64::total_cmp);
+    let is_log = spacings
+        .get(spacings.len() / 2)
+        .is_some_and(|s| *s <= LOG_SPACING_S);
+    let mut found: Vec<Vec<usize>> = Vec::new();
+    for row in order {
+        let stands = |first: usize| {
+            let mut joints = robot[first].q_rad.iter().zip(&robot[row].q_rad);
+            joints.all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD)
+        };
+        match found.last_mut().filter(|rows| stands(rows[0])) {
+            Some(rows) => rows.push(row),
+            None => found.push(vec![row]),
+        }
+    }
+    found
+        .into_iter()
+        .filter(|rows| !is_log || rows.len() >= MIN_STANDSTILL_ROWS)
+        .map(|rows| Standstill {
+            from_s: robot_s[rows[0]],
+            to_s: robot_s[rows[rows.len() - 1]],
+            row: rows[rows.len() / 2],
+        })
+        .collect()
+}
+
+/// A quarter of the smallest distance between two standstills.
+fn tolerance(standstills: &[Standstill]) -> f64 {
+    let gaps = standstills
+        .windows(2)
+        .map(|pair| pair[1].from_s - pair[0].to_s);
+    (gaps.fold(f64::INFINITY, f64::min) / 4.0).clamp(0.0, MAX_TOLERANCE_S)
+}
+
+/// The nearest standstill of each time, if it is within the tolerance.
+fn paired(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    offset_s: f64,
+    tolerance_s: f64,
+) -> Vec<Option<usize>> {
+    let nearest = |time_s: &f64| {
+        let at_s = time_s + offset_s;
+        let after = standstills.partition_point(|standstill| standstill.from_s <= at_s);
+        let near = [
+            after.checked_sub(1),
+            Some(after).filter(|at| *at < standstills.len()),
+        ];
+        let gap = |at: usize| gap(&standstills[at], at_s).abs();
+        let best = near
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
+        (gap(best) <= tolerance_s).then_some(best)
+    };
+    instrument_s.iter().map(nearest).collect()
+}
+
+/// How far a time is outside a standstill: negative before it.
+fn gap(standstill: &Standstill, at_s: f64) -> f64 {
+    (at_s - standstill.from_s).min(0.0) + (at_s - standstill.to_s).max(0.0)
+}
+
+fn found_offset(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    tolerance_s: f64,
+) -> Result<f64, JoinError> {
+    let step = instrument_s.len().div_ceil(MAX_TRIED).max(1);
+    let tried: Vec<f64> = instrument_s.iter().copied().step_by(step).collect();
+    let anchors = [0, tried.len() / 2, tried.len().saturating_sub(1)];
+    let mut offsets: Vec<f64> = vec![0.0];
+    for anchor in anchors.iter().filter_map(|at| tried.get(*at)) {
+        for standstill in standstills {
+            let middle_s = (standstill.from_s + standstill.to_s) / 2.0;
+            offsets.push(middle_s - anchor);
+        }
+    }
+    let pairing = |offset_s: f64| paired(standstills, &tried, offset_s, tolerance_s);
+    let count = |pairs: &[Option<usize>]| pairs.iter().flatten().count();
+    let mut best: Vec<(f64, Vec<Option<usize>>)> = Vec::new();
+    let mut most = 0;
+    for offset_s in offsets {
+        let offset_s = centred(standstills, &tried, offset_s, tolerance_s);
+        let pairs = pairing(offset_s);
+        let n = count(&pairs);
+        if n > most {
+            (most, best) = (n, vec![]);
+        }
+        if n == most {
+            best.push((offset_s, pairs));
+        }
+    }
+    let possible = tried.len().min(standstills.len());
+    if most < MIN_PAIRS || 2 * most < possible {
+        let detail = format!(
+            "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
+             \"join\": {{\"clock_offset_s\": …, \"tolerance_s\": …}} in ?columns= (--columns), the robot's clock minus the instrument's"
+        );
+        return Err(error("join_unclear", detail));
+    }
+    // the clocks agree as they are
+    let as_they_are = best
+        .iter()
+        .find(|(offset_s, _)| offset_s.abs() <= tolerance_s);
+    let Some((offset_s, pairs)) = as_they_are.or(best.first()) else {
+        return Ok(0.0);
+    };
+    let contradicts = |other: &[Option<usize>]| {
+        let both = pairs.iter().zip(other).filter_map(|(a, b)| a.zip(*b));
+        both.into_iter().any(|(a, b)| a != b)
+    };
+    match best
+        .iter()
+        .find(|(_, other)| as_they_are.is_none() && contradicts(other))
+    {
+        None => Ok(*offset_s),
+        Some((other_s, _)) => {
+            let detail = format!(
+                "the clocks may differ by {offset_s:.3} s or by {other_s:.3} s, as the rows follow each other evenly. State \"join\": \
+                 {{\"clock_offset_s\": …}} in ?columns= (--columns), the robot's clock minus the instrument's"
+            );
+            Err(error("two_readings", detail))
+        }
+    }
+}
+
+/// The difference of the clocks with the median gap taken out.
+fn centred(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    offset_s: f64,
+    tolerance_s: f64,
+) -> f64 {
+    let pairs = paired(standstills, instrument_s, offset_s, tolerance_s);
+    let mut gaps: Vec<f64> = instrument_s
+        .iter()
+        .zip(&pairs)
+        .filter_map(|(time_s, pair)| Some(gap(&standstills[(*pair)?], time_s + offset_s)))
+        .collect();
+    if gaps.is_empty() {
+        return offset_s;
+    }
+    gaps.sort_by(f64::total_cmp);
+    offset_s - gaps[gaps.len() / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{TimeUnit, seconds};
+
+    #[test]
+    fn times_are_read_in_seconds() {
+        let plain = |cell| seconds(cell, TimeUnit::Unstated);
+        assert_eq!(seconds("12,5", TimeUnit::Milliseconds), Some(0.0125));
+        assert_eq!(plain("12.5"), None);
+        assert_eq!(plain("01:00:02.5"), Some(3602.5));
+        assert_eq!(plain("1970-01-02T00:00:01Z"), Some(86_401.0));
+        assert_eq!(plain("2000-03-01 00:00"), Some(951_868_800.0));
+        assert_eq!(plain("01.03.2000 01:00:00+01:00"), Some(951_868_800.0));
+        for bad in [
+            "03/01/2000 08:00:00",
+            "25:00:00",
+            "noon",
+            "",
+            "1:2:3:4",
+            "-1:00:00",
+        ] {
+            assert_eq!(plain(bad), None, "{bad}");
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! A table in a file: its header and its rows. Nothing here knows units.
+
+use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator, same_header};
+use crate::measurement::column_names::Unit;
+use crate::measurement::conventions::Decimal;
+use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::csv_text::refuse_endless_rows;
+use crate::measurement::table_header::{
+    found_header, separator_of_data, stated_header, units_below, unnamed,
+};
+use crate::measurement::table_lines::{
+    Line, comment_mark, declared_separator, is_numeric, lines, with_tabs,
+};
+use crate::measurement::table_text::{Encoding, Source};
+use std::borrow::Cow;
+
+/// Lines in which the header is searched: instruments write some twenty lines about themselves above it.
+const MAX_PREAMBLE: usize = 60;
+/// Most columns of a table: a hundred times what one has.
+pub const MAX_COLUMNS: usize = 1000;
+
+/// A table whose header has been found.
+#[derive(Clone, Debug)]
+pub struct Table<'a> {
+    /// From the first line after header and units.
+    text: Cow<'a, str>,
+    /// How the file wrote its characters.
+    pub encoding: Encoding,
+    /// What separates columns.
+    pub separator: Separator,
+    /// The line of the header, counted from 1; none where all lines are data.
+    pub header_line: Option<usize>,
+    /// The header's cells; empty texts where there is none.
+    pub header: Vec<String>,
+    /// The units that stand under the header, a cell per column.
+    pub units: Option<Vec<Option<Unit>>>,
+    /// The line on which `text` begins.
+    first_line: usize,
+    /// Lines above the data that are neither header nor units.
+    pub n_skipped_above: usize,
+    /// Whether lines that begin like comments are comments; not stated: only where they have not as many cells as the header.
+    comments: Option<bool>,
+}
+
+/// A row of data.
+#[derive(Clone, Debug)]
+pub struct TableRow {
+    /// The line on which it begins, counted from 1.
+    pub line: usize,
+    /// Its cells.
+    pub cells: csv::StringRecord,
+}
+
+/// What the next row is.
+#[derive(Debug)]
+pub enum Next {
+    /// Data.
+    Row(TableRow),
+    /// A blank row or a comment.
+    Skipped,
+    /// A line that may be either, or cannot be read.
+    Bad(usize, &'static str, String),
+}
+
+impl<'a> Table<'a> {
+    /// Finds header and separator. `mapping` may state them.
+    ///
+    /// # Errors
+    /// [`ParseError`] if there are two readings, or none.
+    pub fn find(source: Source<'a>, mapping: &Mapping) -> Result<Self, ParseError> {
+        let text: &str = &source.text;
+        let above: Vec<Line> = lines(text).take(MAX_PREAMBLE).collect();
+        let first = above.iter().position(|line| !line.text.trim().is_empty());
+        let declared = first.and_then(|at| declared_separator(above[at].text).map(|s| (at, s)));
+        let separators: Vec<Separator> = match (mapping.separator, &declared, source.encoding) {
+            (Some(separator), ..) => vec![separator],
+            (None, Some((_, separator)), _) => vec![*separator],
+            (None, None, Encoding::Xlsx | Encoding::Ods | Encoding::Program) => {
+                vec![Separator::Tab]
+            }
+            (None, None, _) => Separator::ALL.into(),
+        };
+        let body = declared.map_or(0, |(at, _)| at + 1);
+        let longest = above.iter().map(|line| line.text.len()).max();
+        if longest > Some(64 * 1024) {
+            refuse_endless_rows(text.as_bytes(), separators[0].byte())?;
+        }
+        let header = match mapping.header_row {
+            Some(HeaderRow::None) => None,
+            Some(HeaderRow::Line(line)) => Some(stated_header(text, line, &separators, mapping)?),
+            None => found_header(&above, body, &separators, mapping)?,
+        };
+        let separator = match &header {
+            Some(header) => header.separator,
+            None => separator_of_data(&above[body..], &separators)?,
+        };
+        refuse_endless_rows(text.as_bytes(), separator.byte())?;
+        let quoted = text.contains('"');
+        if separator == Separator::Comma && mapping.decimal == Some(Decimal::Comma) && !quoted {
+            let detail = "decimal commas were declared, so columns have to be separated by ';', tabs or spaces, not by ','";
+            return Err(whole("wrong_separator", detail.into()));
+        }
+        let header_line = header.as_ref().map(|header| header.line);
+        let names =
+            header.map_or_else(|| unnamed(&above[body..], separator), |header| header.cells);
+        if names.len() > MAX_COLUMNS {
+            let detail = format!("{} columns; at most {MAX_COLUMNS} are read", names.len());
+            return Err(whole("too_many_columns", detail));
+        }
+        let below = header_line.unwrap_or(body);
+        let (units, begins) = units_below(text, below, separator, names.len());
+        let n_skipped_above =
+            begins - usize::from(header_line.is_some()) - usize::from(units.is_some());
+        let start = match begins {
+            0 => 0,
+            n => lines(text).nth(n - 1).map_or(text.len(), |line| line.end),
+        };
+        Ok(Self {
+            text: match separator {
+                Separator::Spaces => lines(&text[start..])
+                    .map(|line| with_tabs(line.text) + "\n")
+                    .collect::<String>()
+                    .into(),
+                _ => tail(source.text, start),
+            },
+            encoding: source.encoding,
+            separator,
+            header_line,
+            header: names,
+            units,
+            first_line: begins + 1,
+            n_skipped_above,
+            comments: mapping.comments,
+        })
+    }
+
+    /// Calls `take` with every row, blank rows and comments included, until it returns false.
+    pub fn each_row(&self, mut take: impl FnMut(Next) -> bool) {
+        let mut reader = csv::ReaderBuilder::new();
+        let mut reader = reader
+            .has_headers(false)
+            .flexible(true)
+            .delimiter(self.separator.byte())
+            .from_reader(self.text.as_bytes());
+        let mut cells = csv::StringRecord::new();
+        loop {
+            let read = reader.read_record(&mut cells);
+            let line = self.first_line + self.lines_before(cells.position());
+            let next = match read {
+                Ok(false) => return,
+                Ok(true) => self.next(line, &cells),
+                Err(error) => Next::Bad(line, "unreadable", error.to_string()),
+            };
+            if !take(next) {
+                return;
+            }
+        }
+    }
+
+    /// Lines of the text above a record. The reader counts empty lines in front of it as its own.
+    fn lines_before(&self, at: Option<&csv::Position>) -> usize {
+        let Some(at) = at else { return 0 };
+        let rest = self
+            .text
+            .as_bytes()
+            .get(at.byte() as usize..)
+            .unwrap_or(&[]);
+        let empty = rest.iter().take_while(|byte| matches!(byte, b'\r' | b'\n'));
+        at.line() as usize - 1 + empty.filter(|byte| **byte == b'\n').count()
+    }
+
+    fn next(&self, line: usize, cells: &csv::StringRecord) -> Next {
+        if cells.iter().all(|cell| cell.trim().is_empty()) {
+            return Next::Skipped;
+        }
+        let row = || {
+            Next::Row(TableRow {
+                line,
+                cells: cells.clone(),
+            })
+        };
+        match (cells.get(0).and_then(comment_mark), self.comments) {
+            (None, _) | (Some(_), Some(false)) => row(),
+            (Some(_), Some(true)) => Next::Skipped,
+            (Some(mark), None) if !may_be_data(mark, cells, self.header.len()) => Next::Skipped,
+            (Some(mark), None) => {
+                let detail = format!(
+                    "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State \"comments\": true \
+                     or false in ?columns= (--columns)"
+                );
+                Next::Bad(line, "two_readings", detail)
+            }
+        }
+    }
+
+    /// The place of a column.
+    ///
+    /// # Errors
+    /// What is wrong with the reference, in words.
+    pub(super) fn place(&self, column: &ColumnRef) -> Result<usize, String> {
+        match column {
+            ColumnRef::Number(number) => {
+                let is_there = (1..=self.header.len()).contains(number);
+                is_there.then(|| number - 1).ok_or_else(|| {
+                    format!(
+                        "there is no column {number}; the table has {}",
+                        self.header.len()
+                    )
+                })
+            }
+            ColumnRef::Header(text) => {
+                let text = text.trim();
+                let exact = self.header.iter().filter(|name| *name == text).count();
+                let same = |name: &String| match exact {
+                    0 => same_header(name, text),
+                    _ => name == text,
+                };
+                let places: Vec<usize> = (0..self.header.len())
+                    .filter(|i| same(&self.header[*i]))
+                    .collect();
+                match places[..] {
+                    [place] => Ok(place),
+                    [] => Err(format!(
+                        "there is no column {text:?}; the table has {}",
+                        listed(&self.header)
+                    )),
+                    _ => Err(format!(
+                        "{} columns are called {text:?}: name the one that is meant by its number, counted from 1",
+                        places.len()
+                    )),
+                }
+            }
+        }
+    }
+
+    /// A column's name for people.
+    pub fn name(&self, place: usize) -> String {
+        match self.header.get(place).map(String::as_str) {
+            None | Some("") => format!("column {}", place + 1),
+            Some(name) => name.into(),
+        }
+    }
+}
+
+/// Whether a line that begins like a comment has as many cells as a row, and numbers among them.
+fn may_be_data(mark: &str, cells: &csv::StringRecord, n_columns: usize) -> bool {
+    let first = cells
+        .get(0)
+        .unwrap_or("")
+        .trim_start()
+        .trim_start_matches(mark);
+    let numbers = cells.iter().skip(1).filter(|cell| is_numeric(cell)).count();
+    cells.len() >= n_columns.max(2) && numbers + usize::from(is_numeric(first)) >= 2
+}
+
+fn tail(text: Cow<'_, str>, start: usize) -> Cow<'_, str> {
+    match text {
+        Cow::Borrowed(text) => Cow::Borrowed(&text[start..]),
+        Cow::Owned(text) => Cow::Owned(text[start..].to_owned()),
+    }
+}
+
+/// The first names of a header, for a sentence.
+pub(super) fn listed(names: &[String]) -> String {
+    let some: Vec<String> = names
+        .iter()
+        .filter(|name| !name.is_empty())
+        .take(20)
+        .map(|name| format!("{:?}", name.chars().take(60).collect::<String>()))
+        .collect();
+    match some.len() {
+        0 => format!("{} columns without names", names.len()),
+        _ => some.join(", "),
+    }
+}

@@ -1,0 +1,461 @@
+//! What each column of a table means: by the mapping of the caller first, by its name second.
+
+use crate::measurement::column_mapping::Mapping;
+use crate::measurement::column_meaning::{self, column, key, key_name, thing};
+use crate::measurement::column_names::{Known, PLAIN, Unit, nearly, recognise};
+use crate::measurement::csv_columns::{Column, column_of, missing_columns};
+use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
+use crate::measurement::table::{Table, listed};
+use std::collections::BTreeSet;
+
+/// Which columns a file must have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needs {
+    /// Joint values and positions.
+    Points,
+    /// Joint values: the robot's file of two.
+    Joints,
+    /// Positions: the instrument's file of two.
+    Positions,
+}
+
+/// A column that is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Used {
+    /// Its place, counted from 0.
+    pub place: usize,
+    /// Its meaning with its unit, as a mapping says it: `q1_deg`, `x_mm`, `station`, `name`.
+    pub means: String,
+    /// Whether a mapping says so.
+    pub is_mapped: bool,
+}
+
+/// What the columns of a table mean.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Columns {
+    /// Those that are read, in the order of the file.
+    pub used: Vec<Used>,
+    /// What is wrong or missing.
+    pub issues: Vec<Issue>,
+    /// Meanings without a column, as mappings say them; a unit is proposed.
+    pub missing: Vec<String>,
+    /// What a caller might confirm: meaning with unit, and place. Never used without being confirmed.
+    pub proposed: Vec<(String, usize)>,
+}
+
+/// Everything that is known while columns are resolved.
+struct Resolution<'t> {
+    table: &'t Table<'t>,
+    n_joints: usize,
+    needs: Needs,
+    columns: Columns,
+    taken: BTreeSet<usize>,
+}
+
+/// What the columns of a table mean. `columns.issues` is empty if the table can be read.
+pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) -> Columns {
+    let mut resolution = Resolution {
+        table,
+        n_joints,
+        needs,
+        columns: Columns::default(),
+        taken: BTreeSet::new(),
+    };
+    resolution.mapped(mapping);
+    if !mapping.is_complete {
+        resolution.named();
+    }
+    resolution.check();
+    let mut columns = resolution.columns;
+    columns.used.sort_by_key(|used| used.place);
+    columns.issues.truncate(MAX_ISSUES);
+    columns
+}
+
+impl Resolution<'_> {
+    fn issue(&mut self, column: Option<String>, code: &'static str, detail: String) {
+        self.columns.issues.push(Issue {
+            row: None,
+            column,
+            code,
+            detail,
+        });
+    }
+
+    fn has(&self, wanted: &str) -> bool {
+        self.columns
+            .used
+            .iter()
+            .any(|used| thing(&used.means) == wanted)
+    }
+
+    fn needs_joints(&self) -> bool {
+        self.needs != Needs::Positions
+    }
+
+    fn needs_positions(&self) -> bool {
+        self.needs != Needs::Joints
+    }
+
+    fn mapped(&mut self, mapping: &Mapping) {
+        for (means, reference) in &mapping.columns {
+            let is_known = column(means, self.n_joints).is_some() || key(means).is_some();
+            if !is_known {
+                let detail = format!(
+                    "the mapping has {means:?}, which is no meaning of a column of this robot: q1_deg … q{}_deg (or _rad), x_mm y_mm z_mm (or \
+                     _m _cm _um _in), {}, name, number, time_s",
+                    self.n_joints,
+                    PLAIN.join(", ")
+                );
+                self.issue(Some(means.clone()), "unknown_meaning", detail);
+                continue;
+            }
+            let place = match self.table.place(reference) {
+                Ok(place) => place,
+                Err(detail) => {
+                    let detail = format!("the mapping of {means}: {detail}");
+                    self.issue(Some(means.clone()), "unknown_column", detail);
+                    continue;
+                }
+            };
+            if self.has(thing(means)) || !self.taken.insert(place) {
+                let detail = format!("the mapping names {means} or its column twice");
+                self.issue(Some(means.clone()), "duplicate_column", detail);
+                continue;
+            }
+            self.columns.used.push(Used {
+                place,
+                means: means.clone(),
+                is_mapped: true,
+            });
+        }
+        for reference in &mapping.ignore {
+            match self.table.place(reference) {
+                Ok(place) => drop(self.taken.insert(place)),
+                // a column that is not there is left aside, too
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// Columns that no mapping names, by their names.
+    fn named(&mut self) {
+        let known: Vec<(usize, Known)> = (0..self.table.header.len())
+            .filter(|place| !self.taken.contains(place))
+            .map(|place| {
+                let units = self.table.units.as_ref();
+                let below = units.and_then(|units| units.get(place).copied().flatten());
+                (place, recognise(&self.table.header[place], below))
+            })
+            .collect();
+        if self.needs_joints() {
+            self.named_joints(&known);
+        }
+        if self.needs_positions() {
+            self.named_positions(&known);
+        }
+        self.named_plain(&known);
+        for (place, known) in &known {
+            if let Known::Key(key) = known {
+                let means = key_name(*key);
+                if !self.has(thing(&means)) {
+                    self.take(*place, means);
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, place: usize, means: String) {
+        self.taken.insert(place);
+        self.columns.used.push(Used {
+            place,
+            means,
+            is_mapped: false,
+        });
+    }
+
+    fn named_joints(&mut self, known: &[(usize, Known)]) {
+        let mut joints: Vec<(usize, usize, Unit)> = known
+            .iter()
+            .filter_map(|(place, known)| match known {
+                Known::Joint(number, unit) => Some((*place, *number, *unit)),
+                _ => None,
+            })
+            .collect();
+        if (1..=self.n_joints).all(|joint| self.has(&format!("q{joint}"))) {
+            return;
+        }
+        let numbers: BTreeSet<usize> = joints.iter().map(|(_, number, _)| *number).collect();
+        // counted from 0: only if it is exactly so
+        if numbers.iter().copied().eq(0..self.n_joints) {
+            joints.iter_mut().for_each(|(_, number, _)| *number += 1);
+        }
+        for (place, number, unit) in joints {
+            let name = self.table.name(place);
+            if number == 0 || number > self.n_joints {
+                let detail = format!(
+                    "column {name} is for joint {number}, but the robot has {} joints; if it is none of them, name it under \"ignore\" in \
+                     ?columns= (--columns)",
+                    self.n_joints
+                );
+                self.issue(Some(name), "wrong_joint_count", detail);
+                continue;
+            }
+            self.offer(place, &format!("q{number}"), unit, ["deg", "rad"]);
+        }
+    }
+
+    fn named_positions(&mut self, known: &[(usize, Known)]) {
+        if ["x", "y", "z"].iter().all(|axis| self.has(axis)) {
+            return;
+        }
+        let pose = self.controllers_pose();
+        for (place, known) in known {
+            match known {
+                Known::Position(axis, _) if pose.is_some() => {
+                    let name = self.table.name(*place);
+                    let axis = ["x", "y", "z"][*axis];
+                    self.columns.proposed.push((format!("{axis}_mm"), *place));
+                    let detail = format!(
+                        "column {name} stands beside joint values and {}, as a controller writes the pose that it computes itself: if it was \
+                         measured all the same, say so by ?columns={{\"{axis}_mm\": {name:?}, …}} (--columns)",
+                        pose.unwrap_or_default()
+                    );
+                    self.issue(Some(name), "two_readings", detail);
+                }
+                Known::Position(axis, unit) => {
+                    self.offer(*place, ["x", "y", "z"][*axis], *unit, ["mm", "m"]);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The angles beside X, Y, Z with which KUKA and FANUC write a computed pose, if the file has joint values, too.
+    fn controllers_pose(&self) -> Option<&'static str> {
+        let bare: Vec<String> = self
+            .table
+            .header
+            .iter()
+            .map(|name| {
+                let end = name.find(['[', '(']).unwrap_or(name.len());
+                name[..end].trim().to_lowercase()
+            })
+            .collect();
+        let has = |names: [&str; 3]| names.iter().all(|name| bare.iter().any(|own| own == name));
+        match self.needs {
+            Needs::Points if has(["a", "b", "c"]) => Some("A, B, C"),
+            Needs::Points if has(["w", "p", "r"]) => Some("W, P, R"),
+            _ => None,
+        }
+    }
+
+    /// Takes a column for a thing, or says what is unclear about it.
+    fn offer(&mut self, place: usize, thing: &str, unit: Unit, units: [&str; 2]) {
+        let name = self.table.name(place);
+        let other = self
+            .columns
+            .used
+            .iter()
+            .find(|used| column_meaning::thing(&used.means) == thing);
+        if let Some(other) = other {
+            if other.is_mapped {
+                return;
+            }
+            let detail = match self.table.name(other.place) {
+                same if same == name => format!("column {name} appears twice"),
+                other => format!(
+                    "columns {other} and {name} may both be {thing}: say which by ?columns={{\"{thing}_{}\": …}} (--columns)",
+                    units[0]
+                ),
+            };
+            self.issue(Some(name), "duplicate_column", detail);
+            return;
+        }
+        let mapping = format!(
+            "?columns={{\"{thing}_{}\": {name:?}, …}} (--columns)",
+            units[0]
+        );
+        match unit {
+            Unit::Is(unit) => self.take(place, format!("{thing}_{unit}")),
+            Unit::Missing => {
+                self.columns
+                    .proposed
+                    .push((format!("{thing}_{}", units[0]), place));
+                let detail = format!(
+                    "column {name} has no unit; name it {thing}_{} or {thing}_{}, or say it once by {mapping}",
+                    units[0], units[1]
+                );
+                self.issue(Some(name), "missing_unit", detail);
+            }
+            Unit::TwoReadings => {
+                self.columns
+                    .proposed
+                    .push((format!("{thing}_{}", units[0]), place));
+                let detail = format!(
+                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it by {mapping}"
+                );
+                self.issue(Some(name), "two_readings", detail);
+            }
+        }
+        self.taken.insert(place);
+    }
+
+    /// Columns like `station`, and what is like one and is none.
+    fn named_plain(&mut self, known: &[(usize, Known)]) {
+        // in another's table, "Target" or "Station" is another thing
+        let is_own = self.table.header.iter().all(|name| {
+            !matches!(
+                recognise(name, None),
+                Known::Joint(..) | Known::Position(..)
+            ) || column(&name.trim().to_lowercase(), self.n_joints).is_some()
+        });
+        for (place, known) in known {
+            let name = self.table.name(*place);
+            match known {
+                Known::Plain(means) if is_own && self.has(means) => {
+                    let detail = format!("column {name} appears twice");
+                    self.issue(Some(name), "duplicate_column", detail);
+                }
+                Known::Plain(means) if is_own && self.needs != Needs::Joints => {
+                    self.take(*place, means.clone());
+                }
+                Known::WrongUnit => self.wrong_unit(name),
+                Known::Unknown if is_own => {
+                    let lower = name.to_lowercase();
+                    if column(&lower, self.n_joints).is_some() {
+                        self.take(*place, lower);
+                    } else if let Some(meant) = nearly(&name) {
+                        let detail = format!(
+                            "column {name} is nearly {meant}: call it so, or name it under \"ignore\" in ?columns= (--columns)"
+                        );
+                        self.issue(Some(name), "unknown_column", detail);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// `q1_inch` and `x_um`, unless a mapping says what they are.
+    fn wrong_unit(&mut self, name: String) {
+        let lower = name.to_lowercase();
+        let thing = thing(&lower);
+        let is_wanted = if thing.starts_with('q') {
+            self.needs_joints()
+        } else {
+            self.needs_positions()
+        };
+        if !is_wanted || self.has(thing) {
+            return;
+        }
+        if let Err(issue) = column_of(&lower, self.n_joints) {
+            let units = if thing.starts_with('q') { "deg" } else { "mm" };
+            let detail = format!(
+                "{}; or say what it is by ?columns={{\"{thing}_{units}\": …}} (--columns)",
+                issue.detail
+            );
+            self.issue(Some(name), issue.code, detail);
+        }
+    }
+
+    /// What is missing, and units that differ.
+    fn check(&mut self) {
+        let mut missing = Vec::new();
+        if self.needs_joints() {
+            let joints = (1..=self.n_joints).map(|joint| format!("q{joint}"));
+            missing.extend(
+                joints
+                    .filter(|joint| !self.has(joint))
+                    .map(|joint| format!("{joint}_deg")),
+            );
+        }
+        if self.needs_positions() {
+            let axes = ["x", "y", "z"].into_iter().filter(|axis| !self.has(axis));
+            missing.extend(axes.map(|axis| format!("{axis}_mm")));
+        }
+        self.columns.missing = missing;
+        if !self.columns.issues.is_empty() {
+            return;
+        }
+        let columns: Vec<Column> = self
+            .columns
+            .used
+            .iter()
+            .filter_map(|used| column(&used.means, self.n_joints))
+            .collect();
+        let all = listed(&self.table.header);
+        let is_about = |issue: &Issue| {
+            let thing = issue.column.as_deref().map(thing);
+            match (self.needs, thing) {
+                (Needs::Points, _) | (_, None) => true,
+                (Needs::Joints, Some(thing)) => thing.starts_with('q'),
+                (Needs::Positions, Some(thing)) => !thing.starts_with('q'),
+            }
+        };
+        let found: Vec<Issue> = missing_columns(&columns, self.n_joints)
+            .into_iter()
+            .filter(is_about)
+            .collect();
+        let has_none = !self
+            .columns
+            .used
+            .iter()
+            .any(|used| key(&used.means).is_none());
+        let no_header = self.table.header_line.is_none();
+        self.columns.issues = found
+            .into_iter()
+            .map(|mut issue| {
+                if issue.code == "missing_column" || issue.code == "wrong_joint_count" {
+                    issue.detail = match (no_header, &issue.column) {
+                        (true, Some(means)) => format!("{}; no line of the file names its columns: say which it is by its number, ?columns={{\"{means}\": 1, …}} (--columns)", issue.detail),
+                        (false, Some(means)) => format!("{}; if another column is it, say so by ?columns={{\"{means}\": …}} (--columns). The table has {all}", issue.detail),
+                        _ => issue.detail,
+                    };
+                }
+                issue
+            })
+            .collect();
+        if has_none && no_header && !self.columns.issues.is_empty() {
+            let detail = "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
+                          from 1: ?columns={\"q1_deg\": 1, …} (--columns)";
+            self.columns.issues.insert(
+                0,
+                Issue {
+                    row: None,
+                    column: None,
+                    code: "no_header",
+                    detail: detail.into(),
+                },
+            );
+        }
+        if self.columns.issues.is_empty() {
+            self.columns.issues = mixed_units(&self.columns.used);
+        }
+    }
+}
+
+fn mixed_units(used: &[Used]) -> Vec<Issue> {
+    let units = |is_wanted: fn(&str) -> bool| -> BTreeSet<&str> {
+        used.iter()
+            .filter_map(|used| used.means.split_once('_'))
+            .filter(|(base, _)| is_wanted(base))
+            .map(|(_, unit)| unit)
+            .collect()
+    };
+    let lengths = units(|base| matches!(base, "x" | "y" | "z"));
+    let angles = units(|base| {
+        base.strip_prefix('q')
+            .is_some_and(|n| n.parse::<usize>().is_ok())
+    });
+    if lengths.len() < 2 && angles.len() < 2 {
+        return vec![];
+    }
+    vec![Issue {
+        row: None,
+        column: None,
+        code: "mixed_units",
+        detail: "joints (or coordinates) are in two different units; use one unit for all of them"
+            .into(),
+    }]
+}

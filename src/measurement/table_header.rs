@@ -1,0 +1,243 @@
+//! Where the header of a table is, and what separates its columns.
+
+use crate::measurement::column_mapping::{Mapping, Separator};
+use crate::measurement::column_names::{Known, Unit, recognise, unit_alone};
+use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::table_lines::{Line, cells, comment_mark, is_numeric, lines};
+
+/// Lines that are looked at to tell separators apart where no header is known.
+const SAMPLE: usize = 20;
+
+/// A header that was found.
+pub(super) struct Header {
+    pub(super) line: usize,
+    pub(super) separator: Separator,
+    pub(super) cells: Vec<String>,
+    score: usize,
+    is_comment: bool,
+}
+
+fn score(cells: &[String], mapping: &Mapping) -> usize {
+    let is_known = |cell: &&String| {
+        mapping.names(cell)
+            || match recognise(cell, None) {
+                Known::Unknown => false,
+                // words of titles, too
+                Known::Key(_) | Known::Plain(_) => cells.len() > 2,
+                _ => true,
+            }
+    };
+    cells.iter().filter(is_known).count()
+}
+
+pub(super) fn stated_header(
+    text: &str,
+    line: usize,
+    separators: &[Separator],
+    mapping: &Mapping,
+) -> Result<Header, ParseError> {
+    let Some(found) = line.checked_sub(1).and_then(|at| lines(text).nth(at)) else {
+        let detail = format!(
+            "the mapping says that the header is on line {line}, which the file does not have"
+        );
+        return Err(whole("no_header", detail));
+    };
+    let candidates = candidates(line, found.text, separators, mapping);
+    let best = candidates.into_iter().reduce(|a, b| {
+        match (b.score, b.cells.len()) > (a.score, a.cells.len()) {
+            true => b,
+            false => a,
+        }
+    });
+    best.ok_or_else(|| whole("no_header", format!("line {line} is empty")))
+}
+
+/// A line as a header, split by each separator.
+fn candidates(line: usize, text: &str, separators: &[Separator], mapping: &Mapping) -> Vec<Header> {
+    let mark = comment_mark(text);
+    let plain = mark.map_or(text, |mark| &text.trim_start()[mark.len()..]);
+    let split = |separator: &Separator| {
+        let cells = cells(plain, *separator);
+        Header {
+            line,
+            separator: *separator,
+            score: score(&cells, mapping),
+            cells,
+            is_comment: mark.is_some(),
+        }
+    };
+    separators
+        .iter()
+        .map(split)
+        .filter(|header| !header.cells.is_empty())
+        .collect()
+}
+
+/// The line with the most cells that are known; a line that is no comment goes before one that is.
+pub(super) fn found_header(
+    above: &[Line],
+    body: usize,
+    separators: &[Separator],
+    mapping: &Mapping,
+) -> Result<Option<Header>, ParseError> {
+    let mut best: Option<Header> = None;
+    let mut rival = None;
+    for (at, line) in above.iter().enumerate().skip(body) {
+        if line.text.len() > 64 * 1024 {
+            break;
+        }
+        for header in candidates(at + 1, line.text, separators, mapping) {
+            let rank = |header: &Header| (header.score, !header.is_comment);
+            let Some(known) = &best else {
+                if header.score > 0 {
+                    best = Some(header);
+                }
+                continue;
+            };
+            if rank(&header) > rank(known) {
+                (best, rival) = (Some(header), None);
+            } else if rank(&header) == rank(known)
+                && header.line == known.line
+                // spaces stand within names, too
+                && header.separator != Separator::Spaces
+                && header.cells != known.cells
+            {
+                rival = Some(header.separator);
+            }
+        }
+    }
+    if let (Some(best), Some(rival)) = (&best, rival) {
+        if best.score > 1 {
+            let detail = format!(
+                "line {} can be read with {:?} or with {:?} between its columns. State \"separator\" in ?columns= (--columns)",
+                best.line,
+                best.separator.as_str(),
+                rival.as_str()
+            );
+            return Err(whole("two_readings", detail));
+        }
+    }
+    if best.is_some() {
+        return Ok(best.map(|header| widest(header, above, separators, mapping)));
+    }
+    let separator = separator_of_data(&above[body..], separators)?;
+    Ok(first_named(above, body, separator))
+}
+
+/// With one cell known, a header is split by the separator that gives the most cells: of one known name all separators may make one cell.
+fn widest(header: Header, above: &[Line], separators: &[Separator], mapping: &Mapping) -> Header {
+    if header.score > 1 {
+        return header;
+    }
+    let (line, score) = (header.line, header.score);
+    let others = candidates(line, above[line - 1].text, separators, mapping);
+    others
+        .into_iter()
+        .filter(|other| other.score == score)
+        .fold(header, |best, other| {
+            match other.cells.len() > best.cells.len() {
+                true => other,
+                false => best,
+            }
+        })
+}
+
+/// The first line of a table without known names: a header if it has no number in it.
+fn first_named(above: &[Line], body: usize, separator: Separator) -> Option<Header> {
+    let (at, cells) = above
+        .iter()
+        .enumerate()
+        .skip(body)
+        .filter(|(_, line)| comment_mark(line.text).is_none())
+        .map(|(at, line)| (at, cells(line.text, separator)))
+        .find(|(_, cells)| cells.iter().filter(|cell| !cell.is_empty()).count() > 1)?;
+    (!cells.iter().any(|cell| is_numeric(cell))).then_some(Header {
+        line: at + 1,
+        separator,
+        cells,
+        score: 0,
+        is_comment: false,
+    })
+}
+
+/// The separator with which rows have the same number of cells, more than one.
+pub(super) fn separator_of_data(
+    above: &[Line],
+    separators: &[Separator],
+) -> Result<Separator, ParseError> {
+    let data: Vec<&Line> = above
+        .iter()
+        .filter(|line| !line.text.trim().is_empty() && comment_mark(line.text).is_none())
+        .take(SAMPLE)
+        .collect();
+    let width = |separator: Separator| {
+        let widths: Vec<usize> = data
+            .iter()
+            .map(|line| cells(line.text, separator).len())
+            .collect();
+        let most = widths.iter().copied().max().unwrap_or(0);
+        let alike = widths.iter().filter(|width| **width == most).count();
+        (most > 1 && 2 * alike > widths.len()).then_some(most)
+    };
+    // Spaces stand within the cells of other separators, so they count only where nothing else does.
+    let found: Vec<Separator> = separators
+        .iter()
+        .copied()
+        .filter(|separator| *separator != Separator::Spaces && width(*separator).is_some())
+        .collect();
+    match found[..] {
+        [separator] => Ok(separator),
+        [] if width(Separator::Spaces).is_some() => Ok(Separator::Spaces),
+        [] => Ok(separators[0]),
+        _ => {
+            let names: Vec<String> = found.iter().map(|s| format!("{:?}", s.as_str())).collect();
+            let detail = format!(
+                "columns may be separated by {}. State \"separator\" in ?columns= (--columns)",
+                names.join(" or by ")
+            );
+            Err(whole("two_readings", detail))
+        }
+    }
+}
+
+/// Empty names for a table without a header.
+pub(super) fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
+    let widths = above
+        .iter()
+        .filter(|line| comment_mark(line.text).is_none())
+        .take(SAMPLE)
+        .map(|line| cells(line.text, separator).len());
+    vec![String::new(); widths.max().unwrap_or(0)]
+}
+
+/// A row of units under the header, and the number of lines above the data.
+pub(super) fn units_below(
+    text: &str,
+    header: usize,
+    separator: Separator,
+    n_columns: usize,
+) -> (Option<Vec<Option<Unit>>>, usize) {
+    if header == 0 {
+        return (None, 0);
+    }
+    let next = lines(text)
+        .enumerate()
+        .skip(header)
+        .find(|(_, line)| !line.text.trim().is_empty());
+    let Some((at, line)) = next.filter(|(_, line)| line.text.len() < 64 * 1024) else {
+        return (None, header);
+    };
+    let plain =
+        comment_mark(line.text).map_or(line.text, |mark| &line.text.trim_start()[mark.len()..]);
+    let found: Vec<String> = cells(plain, separator);
+    let units: Vec<Option<Unit>> = found.iter().map(|cell| unit_alone(cell)).collect();
+    let named = found
+        .iter()
+        .zip(&units)
+        .filter(|(cell, _)| !cell.is_empty());
+    let n_units = units.iter().flatten().count();
+    if n_units >= 2 && named.count() == n_units && found.len() <= n_columns {
+        return (Some(units), at + 1);
+    }
+    (None, header)
+}

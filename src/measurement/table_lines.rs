@@ -1,0 +1,92 @@
+//! Lines of a table and their cells.
+
+use crate::measurement::column_mapping::Separator;
+
+/// How lines begin that are no data.
+pub const COMMENT_MARKS: [&str; 4] = ["#", "%", "!", "//"];
+
+/// A line, and the byte behind it.
+pub(super) struct Line<'t> {
+    pub(super) text: &'t str,
+    pub(super) end: usize,
+}
+
+pub(super) fn lines(text: &str) -> impl Iterator<Item = Line<'_>> {
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        let rest = text.get(at..).filter(|rest| !rest.is_empty())?;
+        let length = rest.find(['\n', '\r']).unwrap_or(rest.len());
+        let ending = match rest.as_bytes().get(length..length + 2) {
+            Some(b"\r\n") => 2,
+            _ => usize::from(length < rest.len()),
+        };
+        at += length + ending;
+        Some(Line {
+            text: &rest[..length],
+            end: at,
+        })
+    })
+}
+
+/// The cells of one line.
+pub(super) fn cells(line: &str, separator: Separator) -> Vec<String> {
+    let spaced;
+    let line = match separator {
+        Separator::Spaces => {
+            spaced = with_tabs(line);
+            &spaced
+        }
+        _ => line,
+    };
+    let mut reader = csv::ReaderBuilder::new();
+    let mut reader = reader
+        .has_headers(false)
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .delimiter(separator.byte())
+        .from_reader(line.as_bytes());
+    let mut record = csv::StringRecord::new();
+    match reader.read_record(&mut record) {
+        Ok(true) => record.iter().map(str::to_owned).collect(),
+        _ => vec![],
+    }
+}
+
+/// A line with one tab in place of each run of spaces outside quotes.
+pub(super) fn with_tabs(line: &str) -> String {
+    let mut found = String::with_capacity(line.len());
+    let mut is_quoted = false;
+    for c in line.trim().chars() {
+        is_quoted ^= c == '"';
+        match c {
+            ' ' | '\t' if !is_quoted => {
+                if !found.ends_with('\t') {
+                    found.push('\t');
+                }
+            }
+            c => found.push(c),
+        }
+    }
+    found
+}
+
+pub(super) fn comment_mark(line: &str) -> Option<&'static str> {
+    let line = line.trim_start();
+    COMMENT_MARKS
+        .into_iter()
+        .find(|mark| line.starts_with(mark))
+}
+
+/// `sep=;` in the first line, as spreadsheets write and read it.
+pub(super) fn declared_separator(line: &str) -> Option<Separator> {
+    let plain = line.trim_matches(['"', '\u{feff}', ' ']);
+    let mark = plain
+        .get(..4)
+        .filter(|start| start.eq_ignore_ascii_case("sep="))?;
+    let rest = &plain[mark.len()..];
+    Separator::parse(if rest == "\t" { rest } else { rest.trim() })
+}
+
+pub(super) fn is_numeric(cell: &str) -> bool {
+    cell.trim().replace(',', ".").parse::<f64>().is_ok()
+}

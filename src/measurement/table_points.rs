@@ -1,0 +1,403 @@
+//! Reads a table of any form as measurements: columns by mapping and by name, cells by the reader of measurement files.
+
+use crate::measurement::column_mapping::{Mapping, Separator};
+use crate::measurement::column_meaning::{self, key};
+use crate::measurement::conventions::{Decimal, Frame};
+use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
+use crate::measurement::csv_columns::Column;
+use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
+use crate::measurement::set::{MeasurementSet, Point};
+use crate::measurement::table::{Next, Table};
+use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
+use crate::measurement::table_numbers::decimal_mark;
+use crate::measurement::table_text::{Encoding, Source};
+
+/// How a file was understood: all that is needed to read it again in the same way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Understood {
+    /// What separates columns.
+    pub separator: Separator,
+    /// The decimal mark.
+    pub decimal: Decimal,
+    /// How it writes characters.
+    pub encoding: Encoding,
+    /// The sheet, in a workbook.
+    pub sheet: Option<String>,
+    /// The line of the header, counted from 1.
+    pub header_row: Option<usize>,
+    /// Whether the mapping said that some lines are comments, or are none.
+    pub comments: Option<bool>,
+    /// The columns that are read, with the names that the file gives them.
+    pub columns: Vec<(Used, String)>,
+    /// The names of the others.
+    pub ignored: Vec<String>,
+    /// Lines that are no data: blank ones, comments, units, what stands above the header.
+    pub skipped_rows: usize,
+}
+
+/// Why a table was refused, with the lines of its rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableError {
+    /// What is wrong.
+    pub issues: Vec<(Issue, Option<usize>)>,
+}
+
+impl From<ParseError> for TableError {
+    fn from(error: ParseError) -> Self {
+        Self {
+            issues: error
+                .issues
+                .into_iter()
+                .map(|issue| (issue, None))
+                .collect(),
+        }
+    }
+}
+
+/// The content of a table.
+#[derive(Clone, Debug)]
+pub struct Content {
+    /// The points; of a file with joint values only, or positions only, the other half is zero.
+    pub points: Vec<Point>,
+    /// The line of each point.
+    pub lines: Vec<usize>,
+    /// The cells of the columns `name`, `number` and `time`, a list per such column.
+    pub keys: Vec<(String, Vec<String>)>,
+    /// How it was read.
+    pub understood: Understood,
+}
+
+/// How a table is to be read.
+#[derive(Clone, Copy, Debug)]
+pub struct TableOptions<'a> {
+    /// What the caller says about it.
+    pub mapping: &'a Mapping,
+    /// The robot's number of links.
+    pub n_joints: usize,
+    /// What it must hold.
+    pub needs: Needs,
+    /// What `measured_at` may hold.
+    pub is_time: fn(&str) -> bool,
+}
+
+/// A table whose columns were looked at, for a preview.
+#[derive(Clone, Debug)]
+pub struct Preview {
+    /// The header's cells, empty where there is no header.
+    pub header: Vec<String>,
+    /// The first rows.
+    pub rows: Vec<Vec<String>>,
+    /// How it is understood so far.
+    pub understood: Understood,
+    /// What is wrong with its columns.
+    pub columns: Columns,
+}
+
+/// Reads a table.
+///
+/// # Errors
+/// [`TableError`] with line, row, column and a remedy for everything that is wrong.
+pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableError> {
+    let table = Table::find(source, options.mapping)?;
+    let columns = resolve(&table, options.mapping, options.n_joints, options.needs);
+    if !columns.issues.is_empty() {
+        return Err(ParseError::new(columns.issues).into());
+    }
+    let parts = Parts::new(&table, &columns, options);
+    let decimal = parts.decimal(options.mapping)?;
+    let mut understood = parts.understood(&columns, decimal, options);
+    let reading = Reading {
+        n_joints: options.n_joints,
+        decimal,
+        is_time: options.is_time,
+    };
+    let mut content = Rows::default();
+    content.keys = parts
+        .keys
+        .iter()
+        .map(|used| (used.means.clone(), vec![]))
+        .collect();
+    table.each_row(|next| content.take(next, &table, &parts, &reading));
+    if content.points.is_empty() && content.issues.is_empty() {
+        content.issue(
+            None,
+            None,
+            "no_rows",
+            "the file has a header but no data rows".into(),
+        );
+    }
+    if !content.issues.is_empty() {
+        content.issues.truncate(MAX_ISSUES);
+        return Err(TableError {
+            issues: content.issues,
+        });
+    }
+    understood.skipped_rows += content.n_skipped;
+    Ok(Content {
+        points: content.points,
+        lines: content.lines,
+        keys: content.keys,
+        understood,
+    })
+}
+
+/// Reads a table that holds joint values and positions.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_set(
+    source: Source,
+    frame: Frame,
+    options: &TableOptions,
+) -> Result<(MeasurementSet, Understood), TableError> {
+    let content = read(source, options)?;
+    Ok((
+        MeasurementSet::new(frame, content.points),
+        content.understood,
+    ))
+}
+
+/// Looks at a table: its first rows, and what its columns mean.
+///
+/// # Errors
+/// [`TableError`] if not even its columns can be told apart.
+pub fn preview(
+    source: Source,
+    options: &TableOptions,
+    n_rows: usize,
+) -> Result<Preview, TableError> {
+    let table = Table::find(source, options.mapping)?;
+    let columns = resolve(&table, options.mapping, options.n_joints, options.needs);
+    let parts = Parts::new(&table, &columns, options);
+    let decimal = parts.decimal(options.mapping).unwrap_or(Decimal::Point);
+    let understood = parts.understood(&columns, decimal, options);
+    let mut rows = Vec::new();
+    let mut seen = 0;
+    table.each_row(|next| {
+        seen += 1;
+        if let Next::Row(row) = next {
+            rows.push(
+                row.cells
+                    .iter()
+                    .map(|cell| cell.trim().to_owned())
+                    .collect(),
+            );
+        }
+        rows.len() < n_rows && seen < 100 * n_rows
+    });
+    Ok(Preview {
+        header: table.header.clone(),
+        rows,
+        understood,
+        columns,
+    })
+}
+
+/// The columns of a table by what is done with them.
+struct Parts<'t> {
+    table: &'t Table<'t>,
+    /// Those whose cells become points, with their names.
+    places: Vec<usize>,
+    columns: Vec<Column>,
+    names: csv::StringRecord,
+    keys: Vec<Used>,
+    /// Cells that a row must have.
+    n_needed: usize,
+}
+
+impl<'t> Parts<'t> {
+    fn new(table: &'t Table<'t>, columns: &Columns, options: &TableOptions) -> Self {
+        let wanted = |used: &&Used| match options.needs {
+            Needs::Joints => used.means.starts_with('q'),
+            Needs::Positions => !is_joint(&used.means),
+            Needs::Points => true,
+        };
+        let read: Vec<(usize, Column)> = columns
+            .used
+            .iter()
+            .filter(wanted)
+            .filter_map(|used| {
+                Some((
+                    used.place,
+                    column_meaning::column(&used.means, options.n_joints)?,
+                ))
+            })
+            .collect();
+        let keys = columns
+            .used
+            .iter()
+            .filter(|used| key(&used.means).is_some());
+        let named = table
+            .header
+            .iter()
+            .rposition(|name| !name.is_empty())
+            .map_or(0, |at| at + 1);
+        let last = read.iter().map(|(place, _)| place + 1).max().unwrap_or(0);
+        Self {
+            table,
+            names: read.iter().map(|(place, _)| table.name(*place)).collect(),
+            places: read.iter().map(|(place, _)| *place).collect(),
+            columns: read.iter().map(|(_, column)| *column).collect(),
+            keys: keys.cloned().collect(),
+            n_needed: named.max(last),
+        }
+    }
+
+    fn decimal(&self, mapping: &Mapping) -> Result<Decimal, ParseError> {
+        if let Some(decimal) = mapping.decimal {
+            return Ok(decimal);
+        }
+        let is_number = |column: &Column| {
+            matches!(
+                column,
+                Column::Joint(..) | Column::Position(..) | Column::StdMm | Column::TemperatureC
+            )
+        };
+        let numbers: Vec<(usize, Option<Column>)> = self
+            .places
+            .iter()
+            .zip(&self.columns)
+            .filter(|(_, column)| is_number(column))
+            .map(|(place, column)| (*place, Some(*column)))
+            .collect();
+        decimal_mark(self.table, &numbers)
+    }
+
+    fn understood(
+        &self,
+        columns: &Columns,
+        decimal: Decimal,
+        options: &TableOptions,
+    ) -> Understood {
+        let is_used = |used: &&Used| {
+            self.places.contains(&used.place)
+                || key(&used.means).is_some() && (options.needs != Needs::Points || used.is_mapped)
+        };
+        let used: Vec<Used> = columns.used.iter().filter(is_used).cloned().collect();
+        let is_ignored = |place: &usize| {
+            !self.table.header[*place].is_empty() && used.iter().all(|used| used.place != *place)
+        };
+        let ignored = (0..self.table.header.len()).filter(is_ignored);
+        Understood {
+            separator: self.table.separator,
+            decimal,
+            encoding: self.table.encoding,
+            sheet: options.mapping.sheet.clone(),
+            header_row: self.table.header_line,
+            comments: options.mapping.comments,
+            ignored: ignored.map(|place| self.table.name(place)).collect(),
+            columns: used
+                .into_iter()
+                .map(|used| {
+                    let name = self.table.name(used.place);
+                    (used, name)
+                })
+                .collect(),
+            skipped_rows: self.table.n_skipped_above + usize::from(self.table.units.is_some()),
+        }
+    }
+}
+
+fn is_joint(means: &str) -> bool {
+    let base = means.split_once('_').map_or(means, |(base, _)| base);
+    base.strip_prefix('q')
+        .is_some_and(|rest| rest.parse::<usize>().is_ok())
+}
+
+/// What was read so far.
+#[derive(Default)]
+struct Rows {
+    points: Vec<Point>,
+    lines: Vec<usize>,
+    keys: Vec<(String, Vec<String>)>,
+    issues: Vec<(Issue, Option<usize>)>,
+    n_skipped: usize,
+    n_rows: usize,
+}
+
+impl Rows {
+    fn issue(
+        &mut self,
+        row: Option<usize>,
+        line: Option<usize>,
+        code: &'static str,
+        detail: String,
+    ) {
+        let issue = Issue {
+            row,
+            column: None,
+            code,
+            detail,
+        };
+        self.issues.push((issue, line));
+    }
+
+    /// Takes a row; false if no more are wanted.
+    fn take(&mut self, next: Next, table: &Table, parts: &Parts, reading: &Reading) -> bool {
+        let row = match next {
+            Next::Row(row) => row,
+            Next::Skipped => {
+                self.n_skipped += 1;
+                return true;
+            }
+            Next::Bad(line, code, detail) => {
+                let row = self.n_rows;
+                self.issue(
+                    Some(row),
+                    Some(line),
+                    code,
+                    format!("row {row} cannot be read: {detail}"),
+                );
+                self.n_rows += 1;
+                return self.issues.len() < MAX_ISSUES;
+            }
+        };
+        let index = self.n_rows;
+        if index >= MAX_ROWS {
+            self.issues.clear();
+            let detail = format!("more than {MAX_ROWS} rows; split the campaign into several sets");
+            self.issue(None, None, "too_many_rows", detail);
+            return false;
+        }
+        self.n_rows += 1;
+        let too_many = row
+            .cells
+            .iter()
+            .skip(table.header.len())
+            .any(|cell| !cell.trim().is_empty());
+        if row.cells.len() < parts.n_needed || too_many {
+            let detail = wrong_cell_count(
+                index,
+                &row.cells,
+                table.header.len(),
+                table.separator.byte(),
+            );
+            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
+            return self.issues.len() < MAX_ISSUES;
+        }
+        let cells: csv::StringRecord = parts
+            .places
+            .iter()
+            .map(|place| &row.cells[*place])
+            .collect();
+        let mut issues = Vec::new();
+        let point = parse_row(
+            index,
+            &cells,
+            &parts.names,
+            &parts.columns,
+            reading,
+            &mut issues,
+        );
+        self.issues
+            .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
+        if let Some(point) = point {
+            self.points.push(point);
+            self.lines.push(row.line);
+            for (used, (_, cells)) in parts.keys.iter().zip(&mut self.keys) {
+                cells.push(row.cells.get(used.place).unwrap_or("").trim().to_owned());
+            }
+        }
+        self.issues.len() < MAX_ISSUES
+    }
+}

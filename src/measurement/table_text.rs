@@ -1,0 +1,170 @@
+//! The bytes of a table as text: UTF-8, UTF-16 or Windows-1252 (which contains Latin-1). What is none of them is refused.
+
+use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::table_programs;
+use std::borrow::Cow;
+
+/// How a file writes its characters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// UTF-8, with or without a byte order mark.
+    Utf8,
+    /// UTF-16, low byte first.
+    Utf16Le,
+    /// UTF-16, high byte first.
+    Utf16Be,
+    /// Windows-1252, which contains Latin-1.
+    Windows1252,
+    /// A sheet of an xlsx workbook.
+    Xlsx,
+    /// A sheet of an ods workbook.
+    Ods,
+    /// Points of a robot's program: KUKA, ABB or FANUC.
+    Program,
+}
+
+impl Encoding {
+    /// Its name in answers.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Utf8 => "utf-8",
+            Self::Utf16Le => "utf-16le",
+            Self::Utf16Be => "utf-16be",
+            Self::Windows1252 => "windows-1252",
+            Self::Xlsx => "xlsx",
+            Self::Ods => "ods",
+            Self::Program => "robot program",
+        }
+    }
+}
+
+/// A table as text.
+#[derive(Clone, Debug)]
+pub struct Source<'a> {
+    /// The text, without a byte order mark.
+    pub text: Cow<'a, str>,
+    /// How the file wrote it.
+    pub encoding: Encoding,
+}
+
+impl<'a> Source<'a> {
+    /// Decodes a text file.
+    ///
+    /// # Errors
+    /// [`ParseError`] for what is not text.
+    pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
+        if bytes.starts_with(b"PK\x03\x04") {
+            return Err(whole(
+                "not_csv",
+                "this is a zip file, and no workbook".into(),
+            ));
+        }
+        let source = decoded(bytes)?;
+        if source.text.trim().is_empty() {
+            return Err(whole("empty", "the file is empty".into()));
+        }
+        Ok(match table_programs::table(&source.text)? {
+            Some(text) => Self::from_sheet(text, Encoding::Program),
+            None => source,
+        })
+    }
+
+    /// A sheet of a workbook: a line per row, tabs between its cells.
+    pub fn from_sheet(text: String, encoding: Encoding) -> Self {
+        Self {
+            text: text.into(),
+            encoding,
+        }
+    }
+}
+
+fn decoded(bytes: &[u8]) -> Result<Source<'_>, ParseError> {
+    match bytes {
+        [0xFF, 0xFE, rest @ ..] => return utf16(rest, Encoding::Utf16Le),
+        [0xFE, 0xFF, rest @ ..] => return utf16(rest, Encoding::Utf16Be),
+        _ => {}
+    }
+    if let Some(encoding) = utf16_without_mark(bytes) {
+        return utf16(bytes, encoding);
+    }
+    let plain = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let (text, encoding) = match std::str::from_utf8(plain) {
+        Ok(text) => (
+            Cow::Borrowed(text.trim_start_matches('\u{feff}')),
+            Encoding::Utf8,
+        ),
+        Err(_) => (Cow::Owned(windows_1252(plain)?), Encoding::Windows1252),
+    };
+    if let Some(at) = text.bytes().position(is_control) {
+        let detail = format!(
+            "character {at} is a control character, so this is no table: save it as CSV (UTF-8), xlsx or ods"
+        );
+        return Err(whole("not_text", detail));
+    }
+    Ok(Source { text, encoding })
+}
+
+fn is_control(byte: u8) -> bool {
+    matches!(byte, 0..=8 | 11 | 12 | 14..=31 | 127)
+}
+
+/// UTF-16 of mostly ASCII has a zero in every other byte.
+fn utf16_without_mark(bytes: &[u8]) -> Option<Encoding> {
+    let sample = &bytes[..bytes.len().min(400) / 2 * 2];
+    let zeros = |odd: usize| {
+        let at = sample.iter().skip(odd).step_by(2);
+        at.filter(|byte| **byte == 0).count()
+    };
+    let most = sample.len() / 2 * 9 / 10;
+    if sample.len() < 4 {
+        return None;
+    }
+    match (zeros(0), zeros(1)) {
+        (0, high) if high > most => Some(Encoding::Utf16Le),
+        (high, 0) if high > most => Some(Encoding::Utf16Be),
+        _ => None,
+    }
+}
+
+fn utf16(bytes: &[u8], encoding: Encoding) -> Result<Source<'_>, ParseError> {
+    let unit = |pair: &[u8]| match encoding {
+        Encoding::Utf16Be => u16::from_be_bytes([pair[0], pair[1]]),
+        _ => u16::from_le_bytes([pair[0], pair[1]]),
+    };
+    let units = bytes.chunks_exact(2).map(unit);
+    let text: Result<String, _> = char::decode_utf16(units).collect();
+    match text {
+        Ok(text) if bytes.len().is_multiple_of(2) => Ok(Source {
+            text: Cow::Owned(text),
+            encoding,
+        }),
+        _ => Err(whole(
+            "not_text",
+            "the file begins as UTF-16 and is none: was it cut off? Save it as CSV (UTF-8)".into(),
+        )),
+    }
+}
+
+/// Characters 0x80 to 0x9F of Windows-1252; five of them are none.
+const HIGH: [char; 32] = [
+    '€', '\0', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\0', 'Ž', '\0', '\0', '‘',
+    '’', '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\0', 'ž', 'Ÿ',
+];
+
+fn windows_1252(bytes: &[u8]) -> Result<String, ParseError> {
+    let mut text = String::with_capacity(bytes.len() + bytes.len() / 8);
+    for (at, &byte) in bytes.iter().enumerate() {
+        let character = match byte {
+            0x80..=0x9F => HIGH[usize::from(byte - 0x80)],
+            byte => char::from(byte),
+        };
+        if character == '\0' && byte != 0 {
+            let detail = format!(
+                "byte {at} is neither UTF-8 nor Windows-1252 text; save the file as CSV (UTF-8)"
+            );
+            return Err(whole("not_text", detail));
+        }
+        text.push(character);
+    }
+    Ok(text)
+}

@@ -1,0 +1,306 @@
+//! The mapping of a file's columns as callers write it: `{"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}`.
+
+use crate::measurement::Decimal;
+use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
+use crate::measurement::column_meaning::is_meaning;
+use crate::measurement::column_names::PLAIN;
+use crate::measurement::join::{JoinBy, JoinOptions};
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::json;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+/// Longest text in a mapping, characters.
+const MAX_TEXT: usize = 200;
+/// Most entries of a mapping: a robot has at most 12 joints.
+const MAX_ENTRIES: usize = 100;
+/// Most columns that a mapping may ignore.
+const MAX_IGNORED: usize = 1000;
+/// Largest line and column number.
+const MAX_NUMBER: u64 = 1_000_000;
+
+/// What a caller says about the columns of a file. Keys are meanings with units (`q1_deg` or `q1_rad` …; `x_mm`, `_m`, `_cm`, `_um` or `_in`;
+/// `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`; `name`, `number`, `time_s`), values are
+/// the column's header or its number, counted from 1. Besides: `decimal` (`point`, `comma`), `separator` (`,` `;` `|` `tab` `spaces`), `header_row` (a line,
+/// counted from 1, or false), `comments` (true, false), `ignore` (columns), `sheet`. For two files: what is said of one of them in `robot` and
+/// `instrument`, and `join` (`{"by": "name"|"number"|"time"|"order", "tolerance_s", "clock_offset_s"}`).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(value_type = Object, example = json!({"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}))]
+#[serde(transparent)]
+pub struct ColumnsBody(pub Map<String, Value>);
+
+/// A mapping that is kept under a name.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[schema(as = ColumnMapping)]
+pub struct ColumnMappingAnswer {
+    /// Its name.
+    pub name: String,
+    /// The mapping.
+    pub columns: ColumnsBody,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+}
+
+/// Which of an upload's files a mapping is wanted for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilePart {
+    /// The only one.
+    Table,
+    /// The robot's.
+    Robot,
+    /// The instrument's.
+    Instrument,
+}
+
+impl FilePart {
+    /// Its name in a multipart upload.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Table => "table",
+            Self::Robot => "robot",
+            Self::Instrument => "instrument",
+        }
+    }
+}
+
+impl ColumnsBody {
+    /// Reads a mapping, and checks it as far as that is possible without a file.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer.
+    pub fn parse(text: &[u8]) -> Result<Self, Invalid> {
+        let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text);
+        let body: Self = json::parse(text).map_err(|error| match error {
+            json::Error::Shape(invalid) => invalid,
+            json::Error::Syntax(detail) => Invalid::at(
+                "/columns",
+                "malformed_json",
+                format!("the mapping of columns is a JSON object, {{\"q1_deg\": \"J1 [deg]\", …}}: {detail}"),
+            ),
+        })?;
+        body.check()?;
+        Ok(body)
+    }
+
+    /// Checks everything that can be checked without a file.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer.
+    pub fn check(&self) -> Result<(), Invalid> {
+        for part in [FilePart::Table, FilePart::Robot, FilePart::Instrument] {
+            self.mapping(part)?;
+        }
+        self.join()?;
+        Ok(())
+    }
+
+    /// The mapping of one file. Of two files, `q1_deg …` is the robot's, every other column the instrument's, and a key (`name`, `number`, `time_s`) both
+    /// files'; what is in `robot` or `instrument` comes first.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer.
+    pub fn mapping(&self, part: FilePart) -> Result<Mapping, Invalid> {
+        let mut reader = Reader::default();
+        let mut mapping = Mapping::default();
+        let own = match part {
+            FilePart::Table => None,
+            part => self.0.get(part.as_str()),
+        };
+        if let Some(own) = own {
+            match own.as_object() {
+                Some(own) => reader.object(own, &format!("/{}", part.as_str()), &mut mapping),
+                None => reader.wrong(
+                    &format!("/{}", part.as_str()),
+                    "an object with the columns of that file",
+                ),
+            }
+        }
+        let stated: Vec<String> = mapping
+            .columns
+            .iter()
+            .map(|(means, _)| means.clone())
+            .collect();
+        let is_wanted = |means: &str| {
+            let is_joint =
+                means.starts_with('q') && means.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
+            let is_key = means == "name" || means == "number" || means.starts_with("time");
+            let is_stated = stated.iter().any(|known| known == means);
+            let is_this = match part {
+                FilePart::Table => true,
+                FilePart::Robot => is_joint || is_key,
+                FilePart::Instrument => !is_joint,
+            };
+            is_this && !is_stated
+        };
+        let common: Map<String, Value> = self
+            .0
+            .iter()
+            .filter(|(means, _)| {
+                !matches!(means.as_str(), "robot" | "instrument" | "join")
+                    && (SETTINGS.contains(&means.as_str()) || is_wanted(means))
+            })
+            .map(|(means, value)| (means.clone(), value.clone()))
+            .collect();
+        let mut shared = Mapping::default();
+        reader.object(&common, "", &mut shared);
+        mapping.columns.extend(shared.columns);
+        mapping.ignore.extend(shared.ignore);
+        mapping.decimal = mapping.decimal.or(shared.decimal);
+        mapping.separator = mapping.separator.or(shared.separator);
+        mapping.header_row = mapping.header_row.or(shared.header_row);
+        mapping.comments = mapping.comments.or(shared.comments);
+        mapping.sheet = mapping.sheet.or(shared.sheet);
+        reader.checker.finish("invalid_columns")?;
+        Ok(mapping)
+    }
+
+    /// What it says about the join of two files.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer.
+    pub fn join(&self) -> Result<JoinOptions, Invalid> {
+        let mut reader = Reader::default();
+        let mut options = JoinOptions::default();
+        let empty = Map::new();
+        let join = match self.0.get("join") {
+            None => &empty,
+            Some(Value::Object(join)) => join,
+            Some(_) => {
+                reader.wrong("/join", "an object: {\"by\": \"name\"}");
+                &empty
+            }
+        };
+        for (name, value) in join {
+            let pointer = format!("/join/{name}");
+            let seconds = value
+                .as_f64()
+                .filter(|s| s.is_finite() && s.abs() <= 1.0e10);
+            match name.as_str() {
+                "by" => {
+                    let by = JoinBy::ALL
+                        .into_iter()
+                        .find(|by| value.as_str() == Some(by.as_str()));
+                    if by.is_none() {
+                        reader.wrong(&pointer, "name, number, time or order");
+                    }
+                    options.by = by;
+                }
+                "tolerance_s" if seconds.is_some_and(|s| s >= 0.0) => options.tolerance_s = seconds,
+                "clock_offset_s" if seconds.is_some() => options.clock_offset_s = seconds,
+                "tolerance_s" | "clock_offset_s" => reader.wrong(&pointer, "a number of seconds"),
+                _ => reader.wrong(
+                    &pointer,
+                    "nothing: a join has by, tolerance_s and clock_offset_s",
+                ),
+            }
+        }
+        reader.checker.finish("invalid_columns")?;
+        Ok(options)
+    }
+}
+
+/// Keys that are no columns.
+const SETTINGS: [&str; 6] = [
+    "decimal",
+    "separator",
+    "header_row",
+    "comments",
+    "ignore",
+    "sheet",
+];
+
+/// Reads the values of a mapping, and collects what is wrong.
+#[derive(Default)]
+struct Reader {
+    checker: Checker,
+}
+
+impl Reader {
+    fn wrong(&mut self, pointer: &str, expected: &str) {
+        let detail = format!("here belongs {expected}");
+        self.checker.note(pointer, "invalid_columns", detail);
+    }
+
+    fn object(&mut self, object: &Map<String, Value>, at: &str, mapping: &mut Mapping) {
+        if object.len() > MAX_ENTRIES {
+            self.wrong(at, &format!("a mapping of at most {MAX_ENTRIES} entries"));
+            return;
+        }
+        for (name, value) in object {
+            let pointer = format!("{at}/{name}");
+            match name.as_str() {
+                "decimal" => match value.as_str() {
+                    Some("comma") => mapping.decimal = Some(Decimal::Comma),
+                    Some("point") => mapping.decimal = Some(Decimal::Point),
+                    _ => self.wrong(&pointer, "point or comma"),
+                },
+                "separator" => match value.as_str().and_then(Separator::parse) {
+                    Some(separator) => mapping.separator = Some(separator),
+                    None => self.wrong(&pointer, "one of , ; | tab spaces"),
+                },
+                "header_row" => match (value, value.as_u64()) {
+                    (Value::Bool(false), _) => mapping.header_row = Some(HeaderRow::None),
+                    (_, Some(line)) if (1..=MAX_NUMBER).contains(&line) => {
+                        mapping.header_row = Some(HeaderRow::Line(line as usize));
+                    }
+                    _ => self.wrong(&pointer, "a line, counted from 1, or false"),
+                },
+                "comments" => match value.as_bool() {
+                    Some(comments) => mapping.comments = Some(comments),
+                    None => self.wrong(&pointer, "true or false"),
+                },
+                "sheet" => match value
+                    .as_str()
+                    .filter(|text| text.chars().count() <= MAX_TEXT)
+                {
+                    Some(sheet) => mapping.sheet = Some(sheet.to_owned()),
+                    None => self.wrong(&pointer, "the name of a sheet"),
+                },
+                "ignore" => match value.as_array().filter(|list| list.len() <= MAX_IGNORED) {
+                    Some(list) => {
+                        for (index, value) in list.iter().enumerate() {
+                            let column = self.column(value, &format!("{pointer}/{index}"));
+                            mapping.ignore.extend(column);
+                        }
+                    }
+                    None => self.wrong(&pointer, "a list of columns"),
+                },
+                _ if !is_meaning(name) => {
+                    let detail = format!(
+                        "{name:?} is no meaning of a column: q1_deg … (or _rad), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or decimal, \
+                         separator, header_row, comments, ignore, sheet, robot, instrument, join",
+                        PLAIN.join(", ")
+                    );
+                    self.checker.note(&pointer, "unknown_meaning", detail);
+                }
+                _ => {
+                    let column = self.column(value, &pointer);
+                    mapping
+                        .columns
+                        .extend(column.map(|column| (name.clone(), column)));
+                }
+            }
+        }
+    }
+
+    fn column(&mut self, value: &Value, pointer: &str) -> Option<ColumnRef> {
+        let number = value
+            .as_u64()
+            .filter(|number| (1..=MAX_NUMBER).contains(number));
+        let text = value
+            .as_str()
+            .filter(|text| !text.is_empty() && text.chars().count() <= MAX_TEXT);
+        match (text, number) {
+            (Some(text), _) => Some(ColumnRef::Header(text.to_owned())),
+            (None, Some(number)) => Some(ColumnRef::Number(number as usize)),
+            (None, None) => {
+                self.wrong(
+                    pointer,
+                    "the header of a column, or its number counted from 1",
+                );
+                None
+            }
+        }
+    }
+}

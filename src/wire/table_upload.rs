@@ -1,0 +1,275 @@
+//! Reads an uploaded table, or two files that belong together, as a measurement set; and a stored one again.
+
+use crate::measurement::column_mapping::Mapping;
+use crate::measurement::join::join;
+use crate::measurement::table_columns::Needs;
+use crate::measurement::table_points::{self, Content, Preview, TableError, TableOptions};
+use crate::measurement::table_text::Source;
+use crate::measurement::{Decimal, Frame, MeasurementSet};
+use crate::wire::columns::{ColumnsBody, FilePart};
+use crate::wire::issue::{Invalid, Issue, MAX_ISSUES};
+use crate::wire::multipart::{self, is_multipart};
+use crate::wire::understood::{JoinBody, JoinedFiles, Reading, UnderstoodBody};
+use crate::wire::workbook;
+
+/// Code of a file that cannot be read.
+const INVALID: &str = "invalid_measurements";
+
+/// The files of an upload.
+#[derive(Clone, Debug)]
+pub struct Files<'a> {
+    /// The only one, or the robot's and the instrument's.
+    pub files: Vec<(FilePart, &'a [u8])>,
+    /// The mapping that came with them.
+    pub columns: Option<ColumnsBody>,
+}
+
+impl<'a> Files<'a> {
+    /// The files of a body: one, or the parts of a form.
+    ///
+    /// # Errors
+    /// [`Invalid`] for a form without files, or with other parts.
+    pub fn new(content_type: &str, body: &'a [u8]) -> Result<Self, Invalid> {
+        if !is_multipart(content_type) {
+            return Ok(Self {
+                files: vec![(FilePart::Table, body)],
+                columns: None,
+            });
+        }
+        let (mut files, mut columns) = (Vec::new(), None);
+        for part in multipart::parts(content_type, body)? {
+            let file = [FilePart::Table, FilePart::Robot, FilePart::Instrument]
+                .into_iter()
+                .find(|file| file.as_str() == part.name);
+            let is_twice = files.iter().any(|(known, _)| Some(*known) == file);
+            match (file, part.name.as_str()) {
+                (Some(file), _) if !is_twice => files.push((file, part.body)),
+                (None, "columns") if columns.is_none() => {
+                    columns = Some(ColumnsBody::parse(part.body)?);
+                }
+                (_, name) => {
+                    let detail = format!(
+                        "part {name:?}: a form has robot and instrument, or table, and perhaps columns, each once"
+                    );
+                    return Err(Invalid::at("", "malformed_multipart", detail));
+                }
+            }
+        }
+        files.sort_by_key(|(part, _)| *part as usize);
+        let parts: Vec<FilePart> = files.iter().map(|(part, _)| *part).collect();
+        match parts[..] {
+            [FilePart::Table] | [FilePart::Robot, FilePart::Instrument] => {
+                Ok(Self { files, columns })
+            }
+            _ => Err(Invalid::at(
+                "",
+                "malformed_multipart",
+                "a form has the parts robot and instrument (two files), or table (one), and perhaps columns",
+            )),
+        }
+    }
+}
+
+/// How an upload is to be read.
+#[derive(Clone, Copy, Debug)]
+pub struct UploadOptions<'a> {
+    /// What the caller says about the columns.
+    pub columns: &'a ColumnsBody,
+    /// The decimal mark, where it is stated beside the mapping.
+    pub decimal: Option<Decimal>,
+    /// The frame of the positions.
+    pub frame: Frame,
+    /// The robot's number of links.
+    pub n_joints: usize,
+    /// What `measured_at` may hold.
+    pub is_time: fn(&str) -> bool,
+}
+
+/// Reads the files of an upload.
+///
+/// # Errors
+/// [`Invalid`] with file, line, row and column of everything that is wrong.
+pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, Reading), Invalid> {
+    let mut mappings = Vec::new();
+    for (part, _) in &files.files {
+        let mut mapping = options.columns.mapping(*part)?;
+        state_decimal(&mut mapping, options.decimal)?;
+        mappings.push(mapping);
+    }
+    let read = |at: usize| one(files.files[at], &mappings[at], options);
+    if files.files.len() == 1 {
+        let content = read(0)?;
+        let reading = Reading {
+            understood: Some(UnderstoodBody::from(&content.understood)),
+            joined: None,
+        };
+        return Ok((MeasurementSet::new(options.frame, content.points), reading));
+    }
+    let (robot, instrument) = (read(0)?, read(1)?);
+    joined(&robot, &instrument, &options.columns.join()?, options.frame)
+}
+
+fn joined(
+    robot: &Content,
+    instrument: &Content,
+    how: &crate::measurement::join::JoinOptions,
+    frame: Frame,
+) -> Result<(MeasurementSet, Reading), Invalid> {
+    let (points, found) = join(robot, instrument, how)
+        .map_err(|error| invalid(vec![Issue::at("/join", error.code, error.detail)]))?;
+    let reading = Reading {
+        understood: None,
+        joined: Some(JoinedFiles {
+            robot: UnderstoodBody::from(&robot.understood),
+            instrument: UnderstoodBody::from(&instrument.understood),
+            join: JoinBody::from(&found),
+        }),
+    };
+    Ok((MeasurementSet::new(frame, points), reading))
+}
+
+/// Reads a stored upload in the way that was stored with it.
+///
+/// # Errors
+/// [`Invalid`]; does not happen for what was accepted once.
+pub fn read_again(
+    content_type: &str,
+    reading_json: &str,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, Invalid> {
+    let reading: Reading = serde_json::from_str(reading_json)
+        .map_err(|error| Invalid::at("", "unreadable", error.to_string()))?;
+    let files = Files::new(content_type, bytes)?;
+    let columns = ColumnsBody::default();
+    let options = UploadOptions {
+        columns: &columns,
+        decimal: None,
+        frame,
+        n_joints,
+        is_time: |_| true,
+    };
+    let read = |at: usize, understood: &UnderstoodBody| {
+        let file = files.files.get(at).copied();
+        let file =
+            file.ok_or_else(|| Invalid::at("", "unreadable", "the upload has no such file"))?;
+        one(file, &understood.mapping(), &options)
+    };
+    match (&reading.understood, &reading.joined) {
+        (_, Some(two)) => {
+            let (robot, instrument) = (read(0, &two.robot)?, read(1, &two.instrument)?);
+            Ok(joined(&robot, &instrument, &two.join.options(), frame)?.0)
+        }
+        (Some(understood), None) => Ok(MeasurementSet::new(frame, read(0, understood)?.points)),
+        (None, None) => Err(Invalid::at(
+            "",
+            "unreadable",
+            "nothing says how it was read",
+        )),
+    }
+}
+
+fn state_decimal(mapping: &mut Mapping, stated: Option<Decimal>) -> Result<(), Invalid> {
+    match (mapping.decimal, stated) {
+        (Some(one), Some(other)) if one != other => Err(Invalid::at(
+            "/decimal",
+            "invalid_columns",
+            "the mapping states another decimal mark than the request: leave one of them out",
+        )),
+        (own, stated) => {
+            mapping.decimal = own.or(stated);
+            Ok(())
+        }
+    }
+}
+
+/// What a file of an upload has to hold.
+pub fn needs(part: FilePart) -> Needs {
+    match part {
+        FilePart::Table => Needs::Points,
+        FilePart::Robot => Needs::Joints,
+        FilePart::Instrument => Needs::Positions,
+    }
+}
+
+/// A file as text; a workbook's sheet is noted in the mapping.
+fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Invalid> {
+    if let Some(kind) = workbook::workbook(bytes) {
+        let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
+        mapping.sheet = Some(sheet);
+        return Ok(source);
+    }
+    Source::from_bytes(bytes).map_err(|error| table_error(&error.into()))
+}
+
+fn one(
+    (part, bytes): (FilePart, &[u8]),
+    mapping: &Mapping,
+    options: &UploadOptions,
+) -> Result<Content, Invalid> {
+    let mut mapping = mapping.clone();
+    let read = source(bytes, &mut mapping).and_then(|source| {
+        let options = TableOptions {
+            mapping: &mapping,
+            n_joints: options.n_joints,
+            needs: needs(part),
+            is_time: options.is_time,
+        };
+        table_points::read(source, &options).map_err(|error| table_error(&error))
+    });
+    read.map_err(|error| of_file(error, part))
+}
+
+/// Looks at one file of an upload.
+///
+/// # Errors
+/// [`Invalid`] if not even its columns can be told apart.
+pub fn preview(
+    part: FilePart,
+    bytes: &[u8],
+    options: &UploadOptions,
+    n_rows: usize,
+) -> Result<Preview, Invalid> {
+    let mut mapping = options.columns.mapping(part)?;
+    state_decimal(&mut mapping, options.decimal)?;
+    let source = source(bytes, &mut mapping).map_err(|error| of_file(error, part))?;
+    let options = TableOptions {
+        mapping: &mapping,
+        n_joints: options.n_joints,
+        needs: needs(part),
+        is_time: options.is_time,
+    };
+    table_points::preview(source, &options, n_rows)
+        .map_err(|error| of_file(table_error(&error), part))
+}
+
+fn invalid(issues: Vec<Issue>) -> Invalid {
+    Invalid {
+        code: INVALID,
+        issues,
+    }
+}
+
+/// Says which of two files an issue is about.
+fn of_file(mut error: Invalid, part: FilePart) -> Invalid {
+    if part != FilePart::Table {
+        for issue in &mut error.issues {
+            issue.pointer = Some(format!("/{}", part.as_str()));
+            issue.detail = format!("{} file: {}", part.as_str(), issue.detail);
+        }
+    }
+    error
+}
+
+fn table_error(error: &TableError) -> Invalid {
+    let issue = |(issue, line): &(crate::measurement::csv::Issue, Option<usize>)| Issue {
+        row: issue.row,
+        line: *line,
+        column: issue.column.clone(),
+        code: issue.code.into(),
+        detail: issue.detail.clone(),
+        ..Issue::default()
+    };
+    invalid(error.issues.iter().take(MAX_ISSUES).map(issue).collect())
+}

@@ -1,0 +1,224 @@
+//! How a table was understood, in answers and beside the stored bytes.
+
+use crate::measurement::Decimal;
+use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
+use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
+use crate::measurement::table_points::Understood;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most columns and leftovers that are named; the rest is counted.
+const MAX_NAMED: usize = 50;
+/// Longest name of a column that is told, characters.
+const MAX_NAME_SHOWN: usize = 100;
+
+/// How a table was understood.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Understood)]
+pub struct UnderstoodBody {
+    /// What separates columns: `,` `;` `|` `tab` or `spaces`.
+    pub separator: String,
+    /// The decimal mark.
+    #[schema(inline)]
+    pub decimal: Decimal,
+    /// `utf-8`, `utf-16le`, `utf-16be`, `windows-1252`, `xlsx`, `ods` or `robot program`.
+    pub encoding: String,
+    /// The sheet of a workbook.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sheet: Option<String>,
+    /// Line of the header, counted from 1; null where the file has none.
+    #[schema(required)]
+    pub header_row: Option<usize>,
+    /// What the mapping said about lines that begin like comments.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub comments: Option<bool>,
+    /// The columns that are read.
+    pub columns: Vec<UnderstoodColumn>,
+    /// Names of columns that are not read; they are kept with the bytes.
+    pub ignored: Vec<String>,
+    /// Lines that are no data: blank ones, comments, units, and what stands above the header.
+    pub skipped_rows: usize,
+}
+
+/// A column that is read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnderstoodColumn {
+    /// Its name in the file.
+    pub column: String,
+    /// Its number, counted from 1.
+    pub number: usize,
+    /// What it means: `q1`, `x`, `station`, `name` …
+    pub means: String,
+    /// Its unit, if it has one.
+    #[schema(required)]
+    pub unit: Option<String>,
+}
+
+/// How two files were joined.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Join)]
+pub struct JoinBody {
+    /// `name`, `number`, `time` or `order`.
+    pub by: String,
+    /// Pairs of rows.
+    pub n_joined: usize,
+    /// By time: how far apart the times of a pair may be, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance_s: Option<f64>,
+    /// By time: the robot's clock minus the instrument's, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock_offset_s: Option<f64>,
+    /// Rows of the robot's file without a partner.
+    pub leftover_robot: Leftovers,
+    /// Rows of the instrument's file without a partner.
+    pub leftover_instrument: Leftovers,
+}
+
+/// Rows without a partner.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Leftovers {
+    /// How many.
+    pub n: usize,
+    /// The first of them.
+    pub rows: Vec<LeftoverRow>,
+}
+
+/// A row without a partner.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct LeftoverRow {
+    /// Its line, counted from 1.
+    pub line: usize,
+    /// Its name, number or time.
+    pub label: String,
+}
+
+/// Two files that were joined.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JoinedFiles {
+    /// How the robot's file was understood.
+    pub robot: UnderstoodBody,
+    /// How the instrument's file was understood.
+    pub instrument: UnderstoodBody,
+    /// How their rows were paired.
+    pub join: JoinBody,
+}
+
+/// How an upload was read: stored with it, so that it is read the same way again.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// Of one table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub understood: Option<UnderstoodBody>,
+    /// Of two files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joined: Option<JoinedFiles>,
+}
+
+impl From<&Understood> for UnderstoodBody {
+    fn from(found: &Understood) -> Self {
+        let column = |(used, name): &(crate::measurement::table_columns::Used, String)| {
+            let (means, unit) = split(&used.means);
+            UnderstoodColumn {
+                column: shown(name),
+                number: used.place + 1,
+                means: means.into(),
+                unit: unit.map(str::to_owned),
+            }
+        };
+        Self {
+            separator: found.separator.as_str().into(),
+            decimal: found.decimal,
+            encoding: found.encoding.as_str().into(),
+            sheet: found.sheet.clone(),
+            header_row: found.header_row,
+            comments: found.comments,
+            columns: found.columns.iter().map(column).collect(),
+            ignored: found
+                .ignored
+                .iter()
+                .take(MAX_NAMED)
+                .map(|name| shown(name))
+                .collect(),
+            skipped_rows: found.skipped_rows,
+        }
+    }
+}
+
+fn shown(name: &str) -> String {
+    name.chars().take(MAX_NAME_SHOWN).collect()
+}
+
+/// Thing and unit of a meaning; names like `std_mm` are one.
+fn split(means: &str) -> (&str, Option<&str>) {
+    match means.split_once('_') {
+        Some((base, unit)) if matches!(base, "x" | "y" | "z" | "time") => (base, Some(unit)),
+        Some((base, unit))
+            if base
+                .strip_prefix('q')
+                .is_some_and(|n| n.parse::<u16>().is_ok()) =>
+        {
+            (base, Some(unit))
+        }
+        _ => (means, None),
+    }
+}
+
+impl UnderstoodBody {
+    /// The mapping that reads the file in the same way.
+    pub fn mapping(&self) -> Mapping {
+        let column = |column: &UnderstoodColumn| {
+            let means = match &column.unit {
+                Some(unit) => format!("{}_{unit}", column.means),
+                None => column.means.clone(),
+            };
+            (means, ColumnRef::Number(column.number))
+        };
+        Mapping {
+            columns: self.columns.iter().map(column).collect(),
+            ignore: vec![],
+            decimal: Some(self.decimal),
+            separator: Separator::parse(&self.separator),
+            header_row: Some(self.header_row.map_or(HeaderRow::None, HeaderRow::Line)),
+            comments: self.comments,
+            sheet: self.sheet.clone(),
+            is_complete: true,
+        }
+    }
+}
+
+impl From<&Join> for JoinBody {
+    fn from(join: &Join) -> Self {
+        Self {
+            by: join.by.as_str().into(),
+            n_joined: join.n_joined,
+            tolerance_s: join.tolerance_s,
+            clock_offset_s: join.clock_offset_s,
+            leftover_robot: Leftovers::from(&join.leftover_robot[..]),
+            leftover_instrument: Leftovers::from(&join.leftover_instrument[..]),
+        }
+    }
+}
+
+impl From<&[Leftover]> for Leftovers {
+    fn from(rows: &[Leftover]) -> Self {
+        let row = |row: &Leftover| LeftoverRow {
+            line: row.line,
+            label: shown(&row.label),
+        };
+        Self {
+            n: rows.len(),
+            rows: rows.iter().take(MAX_NAMED).map(row).collect(),
+        }
+    }
+}
+
+impl JoinBody {
+    /// The options that join in the same way.
+    pub fn options(&self) -> JoinOptions {
+        JoinOptions {
+            by: JoinBy::ALL.into_iter().find(|by| by.as_str() == self.by),
+            tolerance_s: self.tolerance_s,
+            clock_offset_s: self.clock_offset_s,
+        }
+    }
+}

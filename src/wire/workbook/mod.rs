@@ -1,0 +1,121 @@
+//! Workbooks (xlsx, ods) as tables: one sheet becomes text, a line per row. A workbook is a zip archive; all that it holds is counted before anything
+//! is read from it.
+
+mod ods;
+mod refusal;
+mod sheet;
+mod xlsx;
+
+use crate::measurement::table_text::{Encoding, Source};
+use crate::wire::Invalid;
+use refusal::{Archive, MAX_UNPACKED_BYTES, broken, refused, too_large};
+use sheet::Sheets;
+use std::io::{Cursor, Read};
+use zip::ZipArchive;
+
+/// Most files in a workbook.
+const MAX_FILES: usize = 1000;
+
+/// Media type of xlsx.
+pub const XLSX: &str = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet";
+/// Media type of ods.
+pub const ODS: &str = "application/vnd.oasis.opendocument.spreadsheet";
+
+/// A kind of workbook.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Workbook {
+    /// Office Open XML.
+    Xlsx,
+    /// OpenDocument.
+    Ods,
+}
+
+impl Workbook {
+    /// Its media type.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Xlsx => XLSX,
+            Self::Ods => ODS,
+        }
+    }
+}
+
+/// Which kind of workbook this is, if it is one: a zip archive with the files that one has.
+pub fn workbook(bytes: &[u8]) -> Option<Workbook> {
+    if !bytes.starts_with(b"PK\x03\x04") {
+        return None;
+    }
+    let archive = ZipArchive::new(Cursor::new(bytes)).ok()?;
+    let has = |name: &str| archive.index_for_name(name).is_some();
+    if has("xl/workbook.xml") {
+        Some(Workbook::Xlsx)
+    } else if has("content.xml") && has("mimetype") {
+        Some(Workbook::Ods)
+    } else {
+        None
+    }
+}
+
+/// The sheet of a workbook as a table, and its name.
+///
+/// # Errors
+/// [`Invalid`] for what is too large or broken, and where several sheets have cells and none is named.
+pub fn read(
+    kind: Workbook,
+    bytes: &[u8],
+    sheet: Option<&str>,
+) -> Result<(Source<'static>, String), Invalid> {
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| broken(&e.to_string()))?;
+    refuse_bombs(&mut archive)?;
+    let (sheets, encoding) = match kind {
+        Workbook::Xlsx => (xlsx::sheets(bytes, sheet)?, Encoding::Xlsx),
+        Workbook::Ods => (ods::sheets(&mut archive, sheet)?, Encoding::Ods),
+    };
+    let Sheets { names, found } = sheets;
+    let listed = |names: &[String]| {
+        let names: Vec<String> = names
+            .iter()
+            .take(20)
+            .map(|name| format!("{name:?}"))
+            .collect();
+        names.join(", ")
+    };
+    let mut found = found.into_iter();
+    match (found.next(), found.next()) {
+        (Some((name, text)), None) => Ok((Source::from_sheet(text, encoding), name)),
+        (None, _) => Err(match sheet {
+            Some(wanted) => refused(
+                "unknown_sheet",
+                format!(
+                    "the workbook has no sheet {wanted:?} with cells; it has {}",
+                    listed(&names)
+                ),
+            ),
+            None => refused("empty", "no sheet of the workbook has cells".into()),
+        }),
+        (Some((first, _)), Some((second, _))) => Err(refused(
+            "two_readings",
+            format!(
+                "several sheets of the workbook have cells, {first:?} and {second:?} among them: state \"sheet\" in ?columns= (--columns)"
+            ),
+        )),
+    }
+}
+
+/// Unpacks every file without keeping it, and counts.
+fn refuse_bombs(archive: &mut Archive) -> Result<(), Invalid> {
+    if archive.len() > MAX_FILES {
+        return Err(too_large());
+    }
+    let mut left = MAX_UNPACKED_BYTES;
+    for index in 0..archive.len() {
+        let file = archive
+            .by_index(index)
+            .map_err(|e| broken(&e.to_string()))?;
+        let mut file = file.take(left + 1);
+        let unpacked = std::io::copy(&mut file, &mut std::io::sink());
+        let unpacked = unpacked.map_err(|e| broken(&e.to_string()))?;
+        left = left.checked_sub(unpacked).ok_or_else(too_large)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,35 @@
+//! Why a workbook is refused.
+
+use crate::wire::{Invalid, Issue};
+use std::io::Cursor;
+use zip::ZipArchive;
+
+/// Most bytes that a workbook may hold unpacked: 100,000 rows of twelve numbers have 45 MB as xlsx.
+pub(super) const MAX_UNPACKED_BYTES: u64 = 64 * 1024 * 1024;
+
+/// A workbook as the archive that it is.
+pub(super) type Archive<'a> = ZipArchive<Cursor<&'a [u8]>>;
+
+pub(super) fn refused(code: &'static str, detail: String) -> Invalid {
+    Invalid {
+        code: "invalid_measurements",
+        issues: vec![Issue {
+            code: code.into(),
+            detail,
+            ..Issue::default()
+        }],
+    }
+}
+
+pub(super) fn too_large() -> Invalid {
+    let detail = format!(
+        "the workbook unpacks to more than {} MiB: save the sheet alone, without pictures, or as CSV",
+        MAX_UNPACKED_BYTES / (1024 * 1024)
+    );
+    refused("too_large", detail)
+}
+
+pub(super) fn broken(why: &str) -> Invalid {
+    let detail = format!("the workbook cannot be read ({why}): save the sheet again, or as CSV");
+    refused("unreadable", detail)
+}

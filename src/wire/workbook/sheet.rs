@@ -1,0 +1,75 @@
+//! Cells of a sheet as lines of text, with tabs between them.
+
+use super::refusal::{broken, refused, too_large};
+use crate::measurement::table::MAX_COLUMNS;
+use crate::wire::Invalid;
+
+/// Most bytes of one sheet as text; a CSV may have as many.
+const MAX_TEXT_BYTES: usize = 32 * 1024 * 1024;
+
+/// The sheets of a workbook.
+pub(super) struct Sheets {
+    /// The names of all.
+    pub names: Vec<String>,
+    /// Those with cells, at most two: name and text.
+    pub found: Vec<(String, String)>,
+}
+
+/// Writes cells in their order.
+#[derive(Default)]
+pub(super) struct SheetText {
+    text: String,
+    row: usize,
+    column: usize,
+    /// End of the last line that has a cell.
+    end: usize,
+}
+
+impl SheetText {
+    /// Adds a cell at its place, both counted from 0. Empty cells need not be added.
+    pub fn cell(&mut self, row: usize, column: usize, cell: &str) -> Result<(), Invalid> {
+        if cell.is_empty() {
+            return Ok(());
+        }
+        if row < self.row || row == self.row && column < self.column {
+            return Err(broken("its cells are not in order"));
+        }
+        if column >= MAX_COLUMNS || row > 2 * 1024 * 1024 {
+            return Err(refused(
+                "too_many_columns",
+                format!(
+                    "cell in row {}, column {}: at most {MAX_COLUMNS} columns are read",
+                    row + 1,
+                    column + 1
+                ),
+            ));
+        }
+        while self.row < row {
+            self.text.push('\n');
+            (self.row, self.column) = (self.row + 1, 0);
+        }
+        while self.column < column {
+            self.text.push('\t');
+            self.column += 1;
+        }
+        let plain = cell.replace(['\t', '\n', '\r'], " ");
+        if plain.starts_with('"') {
+            self.text
+                .push_str(&format!("\"{}\"", plain.replace('"', "\"\"")));
+        } else {
+            self.text.push_str(&plain);
+        }
+        self.end = self.text.len();
+        if self.text.len() > MAX_TEXT_BYTES {
+            return Err(too_large());
+        }
+        Ok(())
+    }
+
+    /// The text; none of a sheet without cells.
+    pub fn finish(mut self) -> Option<String> {
+        self.text.truncate(self.end);
+        self.text.push('\n');
+        (self.end > 0).then_some(self.text)
+    }
+}

@@ -1,0 +1,58 @@
+//! Sheets of xlsx, cell by cell: a dense table of a sheet with two far cells would not fit into memory.
+
+use super::refusal::broken;
+use super::sheet::{SheetText, Sheets};
+use crate::wire::Invalid;
+use calamine::{DataRef, ExcelDateTime, Reader, Xlsx};
+use std::io::Cursor;
+
+pub(super) fn sheets(bytes: &[u8], wanted: Option<&str>) -> Result<Sheets, Invalid> {
+    let unreadable = |error: calamine::XlsxError| broken(&error.to_string());
+    let mut workbook: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
+    let names = workbook.sheet_names();
+    let mut found = Vec::new();
+    for name in names
+        .iter()
+        .filter(|name| wanted.is_none_or(|wanted| *name == wanted))
+    {
+        // charts and macros are no sheets of cells
+        let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
+            continue;
+        };
+        let mut text = SheetText::default();
+        while let Some(cell) = cells.next_cell().map_err(unreadable)? {
+            let (row, column) = cell.get_position();
+            text.cell(row as usize, column as usize, &in_text(cell.get_value()))?;
+        }
+        found.extend(text.finish().map(|text| (name.clone(), text)));
+        if found.len() > 1 {
+            break;
+        }
+    }
+    Ok(Sheets { names, found })
+}
+
+fn in_text(value: &DataRef) -> String {
+    match value {
+        DataRef::Int(value) => value.to_string(),
+        DataRef::Float(value) => value.to_string(),
+        DataRef::String(text) | DataRef::DateTimeIso(text) | DataRef::DurationIso(text) => {
+            text.clone()
+        }
+        DataRef::SharedString(text) => (*text).to_owned(),
+        DataRef::Bool(value) => value.to_string(),
+        DataRef::DateTime(time) => time_in_text(time),
+        DataRef::Error(error) => error.to_string(),
+        DataRef::Empty => String::new(),
+    }
+}
+
+/// `2026-03-01T08:15:30.250`, or a time of day alone.
+fn time_in_text(time: &ExcelDateTime) -> String {
+    let (year, month, day, hour, minute, second, milli) = time.to_ymd_hms_milli();
+    let clock = format!("{hour:02}:{minute:02}:{second:02}.{milli:03}");
+    if time.as_f64() < 1.0 || time.is_duration() {
+        return clock;
+    }
+    format!("{year:04}-{month:02}-{day:02}T{clock}")
+}

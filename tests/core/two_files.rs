@@ -1,0 +1,237 @@
+//! The robot's file and the instrument's are joined to what was measured, or refused with what to state. The examples are written by us in the layouts
+//! of the makers (examples/tables).
+
+use kincal::measurement::Frame;
+use kincal::wire::Invalid;
+use kincal::wire::columns::ColumnsBody;
+use kincal::wire::measurement::{MeasurementSet, Upload, from_file, from_upload};
+use kincal::wire::understood::{JoinedFiles, Reading};
+use std::collections::BTreeMap;
+
+/// Angles are written with four decimals of a degree, and nine of a radian; positions with four of a millimetre.
+const ROUNDING: f64 = 1e-6;
+
+fn example(name: &str) -> Vec<u8> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/tables");
+    std::fs::read(folder.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+const BOUNDARY: &str = "multipart/form-data; boundary=b";
+
+fn form(robot: &[u8], instrument: &[u8]) -> Vec<u8> {
+    let mut body = Vec::new();
+    for (name, bytes) in [("robot", robot), ("instrument", instrument)] {
+        body.extend_from_slice(
+            format!("--b\r\nContent-Disposition: form-data; name=\"{name}\"\r\n\r\n").as_bytes(),
+        );
+        body.extend_from_slice(bytes);
+        body.extend_from_slice(b"\r\n");
+    }
+    body.extend_from_slice(b"--b--\r\n");
+    body
+}
+
+fn read(body: &[u8], columns: &str) -> Result<(MeasurementSet, Option<Reading>), Invalid> {
+    let columns = match columns {
+        "" => ColumnsBody::default(),
+        columns => ColumnsBody::parse(columns.as_bytes())?,
+    };
+    let upload = Upload {
+        content_type: BOUNDARY,
+        bytes: body,
+        columns: &columns,
+        decimal: None,
+        frame: Frame::Base,
+    };
+    from_file(&upload, 6)
+}
+
+fn refusal(robot: &str, instrument: &str, columns: &str) -> (String, String) {
+    let error = read(&form(robot.as_bytes(), instrument.as_bytes()), columns).unwrap_err();
+    (error.issues[0].code.clone(), error.issues[0].detail.clone())
+}
+
+/// Joint values (degrees, whole thousandths) and what belongs to them.
+fn truth() -> BTreeMap<[i64; 6], [f64; 3]> {
+    let text = String::from_utf8(example("truth.csv")).unwrap();
+    text.lines()
+        .skip(1)
+        .map(|line| {
+            let numbers: Vec<f64> = line
+                .split(',')
+                .skip(1)
+                .map(|cell| cell.parse().unwrap())
+                .collect();
+            (
+                std::array::from_fn(|i| (numbers[i] * 1000.0).round() as i64),
+                std::array::from_fn(|i| numbers[6 + i]),
+            )
+        })
+        .collect()
+}
+
+/// Every pair is one that was measured, in the values of both files; returns how they were joined.
+fn joined(robot: &str, instrument: &str, columns: &str, n: usize) -> JoinedFiles {
+    let body = form(&example(robot), &example(instrument));
+    let name = format!("{robot} and {instrument}");
+    let (set, reading) = read(&body, columns).unwrap_or_else(|e| panic!("{name}: {e:?}"));
+    let truth = truth();
+    assert_eq!(set.points.len(), n, "{name}");
+    for point in &set.points {
+        let key = std::array::from_fn(|i| (point.q_rad[i].to_degrees() * 1000.0).round() as i64);
+        let meant = truth
+            .get(&key)
+            .unwrap_or_else(|| panic!("{name}: {key:?} was never measured"));
+        for (found, meant) in point.position_mm.iter().zip(meant) {
+            assert!(
+                (found - meant).abs() < ROUNDING,
+                "{name}: {found} for {meant} mm"
+            );
+        }
+    }
+    let reading = reading.unwrap();
+    let json = serde_json::to_string(&reading).unwrap();
+    let again = from_upload(BOUNDARY, Some(&json), &body, Frame::Base, 6).unwrap();
+    assert!(again == set, "{name}: read again");
+    reading.joined.unwrap()
+}
+
+fn columns_of(names: &[&str]) -> String {
+    let mut all = serde_json::Map::new();
+    for name in names {
+        let text = example(&format!("columns_{name}.json"));
+        let columns: serde_json::Map<String, serde_json::Value> =
+            serde_json::from_slice(&text).unwrap();
+        all.extend(columns);
+    }
+    serde_json::Value::Object(all).to_string()
+}
+
+#[test]
+fn programs_and_logs_of_robots_join_with_exports_of_instruments() {
+    let robots = [
+        ("robot_kuka.dat", None),
+        ("robot_abb.mod", None),
+        ("robot_fanuc.ls", None),
+        ("robot_yaskawa.txt", Some("yaskawa")),
+    ];
+    let instruments = [
+        (
+            "instrument_spatialanalyzer.txt",
+            Some("spatialanalyzer"),
+            15,
+            "name",
+        ),
+        ("instrument_polyworks.txt", Some("polyworks"), 16, "name"),
+        ("instrument_leica.csv", None, 16, "name"),
+        ("instrument_faro.csv", Some("faro"), 16, "name"),
+        ("instrument_vicon.csv", Some("vicon"), 16, "order"),
+    ];
+    for (robot, robot_columns) in robots {
+        for (instrument, columns, n, by) in instruments {
+            let names: Vec<&str> = robot_columns.into_iter().chain(columns).collect();
+            let found = joined(robot, instrument, &columns_of(&names), n);
+            assert_eq!(found.join.by, by);
+            assert_eq!(found.join.n_joined, n);
+            let (theirs, ours) = (&found.join.leftover_instrument, &found.join.leftover_robot);
+            assert_eq!((ours.n, theirs.n), if n == 15 { (1, 1) } else { (0, 0) });
+            if n == 15 {
+                assert_eq!(
+                    (ours.rows[0].label.as_str(), theirs.rows[0].label.as_str()),
+                    ("P5", "DRIFT_1")
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_log_joins_by_time_though_the_clocks_differ_and_the_robot_moves_between() {
+    let found = joined(
+        "robot_ur_rtde.csv",
+        "instrument_optitrack.csv",
+        &columns_of(&["optitrack"]),
+        16,
+    );
+    assert_eq!(found.join.by, "time");
+    let offset_s = found.join.clock_offset_s.unwrap();
+    // half of the shortest standstill: the times are in its middle
+    assert!((offset_s - 4990.5).abs() < 0.25, "{offset_s}");
+}
+
+#[test]
+fn what_cannot_be_joined_says_what_to_state() {
+    let robot = |rows: &str| {
+        format!("Point;time [s];J1 [deg];J2 [deg];J3 [deg];J4 [deg];J5 [deg];J6 [deg]\n{rows}")
+    };
+    let row = |name: &str, time: f64, q: f64| format!("{name};{time};{q};2;3;4;5;6\n");
+    let even: String = (0..12)
+        .map(|i| row(&format!("R{i}"), 10.0 * f64::from(i), f64::from(i)))
+        .collect();
+    let instrument = |n: i32| -> String {
+        let rows: String = (0..n)
+            .map(|i| format!("{},{i},2,3\n", 5000.0 + 10.0 * f64::from(i)))
+            .collect();
+        format!("time [s],x_mm,y_mm,z_mm\n{rows}")
+    };
+    let (code, detail) = refusal(&robot(&even), &instrument(8), "");
+    assert_eq!(code, "two_readings", "{detail}");
+    assert!(detail.contains("clock_offset_s"), "{detail}");
+    // with as many rows on both sides there is one reading only
+    let all = read(
+        &form(robot(&even).as_bytes(), instrument(12).as_bytes()),
+        "",
+    )
+    .unwrap()
+    .0;
+    assert!(
+        all.points
+            .iter()
+            .all(|point| (point.q_rad[0].to_degrees() - point.position_mm.x).abs() < ROUNDING)
+    );
+    // stated
+    let stated = "{\"join\": {\"clock_offset_s\": -4980}}";
+    let some = read(
+        &form(robot(&even).as_bytes(), instrument(8).as_bytes()),
+        stated,
+    )
+    .unwrap()
+    .0;
+    assert!(
+        some.points.iter().all(
+            |point| (point.q_rad[0].to_degrees() - point.position_mm.x - 2.0).abs() < ROUNDING
+        )
+    );
+    let twice = robot(&(row("A", 0.0, 1.0) + &row("A", 1.0, 9.0)));
+    let (code, detail) = refusal(&twice, "name,x_mm,y_mm,z_mm\nA,1,2,3\n", "");
+    assert_eq!(code, "duplicate_name");
+    assert!(detail.contains("lines 2 and 3"), "{detail}");
+    let (code, detail) = refusal(&robot(&even), "x_mm,y_mm,z_mm\n1,2,3\n", "");
+    assert_eq!(code, "join_unclear");
+    assert!(detail.contains("\"by\": \"order\""), "{detail}");
+    let (code, _) = refusal(&robot(&even), "time,x_mm,y_mm,z_mm\n12,1,2,3\n", "");
+    assert_eq!(code, "not_a_time");
+    // numbers and names that say different things
+    let both = "Point;No.;J1 [deg];J2 [deg];J3 [deg];J4 [deg];J5 [deg];J6 [deg]\nA;1;1;2;3;4;5;6\nB;2;9;2;3;4;5;6\n";
+    let (code, _) = refusal(both, "Point,No.,x_mm,y_mm,z_mm\nA,2,1,2,3\nB,1,1,2,3\n", "");
+    assert_eq!(code, "two_readings");
+}
+
+#[test]
+fn a_fault_names_its_file() {
+    let robot = "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\nA,1,2,3,4,5,6\n";
+    let error = read(
+        &form(robot.as_bytes(), b"Point,x_mm,y_mm,z_mm\nA,1,?,3\n"),
+        "",
+    )
+    .unwrap_err();
+    let issue = &error.issues[0];
+    assert_eq!(
+        (issue.pointer.as_deref(), issue.row, issue.line),
+        (Some("/instrument"), Some(0), Some(2))
+    );
+    assert!(
+        issue.detail.starts_with("instrument file: row 0"),
+        "{issue:?}"
+    );
+}

@@ -1,0 +1,117 @@
+//! Workbooks as spreadsheets write them, as small as they can be.
+
+use std::io::Write;
+use zip::write::SimpleFileOptions;
+
+pub fn zip(files: &[(&str, Vec<u8>)]) -> Vec<u8> {
+    let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, bytes) in files {
+        writer
+            .start_file(*name, SimpleFileOptions::default())
+            .unwrap();
+        writer.write_all(bytes).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+type Sheet<'a> = (&'a str, &'a [Vec<String>]);
+
+pub fn xlsx(sheets: &[Sheet]) -> Vec<u8> {
+    const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
+    const DOCUMENT: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+    const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006";
+    let numbered = || sheets.iter().enumerate().map(|(i, sheet)| (i + 1, sheet));
+    let list: String = numbered()
+        .map(|(i, (name, _))| format!("<sheet name=\"{name}\" sheetId=\"{i}\" r:id=\"rId{i}\"/>"))
+        .collect();
+    let relations: String = numbered()
+        .map(|(i, _)| {
+            format!("<Relationship Id=\"rId{i}\" Type=\"{DOCUMENT}/worksheet\" Target=\"worksheets/sheet{i}.xml\"/>")
+        })
+        .collect();
+    let mut files = vec![
+        (
+            "[Content_Types].xml".to_owned(),
+            format!(
+                "<Types xmlns=\"{PACKAGE}/content-types\"><Default Extension=\"xml\" ContentType=\"application/xml\"/></Types>"
+            ),
+        ),
+        (
+            "_rels/.rels".to_owned(),
+            format!(
+                "<Relationships xmlns=\"{PACKAGE}/relationships\"><Relationship Id=\"rId1\" Type=\"{DOCUMENT}/officeDocument\" Target=\"xl/workbook.xml\"/></Relationships>"
+            ),
+        ),
+        (
+            "xl/workbook.xml".to_owned(),
+            format!(
+                "<workbook xmlns=\"{MAIN}\" xmlns:r=\"{DOCUMENT}\"><sheets>{list}</sheets></workbook>"
+            ),
+        ),
+        (
+            "xl/_rels/workbook.xml.rels".to_owned(),
+            format!("<Relationships xmlns=\"{PACKAGE}/relationships\">{relations}</Relationships>"),
+        ),
+    ];
+    for (i, (_, rows)) in numbered() {
+        let rows: String = rows
+            .iter()
+            .enumerate()
+            .map(|(r, row)| xlsx_row(r + 1, row))
+            .collect();
+        files.push((
+            format!("xl/worksheets/sheet{i}.xml"),
+            format!("<worksheet xmlns=\"{MAIN}\"><sheetData>{rows}</sheetData></worksheet>"),
+        ));
+    }
+    let files: Vec<(&str, Vec<u8>)> = files
+        .iter()
+        .map(|(name, text)| (name.as_str(), text.clone().into_bytes()))
+        .collect();
+    zip(&files)
+}
+
+fn xlsx_row(number: usize, row: &[String]) -> String {
+    let cells = row.iter().enumerate().map(|(c, cell)| {
+        let place = format!("{}{number}", char::from(b'A' + c as u8));
+        match cell.parse::<f64>() {
+            Ok(value) => format!("<c r=\"{place}\"><v>{value}</v></c>"),
+            Err(_) => format!("<c r=\"{place}\" t=\"inlineStr\"><is><t>{cell}</t></is></c>"),
+        }
+    });
+    format!("<row r=\"{number}\">{}</row>", cells.collect::<String>())
+}
+
+pub fn ods(sheets: &[Sheet]) -> Vec<u8> {
+    let cell = |cell: &String| match cell.parse::<f64>() {
+        Ok(value) => format!(
+            "<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value:.1}</text:p></table:table-cell>"
+        ),
+        Err(_) => format!(
+            "<table:table-cell office:value-type=\"string\"><text:p>{cell}</text:p></table:table-cell>"
+        ),
+    };
+    let empty = "<table:table-cell table:number-columns-repeated=\"16000\"/>";
+    let row = |row: &Vec<String>| {
+        format!(
+            "<table:table-row>{}{empty}</table:table-row>",
+            row.iter().map(cell).collect::<String>()
+        )
+    };
+    let table = |(name, rows): &Sheet| {
+        format!(
+            "<table:table table:name=\"{name}\">{}<table:table-row table:number-rows-repeated=\"1048000\">{empty}</table:table-row></table:table>",
+            rows.iter().map(row).collect::<String>()
+        )
+    };
+    ods_content(&sheets.iter().map(table).collect::<String>())
+}
+
+pub fn ods_content(tables: &str) -> Vec<u8> {
+    let content = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?><office:document-content xmlns:office=\"o\" xmlns:table=\"t\" xmlns:text=\"x\"><office:body>\
+         <office:spreadsheet>{tables}</office:spreadsheet></office:body></office:document-content>"
+    );
+    let kind = b"application/vnd.oasis.opendocument.spreadsheet".to_vec();
+    zip(&[("mimetype", kind), ("content.xml", content.into_bytes())])
+}

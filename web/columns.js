@@ -1,0 +1,134 @@
+// Asks what the columns of a file mean, with its first rows, and remembers it for the robot.
+
+import { list, post, put } from "./api.js";
+import { el, fill, problem } from "./dom.js";
+
+/** Refusals that a mapping of columns can mend. */
+const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "unknown_sheet"];
+
+/** Name under which the dashboard keeps a robot's mapping. */
+export const REMEMBERED = "dashboard";
+
+/** Whether a refusal is about columns. */
+export const isAboutColumns = ({ errors }) => (errors ?? []).some((issue) => ASKED.includes(issue.code));
+
+/** Columns that every file may have. */
+const OTHERS = ["configuration", "target", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
+const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s", "time, s"], ["time_ms", "time, ms"]];
+
+/** What a column of this file may be: [value, text]. */
+function meanings(part, nJoints) {
+  const joints = Array.from({ length: nJoints }, (_, j) => j + 1).flatMap((j) => [[`q${j}_deg`, `joint ${j}, degrees`], [`q${j}_rad`, `joint ${j}, radians`]]);
+  const axes = ["x", "y", "z"].flatMap((axis) => ["mm", "m", "cm", "um", "in"].map((unit) => [`${axis}_${unit}`, `${axis}, ${unit}`]));
+  const others = OTHERS.map((name) => [name, name]);
+  const own = { robot: joints, instrument: [...axes, ...others], table: [...joints, ...axes, ...others] }[part];
+  return [["", "(not read)"], ...own, ...(part === "table" ? [] : KEYS)];
+}
+
+/** The mapping that a file is understood by so far: meaning → column number. */
+function soFar(file, remembered) {
+  const found = new Map();
+  for (const column of file.understood?.columns ?? []) found.set(column.number, column.unit ? `${column.means}_${column.unit}` : column.means);
+  for (const [means, number] of Object.entries(file.proposed)) found.set(number, means);
+  const own = file.part === "table" ? remembered : remembered?.[file.part];
+  for (const [means, column] of Object.entries(own ?? {})) {
+    const number = typeof column === "string" ? file.header.indexOf(column) + 1 : column;
+    if (Number.isInteger(number) && number > 0) found.set(number, means);
+  }
+  return found;
+}
+
+/** Shows the files with a choice above each column; `read` is called with the mapping that was chosen. Rejects if the files cannot be shown. */
+export async function askColumns(robot, body, contentType, out, read) {
+  const preview = await post(`/v1/robots/${robot.id}/measurement-sets/preview`, body, contentType);
+  const kept = await list(`/v1/robots/${robot.id}/columns`, 200).catch(() => []);
+  const remembered = kept.find((mapping) => mapping.name === REMEMBERED)?.columns;
+  const files = preview.files.filter((file) => file.understood);
+  if (files.length === 0) return false;
+  const asked = files.map((file) => fileTable(file, robot.links.length, soFar(file, remembered)));
+  const keep = el("input", { type: "checkbox", id: "columns-keep", checked: true });
+  const wrong = el("div", { role: "alert" });
+  const by = files.length > 1 && el("select", { id: "columns-join" }, ["", "name", "number", "time", "order"].map((value) => el("option", { value }, value || "as the columns say")));
+  const submit = async (event) => {
+    event.preventDefault();
+    const columns = mapping(asked, by && by.value);
+    try {
+      if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${REMEMBERED}`, columns);
+      read(columns);
+    } catch (error) {
+      fill(wrong, problem(error));
+    }
+  };
+  fill(out, el("form.columns", { submit },
+    el("h3", {}, "Say once what the columns are"),
+    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 8).map((issue) => el("li", {}, issue.detail))),
+    asked.map(({ node }) => node),
+    by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
+    el("label.choice", {}, keep, "Remember this for the robot"),
+    wrong,
+    el("button.primary", { type: "submit" }, "Read it so")));
+  return true;
+}
+
+/** The choices as a mapping. A file with a header is mapped by names, so that a column more in the next file does no harm. */
+function mapping(asked, by) {
+  const columns = {};
+  for (const { file, selects } of asked) {
+    const own = file.part === "table" ? columns : (columns[file.part] = {});
+    const hasNames = file.understood.header_row !== null;
+    if (!hasNames) own.header_row = false;
+    selects.forEach((select, at) => {
+      const name = file.header[at];
+      const isUnique = hasNames && name && file.header.filter((other) => other.trim().toLowerCase() === name.trim().toLowerCase()).length === 1;
+      const column = isUnique ? name : at + 1;
+      if (select.value) own[select.value] = column;
+      else own.ignore = [...own.ignore ?? [], column];
+    });
+  }
+  if (by) columns.join = { by };
+  return columns;
+}
+
+function fileTable(file, nJoints, found) {
+  const width = Math.max(file.header.length, ...file.rows.map((row) => row.length));
+  const options = meanings(file.part, nJoints);
+  const selects = Array.from({ length: width }, (_, at) => {
+    const select = el("select", { "aria-label": `Column ${at + 1}, ${file.header[at] || "without a name"}` }, options.map(([value, text]) => el("option", { value }, text)));
+    const means = found.get(at + 1) ?? "";
+    select.value = options.some(([value]) => value === means) ? means : "";
+    return select;
+  });
+  const title = { table: "The file", robot: "The robot's file", instrument: "The instrument's file" }[file.part];
+  const cells = (row) => Array.from({ length: width }, (_, at) => el("td", {}, row[at] ?? ""));
+  const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood)}`),
+    el("div.scroll", { tabindex: 0, role: "region", "aria-label": title },
+      el("table", { "aria-label": title },
+        el("thead", {}, el("tr", {}, selects.map((select) => el("th", {}, select))), el("tr", {}, Array.from({ length: width }, (_, at) => el("th", { scope: "col" }, file.header[at] || `column ${at + 1}`)))),
+        el("tbody", {}, file.rows.map((row) => el("tr", {}, cells(row)))))));
+  return { file, selects, node };
+}
+
+/** How a table was understood, in a sentence. */
+export function inWords(understood) {
+  const separator = { ",": "commas", ";": "semicolons", "|": "bars", tab: "tabs", spaces: "spaces" }[understood.separator];
+  const header = understood.header_row === null ? "no header" : `header in line ${understood.header_row}`;
+  return `${understood.encoding}, columns separated by ${separator}, decimal ${understood.decimal}, ${header}, ${understood.skipped_rows} other lines`;
+}
+
+/** What was understood of a stored set, folded; nothing for a file as the documentation describes it. */
+export function understoodDetails(set) {
+  const parts = set.joined ? [["Robot's file", set.joined.robot], ["Instrument's file", set.joined.instrument]] : set.understood ? [["File", set.understood]] : [];
+  if (parts.length === 0) return [];
+  const unit = (column) => (column.unit ? `${column.means} in ${column.unit}` : column.means);
+  const rows = parts.map(([title, understood]) => el("div", {}, el("p", {}, el("strong", {}, title), `: ${inWords(understood)}.`),
+    el("p.note", {}, understood.columns.map((column) => `${column.column} is ${unit(column)}`).join("; "), "."),
+    understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`)));
+  return el("details", {}, el("summary", {}, "How the file was read"), rows, set.joined && joinWords(set.joined.join));
+}
+
+function joinWords(join) {
+  const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock is ${join.clock_offset_s.toFixed(3)} s ahead; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
+  const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
+    .map(([file, rows]) => el("p.note", {}, `${rows.n} rows of the ${file} file have no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
+  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}.${clock}`), rest];
+}
