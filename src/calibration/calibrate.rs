@@ -12,11 +12,13 @@ use crate::calibration::solve::final_fit::{self, final_fit};
 use crate::calibration::solve::larger_model;
 use crate::calibration::solve::solution::{Found, least_squares_from};
 use crate::calibration::solve::swarms::{Start, swarm};
-use crate::calibration::stages::{quiet, stage};
+use crate::calibration::stages::{quiet, stage, watched};
+use crate::calibration::validation::verification_set::Layout;
 use crate::calibration::{Error, Monitor};
 use crate::identification::bpnn_pso;
 use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::kinematics::Link;
+use crate::solvers::watch::Watch;
 use std::f64::consts::TAU;
 
 /// Runs one calibration. Pure: the same request gives the same report, bit for bit.
@@ -27,9 +29,9 @@ pub fn calibrate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
-    let (problem, choice) = stage(monitor, "screening", |_| {
+    let (problem, choice) = stage(monitor, "screening", |monitor| {
         check(request)?;
-        let problem = Problem::new(request)?;
+        let problem = watched(monitor, |watch| Problem::new(request, watch)).flatten()?;
         let choice = choose(&problem);
         Ok((problem, choice))
     })?;
@@ -44,7 +46,8 @@ pub fn calibrate(
             monitor,
         ),
     })?;
-    let own = comparison_row(&problem, method.as_str(), method.as_str(), &found);
+    let mut own = comparison_row(&problem, method.as_str(), method.as_str(), &found, None);
+    let of_method = found.model.clone();
     let network = match (&found.swarm, method) {
         // a network speaks of link parameters; where none is free there is nothing for it to learn
         (Some((space, summary)), Method::Pso)
@@ -83,9 +86,11 @@ pub fn calibrate(
         })?,
         false => None,
     };
-    let comparison = compare(&problem, &choice, own, monitor)?;
+    // another set to verify on is screened once, for the robot that was found
+    let layout = watched(monitor, |watch| verify_layout(request, &found.model, watch)).flatten()?;
+    own.verify_after = verify_errors(&problem, &of_method, layout.as_ref());
+    let comparison = compare(&problem, &choice, own, layout.as_ref(), monitor)?;
     let problem = problem.with_tool_of(&found.model);
-    let layout = verify_layout(&problem, &found.model)?;
     let (corrections, vetoed) = vetoed(&problem, &found.model, layout.as_ref(), corrections)?;
     let (delivered, subsets_differ) = match final_fit::is_wanted(&problem) {
         true => stage(monitor, "final_fit", |monitor| {
@@ -93,20 +98,24 @@ pub fn calibrate(
         })?,
         false => (None, None),
     };
-    let mut report = stage(monitor, "uncertainty", |_| {
-        report(
-            &problem,
-            Answer {
-                method,
-                method_reason: choice.reason,
-                found,
-                comparison,
-                network,
-                corrections,
-                delivered: delivered.as_ref(),
-            },
-            layout.as_ref(),
-        )
+    let mut report = stage(monitor, "uncertainty", |monitor| {
+        let assemble = |watch: &Watch<'_>| {
+            report(
+                &problem,
+                Answer {
+                    method,
+                    method_reason: choice.reason,
+                    found,
+                    comparison,
+                    network,
+                    corrections,
+                    delivered: delivered.as_ref(),
+                },
+                layout.as_ref(),
+                watch,
+            )
+        };
+        watched(monitor, assemble).flatten()
     })?;
     report.warnings.extend(vetoed);
     report.warnings.extend(subsets_differ);
@@ -149,6 +158,7 @@ fn compare(
     problem: &Problem<'_>,
     choice: &Choice,
     own: MethodComparison,
+    layout: Option<&Layout<'_>>,
     monitor: &mut Monitor<'_>,
 ) -> Result<Vec<MethodComparison>, Error> {
     let mut rows = vec![own];
@@ -161,6 +171,7 @@ fn compare(
             "least_squares",
             "compare_least_squares",
             &other,
+            layout,
         ));
     }
     if choice.method == Method::BpnnPso {
@@ -172,7 +183,7 @@ fn compare(
                 &mut quiet(monitor),
             )
         })?;
-        rows.push(comparison_row(problem, "pso", "compare_pso", &cold));
+        rows.push(comparison_row(problem, "pso", "compare_pso", &cold, layout));
         let warm = stage(monitor, "compare_warm_start", |monitor| {
             swarm(problem, &choice.start, Start::WarmBall, &mut quiet(monitor))
         })?;
@@ -181,6 +192,7 @@ fn compare(
             "warm_start",
             "compare_warm_start",
             &warm,
+            layout,
         ));
     }
     Ok(rows)
@@ -191,6 +203,7 @@ fn comparison_row(
     method: &'static str,
     stage: &'static str,
     found: &Found,
+    layout: Option<&Layout<'_>>,
 ) -> MethodComparison {
     MethodComparison {
         method,
@@ -198,6 +211,6 @@ fn comparison_row(
         n_iterations: found.n_iterations,
         n_evaluations: found.n_evaluations,
         cost_mm2: problem.cost(&found.model),
-        verify_after: verify_errors(problem, &found.model),
+        verify_after: verify_errors(problem, &found.model, layout),
     }
 }

@@ -8,7 +8,7 @@ use crate::calibration::report::{CalibrationReport, FlangeRotation, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
 use crate::calibration::session_comparison::{estimate, list};
 use crate::calibration::solve::corrections;
-use crate::calibration::stages::{quiet, stage};
+use crate::calibration::stages::{quiet, stage, watched};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
@@ -65,9 +65,12 @@ pub fn calibrate_partially(
         frames: held.session.frames.clone(),
         ..CalibrationRequest::new(request.robot.clone(), held.session.set.clone())
     };
-    let mut problem = Problem::new(&from_held)?;
+    let mut problem = watched(monitor, |watch| Problem::new(&from_held, watch)).flatten()?;
     if report.final_fit.is_some() {
-        problem = problem.over_all_points(&model_of(&report))?;
+        problem = watched(monitor, |watch| {
+            problem.over_all_points(&model_of(&report), watch)
+        })
+        .flatten()?;
     }
     let of_all_parameters = CalibrationRequest {
         set: request.set.clone(),
@@ -97,7 +100,11 @@ pub fn calibrate_partially(
         }
     }
     // what the earlier session shows of the held robot's flange, and what this one says against the held robot
-    let of_held = Problem::new(&whole).ok().and_then(|problem| {
+    let of_whole = match watched(monitor, |watch| Problem::new(&whole, watch)).flatten() {
+        Err(Error::Cancelled) => return Err(Error::Cancelled),
+        other => other.ok(),
+    };
+    let of_held = of_whole.and_then(|problem| {
         let n_targets = problem.screening.targets.len();
         let links = held.links.clone();
         let model = placed(problem.request, links, &problem.identify, n_targets);

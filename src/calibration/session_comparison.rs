@@ -8,6 +8,7 @@ use crate::calibration::report::{ChangeKind, Changes, NamedChange, Warning};
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::solve::final_fit::Final;
 use crate::calibration::solve::solution::least_squares_from;
+use crate::calibration::stages::watched;
 use crate::calibration::{Error, Monitor};
 use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS, compare};
 use crate::identification::identifiability::prior_scale;
@@ -74,13 +75,13 @@ pub fn estimate(
     if check(request).is_err() {
         return Ok(None);
     }
-    let problem = Problem::of(request, observed)?;
+    let problem = watched(monitor, |watch| Problem::of(request, observed, watch)).flatten()?;
     let found = least_squares_from(&problem, &problem.nominal, None, monitor)?;
     if !matches!(found.termination, "converged" | "cost_reached") {
         return Ok(None);
     }
     let problem = problem.with_tool_of(&found.model);
-    let uncertainty = stated(&problem, &found.model);
+    let uncertainty = watched(monitor, |watch| stated(&problem, &found.model, watch))?;
     let noise = problem.noise(&found.model);
     Ok(uncertainty.map(|uncertainty| Estimate {
         parameters: problem.parameters,

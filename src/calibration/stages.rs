@@ -1,6 +1,8 @@
 //! Stages of a calibration, as the monitor sees them.
 
 use crate::calibration::{Error, Event, Monitor};
+use crate::solvers::watch::Watch;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 
 /// Runs one stage between its two events.
@@ -20,6 +22,24 @@ fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
         Err(Error::Cancelled)
     } else {
         Ok(())
+    }
+}
+
+/// Runs what asks by itself, between its parts, whether to go on.
+///
+/// # Errors
+/// [`Error::Cancelled`] where the monitor broke: what it returned then is of no use.
+pub fn watched<T>(
+    monitor: &mut Monitor<'_>,
+    run: impl FnOnce(&Watch<'_>) -> T,
+) -> Result<T, Error> {
+    let monitor = RefCell::new(monitor);
+    let ask = || monitor.borrow_mut()(Event::Heartbeat).is_continue();
+    let watch = Watch::new(&ask);
+    let result = run(&watch);
+    match watch.was_stopped() {
+        true => Err(Error::Cancelled),
+        false => Ok(result),
     }
 }
 

@@ -6,10 +6,12 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::evidence::{Evidence, Posterior, Triangle};
+use crate::identification::parts::Parts;
 use crate::identification::problem::Problem;
 use crate::solvers::least_squares::{Iteration, Options, Termination, minimize, sum_of_squares};
+use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::ops::ControlFlow;
 
 /// σ begins at this share of the reach, far below the noise of any robot.
@@ -68,7 +70,8 @@ impl Estimate {
         Self {
             model: problem.model(start),
             x: start.to_vec(),
-            posterior: Triangle::at(problem, start).solve(start, &evidence),
+            // before the rows are looked at, what the priors say
+            posterior: Triangle::empty(start.len()).solve(start, &evidence),
             evidence,
             convergence_mm2: vec![],
             steps: vec![],
@@ -101,6 +104,57 @@ impl Estimate {
     }
 }
 
+/// The rows of a problem, at once or in parts.
+struct Rows<'a> {
+    problem: &'a Problem<'a>,
+    parts: Option<Parts<'a>>,
+    watch: &'a Watch<'a>,
+}
+
+impl<'a> Rows<'a> {
+    fn new(problem: &'a Problem<'a>, watch: &'a Watch<'a>) -> Self {
+        Self {
+            problem,
+            parts: Parts::of(problem),
+            watch,
+        }
+    }
+
+    fn triangle(&self, x: &[f64]) -> Triangle {
+        match &self.parts {
+            Some(parts) => parts.triangle(x, self.watch),
+            None => Triangle::at(self.problem, x),
+        }
+    }
+
+    /// Rows that least squares is given: those of the problem, or those of its triangle and one for the rest.
+    fn n(&self) -> usize {
+        match &self.parts {
+            Some(_) => self.problem.variables.len() + 1,
+            None => self.problem.n_rows(),
+        }
+    }
+
+    /// Of a problem in parts, the rows are those of the triangle: they have the same sum of squares, and the same derivatives of it. Where no
+    /// derivatives are asked for, that sum is all that is.
+    fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: Option<&mut DMatrix<f64>>) {
+        let (Some(parts), p) = (&self.parts, x.len()) else {
+            return self.problem.evaluate(x, residuals, jacobian);
+        };
+        let Some(jacobian) = jacobian else {
+            residuals[..p].fill(0.0);
+            residuals[p] = parts.sum_of_squares(x, self.watch).sqrt();
+            return;
+        };
+        let triangle = parts.triangle(x, self.watch);
+        let (r, right, rest) = triangle.reduced();
+        residuals[..p].copy_from_slice(right);
+        residuals[p] = rest.sqrt();
+        jacobian.rows_mut(0, p).copy_from(r);
+        jacobian.row_mut(p).fill(0.0);
+    }
+}
+
 /// The estimate, from `start` on (coordinates), or the first that leaves no more than `stop_at_mm2`. The monitor is told sums of squares, mm².
 pub fn estimate(
     problem: &Problem<'_>,
@@ -111,9 +165,24 @@ pub fn estimate(
     let least_sigma_mm = LEAST_SIGMA * problem.reach_mm;
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
     let mut found = Estimate::before(problem, start, evidence);
+    // between parts of the rows the monitor is told again where the search is
+    let (monitor, told) = (RefCell::new(monitor), Cell::new(None));
+    let ask = || {
+        told.get()
+            .is_none_or(|i| monitor.borrow_mut()(i).is_continue())
+    };
+    let watch = Watch::new(&ask);
+    let mut tell = |i: Iteration| {
+        told.set(Some(i));
+        match watch.was_stopped() {
+            true => ControlFlow::Break(()),
+            false => monitor.borrow_mut()(i),
+        }
+    };
+    let rows = Rows::new(problem, &watch);
     for _ in 0..ROUNDS {
-        descend(problem, &mut found, stop_at_mm2, monitor);
-        let triangle = Triangle::at(problem, &found.x);
+        descend(&rows, &mut found, stop_at_mm2, &mut tell);
+        let triangle = rows.triangle(&found.x);
         let before = found.evidence.clone();
         found.evidence = triangle.evidence(problem, &found.x, before.clone(), least_sigma_mm);
         found.posterior = triangle.solve(&found.x, &found.evidence);
@@ -129,9 +198,13 @@ pub fn estimate(
 }
 
 /// Least squares of the rows from `start` on. σ is far below the noise, so the priors settle only what the rows cannot tell apart.
-pub fn least_squares(problem: &Problem<'_>, start: &KinematicModel) -> KinematicModel {
+pub fn least_squares(
+    problem: &Problem<'_>,
+    start: &KinematicModel,
+    watch: &Watch<'_>,
+) -> KinematicModel {
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
-    most_probable(problem, start, &evidence).model
+    most_probable(problem, start, &evidence, watch).model
 }
 
 /// The most probable model with noise and widths as they are, from `start` on.
@@ -139,10 +212,15 @@ pub fn most_probable(
     problem: &Problem<'_>,
     start: &KinematicModel,
     evidence: &Evidence,
+    watch: &Watch<'_>,
 ) -> FitSummary {
     let start = problem.coordinates(start);
     let mut found = Estimate::before(problem, &start, evidence.clone());
-    descend(problem, &mut found, 0.0, &mut |_| ControlFlow::Continue(()));
+    let rows = Rows::new(problem, watch);
+    descend(&rows, &mut found, 0.0, &mut |_| match watch.goes_on() {
+        true => ControlFlow::Continue(()),
+        false => ControlFlow::Break(()),
+    });
     found.with_curve(problem).into_summary()
 }
 
@@ -160,7 +238,7 @@ fn prior_sum_mm2(problem: &Problem<'_>, x: &[f64], evidence: &Evidence) -> f64 {
 /// Noise, widths and posterior of the linear problem at a model, wherever the model comes from.
 pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, Posterior) {
     let x = problem.coordinates(model);
-    let triangle = Triangle::at(problem, &x);
+    let triangle = Rows::new(problem, &Watch::nobody()).triangle(&x);
     let first = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
     let least_sigma_mm = LEAST_SIGMA * problem.reach_mm;
     let evidence = triangle.evidence(problem, &x, first, least_sigma_mm);
@@ -170,18 +248,19 @@ pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, 
 
 /// Least squares of rows and priors from what was found on, with noise and widths as they are.
 fn descend(
-    problem: &Problem<'_>,
+    rows_of: &Rows<'_>,
     found: &mut Estimate,
     stop_at_mm2: f64,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) {
-    let (n_rows, widths) = (problem.n_rows(), &found.evidence.widths);
+    let problem = rows_of.problem;
+    let (n_rows, widths) = (rows_of.n(), &found.evidence.widths);
     let sigma_mm = found.evidence.sigma_mm;
     // what was evaluated since the last step: sum of squares that is minimised, coordinates, sum of squares of the rows
     let evaluated: RefCell<Vec<(f64, Vec<f64>, f64)>> = RefCell::default();
     let mut rows =
         |x: &[f64], residuals: &mut DVector<f64>, mut jacobian: Option<&mut DMatrix<f64>>| {
-            problem.evaluate(x, residuals.as_mut_slice(), jacobian.as_deref_mut());
+            rows_of.evaluate(x, residuals.as_mut_slice(), jacobian.as_deref_mut());
             let rows_mm2 = residuals.rows(0, n_rows).norm_squared();
             residuals.rows_mut(0, n_rows).scale_mut(1.0 / sigma_mm);
             for (j, width) in widths.iter().enumerate() {

@@ -256,6 +256,11 @@ impl Triangle {
         )
     }
 
+    /// R, right side, and sum of squares of the rest.
+    pub fn reduced(&self) -> (&DMatrix<f64>, &[f64], f64) {
+        (&self.r, &self.right, self.rest)
+    }
+
     /// The rows at a fit.
     pub fn at(problem: &Problem<'_>, x: &[f64]) -> Self {
         let (n_rows, p) = (problem.n_rows(), x.len());

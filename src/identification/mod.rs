@@ -18,6 +18,7 @@ pub mod objective;
 pub mod outliers;
 mod parallel;
 pub mod parameters;
+mod parts;
 pub mod priors;
 pub mod problem;
 pub mod search_space;

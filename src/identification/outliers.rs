@@ -8,7 +8,9 @@
 
 use crate::identification::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Vector3};
+use crate::solvers::products::add_weighted_square;
+use crate::solvers::watch::Watch;
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
 
 /// A point is an outlier from so many standard deviations of its predicted residual on: one in 10⁷ normal points.
 const OUTLIER_SIGMAS: f64 = 6.0;
@@ -24,8 +26,8 @@ const DELETION_WORK: usize = 100_000;
 const FEWEST_DELETIONS: usize = 10;
 /// Share of the points that may be outliers before the search gives up on them.
 const MOST_OUTLIERS: f64 = 0.1;
-/// Numbers in the points' squares at most, 64 MiB; of larger problems they are made anew for every fit.
-const MOST_KEPT: usize = 8 << 20;
+/// Points between two questions whether to go on.
+const POINTS_AT_ONCE: usize = 5_000;
 /// Median of the length of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538_17;
 /// Residuals below this share of the reach tell nothing: a nanometre on an arm of 1.7 m, what files and iterations are rounded to.
@@ -53,12 +55,12 @@ pub struct Outliers {
     pub scale_mm: f64,
 }
 
-/// A problem with what every weighted fit needs of each of its points, made once: Q_iᵀ·Q_i (lower triangle, row by row) and Q_iᵀ·r_i.
+/// A problem with what every weighted fit needs of each of its points, made once.
 struct Blocks<'a> {
     of: &'a Linearised,
-    /// Of all points, or none where they would be too many.
-    squares: Vec<f64>,
-    sides: Vec<f64>,
+    /// Qᵀ, r × 3·N: the numbers of a point stand together.
+    transposed: DMatrix<f64>,
+    watch: &'a Watch<'a>,
 }
 
 /// Residuals of every point, and the factor of the normal matrix.
@@ -109,14 +111,6 @@ impl Linearised {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
 
-    /// Appends Q_iᵀ·Q_i, its lower triangle row by row.
-    fn add_square(&self, i: usize, to: &mut Vec<f64>) {
-        let q = self.basis.fixed_rows::<3>(3 * i);
-        for row in 0..q.ncols() {
-            to.extend((0..=row).map(|column| q.column(row).dot(&q.column(column))));
-        }
-    }
-
     /// σ of one coordinate from the median length, without the points that the fit goes through.
     fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
         let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
@@ -126,74 +120,46 @@ impl Linearised {
         (rest[rest.len() / 2] / MEDIAN_LENGTH).max(self.rounding_mm)
     }
 
-    /// The robust fit's residuals, one per point, and the standard deviation of a coordinate; `None` where there are too few points.
-    pub fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
-        self.is_overdetermined()
-            .then(|| Blocks::new(self).robust())?
-    }
-
     /// The points that do not belong; none where there are too few to tell.
     /// A coordinate's standard deviation counts as at least `least_scale_mm`.
-    pub fn outliers(&self, least_scale_mm: f64) -> Option<Outliers> {
+    pub fn outliers(&self, least_scale_mm: f64, watch: &Watch<'_>) -> Option<Outliers> {
+        let least_scale_mm = least_scale_mm.max(self.rounding_mm);
         self.is_overdetermined()
-            .then(|| Blocks::new(self).outliers(least_scale_mm.max(self.rounding_mm)))?
+            .then(|| Blocks::new(self, watch).outliers(least_scale_mm))?
     }
 }
 
 impl<'a> Blocks<'a> {
-    fn new(of: &'a Linearised) -> Self {
-        let (n, r) = (of.n_points(), of.basis.ncols());
-        let (mut squares, mut sides) = (Vec::new(), Vec::with_capacity(n * r));
-        let are_kept = n * r * (r + 1) / 2 <= MOST_KEPT;
-        for i in 0..n {
-            let (q, residual) = (
-                of.basis.fixed_rows::<3>(3 * i),
-                of.residuals.fixed_rows::<3>(3 * i),
-            );
-            sides.extend((0..r).map(|row| q.column(row).dot(&residual)));
-            if are_kept {
-                of.add_square(i, &mut squares);
-            }
+    fn new(of: &'a Linearised, watch: &'a Watch<'a>) -> Self {
+        Self {
+            of,
+            transposed: of.basis.transpose(),
+            watch,
         }
-        Self { of, squares, sides }
     }
 
-    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix.
+    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix. `None` where it is singular, or once the watch
+    /// says no.
     fn solve(&self, weights: &[f64]) -> Option<Solved> {
         let r = self.of.basis.ncols();
-        let n_square = r * (r + 1) / 2;
-        let (mut square, mut side, mut anew) = (vec![0.0; n_square], DVector::zeros(r), Vec::new());
-        for (i, weight) in weights
+        let (mut square, mut weighted) = (vec![0.0; r * r], self.of.residuals.clone());
+        let points = weights
             .iter()
-            .enumerate()
-            .filter(|(_, weight)| **weight != 0.0)
-        {
-            let add = |sum: &mut [f64], block: &[f64]| {
-                sum.iter_mut()
-                    .zip(block)
-                    .for_each(|(sum, value)| *sum += weight * value)
-            };
-            let of_point = self
-                .squares
-                .get(n_square * i..n_square * (i + 1))
-                .unwrap_or_else(|| {
-                    anew.clear();
-                    self.of.add_square(i, &mut anew);
-                    &anew
-                });
-            add(&mut square, of_point);
-            add(side.as_mut_slice(), &self.sides[r * i..r * (i + 1)]);
+            .zip(self.transposed.as_slice().chunks((3 * r).max(1)));
+        for (i, (weight, rows)) in points.enumerate() {
+            if i % POINTS_AT_ONCE == 0 && !self.watch.goes_on() {
+                return None;
+            }
+            weighted.fixed_rows_mut::<3>(3 * i).scale_mut(*weight);
+            if *weight != 0.0 {
+                add_weighted_square(*weight, rows, r, &mut square);
+            }
         }
-        let mut rest = square.as_slice();
-        let mut normal = DMatrix::zeros(r, r);
-        for row in 0..r {
-            let (values, below) = rest.split_at(row + 1);
-            values
-                .iter()
-                .enumerate()
-                .for_each(|(column, value)| normal[(row, column)] = *value);
-            rest = below;
-        }
+        let side = &self.transposed * weighted;
+        let normal = DMatrix::from_fn(r, r, |row, column| match column <= row {
+            true => square[r * row + column],
+            false => 0.0,
+        });
         // reads the lower triangle alone
         let factor = Cholesky::new(normal)?;
         let u = factor.solve(&side);
@@ -204,6 +170,13 @@ impl<'a> Blocks<'a> {
                 .collect(),
             factor,
         ))
+    }
+
+    /// Q_iᵀ of so many points at a time.
+    fn blocks_of(&self, n_points: usize) -> impl Iterator<Item = DMatrixView<'_, f64>> {
+        let n = self.of.n_points();
+        let first = (0..n).step_by(n_points);
+        first.map(move |i| self.transposed.columns(3 * i, 3 * n_points.min(n - i)))
     }
 
     fn keep(&self, kept: &[bool]) -> Option<Kept> {
@@ -218,16 +191,20 @@ impl<'a> Blocks<'a> {
         if freedom < 3.0 {
             return None;
         }
-        let halves = factor
-            .l_dirty()
-            .solve_lower_triangular(&self.of.basis.transpose())?;
-        let leverages = (0..self.of.n_points()).map(|i| {
-            let half = halves.fixed_columns::<3>(3 * i);
-            Matrix3::from_fn(|row, column| half.column(row).dot(&half.column(column)))
-        });
+        let mut leverages = Vec::with_capacity(self.of.n_points());
+        for columns in self.blocks_of(POINTS_AT_ONCE) {
+            if !self.watch.goes_on() {
+                return None;
+            }
+            let halves = factor.l_dirty().solve_lower_triangular(&columns)?;
+            leverages.extend((0..halves.ncols() / 3).map(|i| {
+                let half = halves.fixed_columns::<3>(3 * i);
+                Matrix3::from_fn(|row, column| half.column(row).dot(&half.column(column)))
+            }));
+        }
         Some(Kept {
             residuals,
-            leverages: leverages.collect(),
+            leverages,
             variance: sum / freedom,
             freedom,
         })

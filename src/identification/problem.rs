@@ -298,6 +298,32 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// Blocks.
+    pub fn n_blocks(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// The same with some of the blocks alone, one after another as named.
+    pub fn part(&self, blocks: impl Iterator<Item = usize>) -> Self {
+        let mut n_rows = 0;
+        let mut after_the_last = |i: usize| {
+            let block = &self.blocks[i];
+            let first = n_rows;
+            n_rows += block.rows.len();
+            Block {
+                rows: first..n_rows,
+                ..block.clone()
+            }
+        };
+        Self {
+            reference: self.reference.clone(),
+            variables: self.variables.clone(),
+            reach_mm: self.reach_mm,
+            parameters: self.parameters.clone(),
+            blocks: blocks.map(&mut after_the_last).collect(),
+        }
+    }
+
     /// Rows of all blocks.
     pub fn n_rows(&self) -> usize {
         self.blocks.last().map_or(0, |block| block.rows.end)

@@ -19,6 +19,7 @@ use crate::identification::outliers::Linearised;
 use crate::identification::variance::misfit_ratio;
 use crate::kinematics::t_base_flange;
 use crate::solvers::products::{less_product, transposed_times};
+use crate::solvers::watch::Watch;
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
@@ -239,6 +240,8 @@ pub struct Campaign<'a> {
     pub clusters: &'a [usize],
     /// A coordinate's standard deviation is at least this, whatever the residuals say, mm.
     pub least_scale_mm: f64,
+    /// Asked between the random orders.
+    pub watch: &'a Watch<'a>,
 }
 
 /// A change that was tried.
@@ -445,6 +448,9 @@ impl Campaign<'_> {
         let n_orders = (ORDERED_POINTS / self.order.len()).clamp(FEWEST_ORDERS, ORDERS);
         let alone = best.n_minor == 1;
         (0..n_orders).all(|_| {
+            if !self.watch.goes_on() {
+                return false;
+            }
             order.shuffle(&mut random);
             let places: Vec<usize> = order.iter().flatten().copied().collect();
             let mut tried = Vec::new();

@@ -22,6 +22,7 @@ use crate::identification::misfit::Misfit;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
 use crate::identification::problem::Problem;
+use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Scale of the half-Cauchy prior of σm, rad: joints that turn by 0.3 mrad under the weight of an arm's end are usual.
@@ -49,6 +50,8 @@ pub struct Session<'a> {
     pub stations: &'a [Option<usize>],
     /// What links cannot say.
     pub misfit: Misfit,
+    /// Asked between parts of the work; once it says no, the answer is of no use.
+    pub watch: &'a Watch<'a>,
 }
 
 /// Errors of an identification, one standard deviation.
@@ -95,12 +98,11 @@ impl Columns {
     }
 }
 
-/// The rows of a session: residuals and their derivatives by the parameters' coordinates, and the points of each configuration.
+/// The rows of a session: the identified robot's coordinates, and the points of each configuration.
 struct Rows<'a> {
     session: &'a Session<'a>,
     columns: Columns,
-    residuals: Vec<f64>,
-    jacobian: DMatrix<f64>,
+    x: Vec<f64>,
     points_of: Vec<Vec<usize>>,
 }
 
@@ -118,10 +120,10 @@ impl<'a> Rows<'a> {
         let Session {
             model,
             problem,
-            observations,
             configurations,
             stations,
             misfit,
+            ..
         } = session;
         let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
         let mut points_of = vec![vec![]; n_configurations];
@@ -134,15 +136,10 @@ impl<'a> Rows<'a> {
             n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
             n_features: misfit.features(model, [].into_iter()).ncols(),
         };
-        let mut residuals = vec![0.0; 3 * observations.len()];
-        let mut jacobian = DMatrix::zeros(residuals.len(), columns.n_parameters);
-        let x = problem.coordinates(model);
-        problem.evaluate(&x, &mut residuals, Some(&mut jacobian));
         Self {
             session,
             columns,
-            residuals,
-            jacobian,
+            x: problem.coordinates(model),
             points_of,
         }
     }
@@ -165,13 +162,12 @@ impl<'a> Rows<'a> {
         matrix
             .columns_mut(self.columns.without_features(), self.columns.n_features)
             .copy_from(&-misfit.features(model, poses));
-        let mut residuals = Vec::with_capacity(matrix.nrows());
+        let mut residuals = vec![0.0; matrix.nrows()];
+        problem
+            .part(points.iter().copied())
+            .evaluate(&self.x, &mut residuals, Some(&mut matrix));
         for (k, point) in points.iter().enumerate() {
             let o = &observations[*point];
-            residuals.extend_from_slice(&self.residuals[3 * point..3 * point + 3]);
-            matrix
-                .view_mut((3 * k, 0), (3, self.columns.n_parameters))
-                .copy_from(&self.jacobian.rows(3 * point, 3));
             // a station that stands elsewhere moves what was measured from it
             if let Some(station) = stations[*point] {
                 let first = self.columns.n_parameters + 6 * station;
@@ -225,6 +221,9 @@ impl<'a> Rows<'a> {
             some.push(self.whitened(points, ratio));
             n_points += points.len();
             if n_points >= POINTS_AT_ONCE {
+                if !self.session.watch.goes_on() {
+                    break;
+                }
                 triangle.append(&some);
                 (some, n_points) = (vec![], 0);
             }
@@ -243,7 +242,10 @@ impl<'a> Rows<'a> {
         let (mut between_mm2, mut within_mm2) = (0.0, 0.0);
         let (mut n_between, mut n_within, mut n_configurations) = (0.0, 0.0, 0.0);
         let (mut weights, mut n_means) = (0.0, 0.0);
-        for points in &self.points_of {
+        for (k, points) in self.points_of.iter().enumerate() {
+            if k % POINTS_AT_ONCE == 0 && !self.session.watch.goes_on() {
+                break;
+            }
             let (matrix, residuals) = self.of(points);
             let matrix = matrix.columns(0, n);
             let left = DVector::from_vec(residuals) + matrix * &step;

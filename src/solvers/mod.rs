@@ -7,3 +7,4 @@ pub mod products;
 pub mod pso;
 pub mod qr;
 pub mod random;
+pub mod watch;

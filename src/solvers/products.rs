@@ -27,6 +27,16 @@ pub fn less_product(c: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMa
     rest
 }
 
+/// `square` <- `square` + weight·Σ xᵀ·x over some rows x, its lower triangle alone: `square` is n × n, row-major, `rows` one row after another.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
+pub fn add_weighted_square(weight: f64, rows: &[f64], n: usize, square: &mut [f64]) {
+    for x in rows.chunks_exact(n) {
+        for (i, sums) in square.chunks_exact_mut(n).enumerate() {
+            add_scaled(weight * x[i], &x[..=i], &mut sums[..=i]);
+        }
+    }
+}
+
 /// `out` <- Aᵀ·B, all column-major: A is rows × m, B rows × n, `out` m × n.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn dots(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
@@ -56,6 +66,23 @@ fn subtract(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_weighted_square_is_that_of_the_weighted_rows() {
+        for (rows, n) in [(0, 3), (1, 1), (3, 41), (9, 20)] {
+            let a = DMatrix::from_fn(n, rows, |i, j| libm::sin((3 * i + 7 * j) as f64));
+            let mut square = vec![0.0; n * n];
+            add_weighted_square(0.7, a.as_slice(), n, &mut square);
+            let expected = &a * a.transpose() * 0.7;
+            for i in 0..n {
+                for j in 0..=i {
+                    assert!(
+                        (square[n * i + j] - expected[(i, j)]).abs() < 1e-14 * (rows + 1) as f64
+                    );
+                }
+            }
+        }
+    }
 
     #[test]
     fn products_are_those_of_nalgebra_but_for_rounding() {

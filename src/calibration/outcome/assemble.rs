@@ -10,7 +10,7 @@ use crate::calibration::preparation::observe::observe_verify_set;
 use crate::calibration::preparation::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::*;
-use crate::calibration::request::{Method, VerifySource};
+use crate::calibration::request::{CalibrationRequest, Method, VerifySource};
 use crate::calibration::solve::corrections;
 use crate::calibration::solve::final_fit::Final;
 use crate::calibration::solve::most_probable::DETERMINED;
@@ -37,24 +37,20 @@ use crate::identification::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Link;
 use crate::measurement::{Frame, Subset};
+use crate::solvers::watch::Watch;
 use std::collections::BTreeSet;
 
 /// Another set to verify on, laid out for the robot that was identified; `None` where the points are of the fit's own set.
 pub fn verify_layout<'a>(
-    problem: &'a Problem<'_>,
+    request: &'a CalibrationRequest,
     model: &KinematicModel,
+    watch: &Watch<'_>,
 ) -> Result<Option<Layout<'a>>, Error> {
-    match &problem.request.verify {
+    match &request.verify {
         VerifySource::Set(set) => {
-            let observed = observe_verify_set(problem.request, set);
-            Layout::new(
-                problem.request,
-                set,
-                observed,
-                model,
-                refits(problem.request, set),
-            )
-            .map(Some)
+            let observed = observe_verify_set(request, set);
+            let refit = refits(request, set);
+            Layout::new(request, set, observed, model, refit, watch).map(Some)
         }
         _ => Ok(None),
     }
@@ -88,9 +84,13 @@ pub fn vetoed(
     Ok((Some(found), warning))
 }
 
-/// Errors of a model on the verify points.
-pub fn verify_errors(problem: &Problem<'_>, model: &KinematicModel) -> Option<Errors> {
-    match verify_layout(problem, model).ok()? {
+/// Errors of a model on the verify points; another set to verify on is laid out already.
+pub fn verify_errors(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    layout: Option<&Layout<'_>>,
+) -> Option<Errors> {
+    match layout {
         Some(layout) => layout.place(model).ok()?.errors(),
         None => errors(model, &problem.observed.of(Subset::Verify)),
     }
@@ -123,6 +123,7 @@ pub fn report(
     problem: &Problem<'_>,
     answer: Answer<'_>,
     layout: Option<&Layout<'_>>,
+    watch: &Watch<'_>,
 ) -> Result<CalibrationReport, Error> {
     let Answer {
         found,
@@ -255,7 +256,7 @@ pub fn report(
     let fits = misfit.is_none();
     let estimated = match final_fit {
         Some(last) => last.uncertainty.clone(),
-        None => estimated(problem, model),
+        None => estimated(problem, model, watch),
     };
     let tool = estimated.as_ref().map(|estimated| {
         let (robot, points) = (&request.robot, &delivered_problem.identify);
@@ -281,7 +282,7 @@ pub fn report(
     };
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
     let of_verified = match final_fit {
-        Some(_) => stated(problem, model),
+        Some(_) => stated(problem, model, watch),
         None => uncertainty.clone(),
     };
     let beyond = of_verified

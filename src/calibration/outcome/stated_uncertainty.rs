@@ -12,6 +12,7 @@ use crate::identification::start::fit_base_and_targets;
 use crate::identification::uncertainty::{Session, Uncertainty, uncertainty};
 use crate::identification::workspace::ToolUncertainty;
 use crate::measurement::Subset;
+use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
@@ -19,7 +20,11 @@ use std::collections::BTreeSet;
 const AT_MINIMUM_STDS: f64 = 1.0;
 
 /// What the residuals say about the errors of parameters and tool, whether or not it can be stated.
-pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
+pub fn estimated(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    watch: &Watch<'_>,
+) -> Option<Uncertainty> {
     if without_redundancy(problem).is_some() {
         return None;
     }
@@ -70,6 +75,7 @@ pub fn estimated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncert
         configurations: &configurations,
         stations: &stations,
         misfit,
+        watch,
     })
 }
 
@@ -133,8 +139,12 @@ pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Opt
 }
 
 /// As [`estimated`], where it can be stated.
-pub fn stated(problem: &Problem<'_>, model: &KinematicModel) -> Option<Uncertainty> {
-    estimated(problem, model).filter(|found| why_not_stated(problem, Some(found)).is_none())
+pub fn stated(
+    problem: &Problem<'_>,
+    model: &KinematicModel,
+    watch: &Watch<'_>,
+) -> Option<Uncertainty> {
+    estimated(problem, model, watch).filter(|found| why_not_stated(problem, Some(found)).is_none())
 }
 
 /// Told where the fit can follow any error of the points.

@@ -10,6 +10,7 @@ use crate::identification::objective::weighted_residuals;
 use crate::identification::outliers::{Linearised, ROUNDING_PER_REACH};
 use crate::identification::problem::reach_mm;
 use crate::identification::steps::Columns;
+use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
 
 /// A fit to all points, and the linear problem there.
@@ -28,10 +29,11 @@ pub(super) fn fit_all(
     observed: &mut Observed,
     arrangement: &mut Arrangement,
     without: &[usize],
+    watch: &Watch<'_>,
 ) -> Result<AllFit, Error> {
     let weights: Vec<f64> = observed.all.iter().map(|o| o.weight).collect();
     without.iter().for_each(|p| observed.all[*p].weight = 0.0);
-    let model = fit_motions(request, observed, arrangement, None)?;
+    let model = fit_motions(request, observed, arrangement, None, watch)?;
     let all = observed.all.iter_mut().zip(weights);
     all.for_each(|(o, weight)| o.weight = weight);
     arrangement.apply(observed);

@@ -6,7 +6,8 @@ use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::outliers::Outliers;
-use std::collections::BTreeMap;
+use crate::solvers::watch::Watch;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Searches for outliers at most, each from the fit without those found before.
 pub(super) const MAX_SEARCHES: usize = 4;
@@ -34,19 +35,23 @@ pub(super) fn without_gross(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
+    watch: &Watch<'_>,
 ) -> Result<WithoutGross, Error> {
     let mut gross: Vec<usize> = Vec::new();
     let mut n_searches = 0;
     loop {
-        let fit = fit_all(request, observed, arrangement, &gross)?;
-        let outliers = fit.linear.outliers(fit.least_scale_mm);
+        let fit = fit_all(request, observed, arrangement, &gross, watch)?;
+        let outliers = fit.linear.outliers(fit.least_scale_mm, watch);
         let limit_mm = GROSS_PER_REACH * fit.reach_mm;
-        let rest = arrangement.order.iter().filter(|p| !gross.contains(p));
+        let known: BTreeSet<usize> = gross.iter().copied().collect();
+        let rest = arrangement.order.iter().filter(|p| !known.contains(p));
         let rest: Vec<usize> = rest.copied().collect();
         let lone = lone_suspects(observed, &rest, outliers.as_ref(), FEWEST_MOVED);
+        let lone: BTreeSet<usize> = lone.into_iter().collect();
         let together = outlying_together(observed, &rest, outliers.as_ref());
+        let together: BTreeSet<usize> = together.into_iter().collect();
         let is_alone = |point: &usize| {
-            gross.contains(point) || (lone.contains(point) && !together.contains(point))
+            known.contains(point) || (lone.contains(point) && !together.contains(point))
         };
         let sizes = outliers
             .iter()
@@ -59,7 +64,7 @@ pub(super) fn without_gross(
             .map(|(point, _)| *point)
             .collect();
         n_searches += 1;
-        if found == gross || n_searches == MAX_SEARCHES {
+        if found == gross || n_searches == MAX_SEARCHES || watch.was_stopped() {
             return Ok(WithoutGross {
                 gross,
                 fit,
@@ -77,7 +82,9 @@ fn outlying_together(
     outliers: Option<&Outliers>,
 ) -> Vec<usize> {
     let n_targets = observed.targets.iter().max().map_or(1, |target| target + 1);
-    let is_suspect = |p: &usize| outliers.is_some_and(|found| found.points.contains(p));
+    // ascending
+    let is_suspect =
+        |p: &usize| outliers.is_some_and(|found| found.points.binary_search(p).is_ok());
     let runs = order.chunk_by(|a, b| is_suspect(a) == is_suspect(b));
     let is_at_end = |run: &&[usize]| run.first() == order.first() || run.last() == order.last();
     runs.filter(|run| n_targets > 1 && run.len() >= 2 * n_targets && is_suspect(&run[0]))

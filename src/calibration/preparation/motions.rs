@@ -17,6 +17,7 @@ use crate::identification::parameters::Parameter;
 use crate::identification::problem::{Problem, reach_mm};
 use crate::identification::steps::Columns;
 use crate::measurement::Subset;
+use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
 
 /// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
@@ -88,6 +89,7 @@ pub fn place_setups(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
+    watch: &Watch<'_>,
 ) -> Result<(), Error> {
     if arrangement.motions.len() < 2 {
         return Ok(());
@@ -111,7 +113,7 @@ pub fn place_setups(
         .collect();
     arrangement.motions = motions;
     arrangement.rest();
-    fit_motions(request, observed, arrangement, None).map(|_| ())
+    fit_motions(request, observed, arrangement, None, watch).map(|_| ())
 }
 
 /// Fits robot, placement and the motions between set-ups: least squares with the motions held, and Gauss-Newton steps of both together.
@@ -121,6 +123,7 @@ pub fn fit_motions(
     observed: &mut Observed,
     arrangement: &mut Arrangement,
     subset: Option<Subset>,
+    watch: &Watch<'_>,
 ) -> Result<KinematicModel, Error> {
     let targets = arrangement.fitted_targets(observed);
     let parameters = parameters_of(request, &targets)?;
@@ -145,14 +148,14 @@ pub fn fit_motions(
             .model
         });
         let rows = Problem::new(nominal.clone(), &parameters, &fitted);
-        let fit = least_squares(&rows, &start);
+        let fit = least_squares(&rows, &start, watch);
         let found = if arrangement.motions.len() < 2 {
             true
         } else {
             move_setups(&fit, &parameters, observed, arrangement, &points)
         };
         model = Some(fit);
-        if found {
+        if found || watch.was_stopped() {
             break;
         }
     }

@@ -14,16 +14,24 @@ use crate::identification::identifiability::prior_scales;
 use crate::identification::linearisation::decomposition_at;
 use crate::identification::problem::reach_mm;
 use crate::measurement::Subset;
+use crate::solvers::watch::Watch;
 
 impl<'a> Problem<'a> {
     /// The problem of a request.
-    pub fn new(request: &'a CalibrationRequest) -> Result<Self, Error> {
-        Self::of(request, observe(request)?)
+    pub fn new(request: &'a CalibrationRequest, watch: &Watch<'_>) -> Result<Self, Error> {
+        Self::of(request, observe(request)?, watch)
     }
 
     /// The problem of a request whose points are already split: screened, and arranged for the fit.
-    pub fn of(request: &'a CalibrationRequest, mut observed: Observed) -> Result<Self, Error> {
-        let (screening, arrangement) = screen(request, &mut observed)?;
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] once the watch says no, [`Error::Unusable`] where nothing can be identified.
+    pub fn of(
+        request: &'a CalibrationRequest,
+        mut observed: Observed,
+        watch: &Watch<'_>,
+    ) -> Result<Self, Error> {
+        let (screening, arrangement) = screen(request, &mut observed, watch)?;
         let identify = observed.of(Subset::Identify);
         let parameters = parameters_of(request, &screening.targets)?;
         let nominal = nominal_model(request, &identify, screening.targets.len());

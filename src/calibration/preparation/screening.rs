@@ -15,7 +15,9 @@ use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::outliers::Outliers;
 use crate::identification::steps::{Campaign, Moved, Step, TargetShift, Whitened};
 use crate::measurement::Subset;
+use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// Share of all points from which on a person has to look at the outliers.
 const REVIEW_SHARE: f64 = 0.05;
@@ -95,19 +97,35 @@ impl Screening {
 pub fn screen(
     request: &CalibrationRequest,
     observed: &mut Observed,
+    watch: &Watch<'_>,
 ) -> Result<(Screening, Arrangement), Error> {
     let mut arrangement = Arrangement::of(request);
     let mut screening = Screening::default();
-    place_setups(request, observed, &mut arrangement)?;
+    place_setups(request, observed, &mut arrangement, watch)?;
     if request.preset == Preset::Default {
-        let mut outliers = search(request, observed, &mut arrangement, &mut screening)?;
+        let (mut outliers, mut fitted_without) =
+            search(request, observed, &mut arrangement, &mut screening, watch)?;
         for _ in 0..MAX_SEARCHES {
-            let again = search_again(request, observed, &mut arrangement, outliers.as_ref())?;
+            // the fit without them is known
+            if outliers
+                .as_ref()
+                .is_some_and(|w| w.points == fitted_without)
+            {
+                break;
+            }
+            let again = search_again(
+                request,
+                observed,
+                &mut arrangement,
+                outliers.as_ref(),
+                watch,
+            )?;
             let same =
                 |again: &Outliers| outliers.as_ref().is_some_and(|w| w.points == again.points);
             if again.as_ref().is_none_or(same) {
                 break;
             }
+            fitted_without = outliers.map_or(vec![], |w| w.points);
             outliers = again;
         }
         screening.unfitted_rows = arrangement.join_unfitted(observed);
@@ -115,42 +133,53 @@ pub fn screen(
             leave_out(request, observed, &mut screening, &outliers);
         }
     }
-    fit_motions(request, observed, &mut arrangement, Some(Subset::Identify))?;
+    fit_motions(
+        request,
+        observed,
+        &mut arrangement,
+        Some(Subset::Identify),
+        watch,
+    )?;
+    if watch.was_stopped() {
+        return Err(Error::Cancelled);
+    }
     arrangement.apply(observed);
     screening.targets = arrangement.fitted_targets(observed);
     Ok((screening, arrangement))
 }
 
-/// Finds steps one after another, and what is an outlier beside them.
+/// Finds steps one after another, and what is an outlier beside them: found at a fit without the points that are named last.
 fn search(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
     screening: &mut Screening,
-) -> Result<Option<Outliers>, Error> {
+    watch: &Watch<'_>,
+) -> Result<(Option<Outliers>, Vec<usize>), Error> {
     let WithoutGross {
         gross,
         mut fit,
         mut outliers,
-    } = without_gross(request, observed, arrangement)?;
+    } = without_gross(request, observed, arrangement, watch)?;
     let others = |points: &[usize], left_out: &[usize]| -> Vec<usize> {
+        let left_out: BTreeSet<usize> = left_out.iter().copied().collect();
         let is_other = |p: &&usize| !left_out.contains(p);
         points.iter().filter(is_other).copied().collect()
     };
-    while screening.steps.len() < MAX_STEPS {
+    while screening.steps.len() < MAX_STEPS && !watch.was_stopped() {
         let suspects = outliers
             .as_ref()
             .map_or(vec![], |w| others(&w.points, &gross));
         let order = others(&arrangement.order, &gross);
         let belonging = others(&order, &suspects);
-        let with_all = find(observed, &fit, &order);
+        let with_all = find(observed, &fit, &order, watch);
         let lone = lone_suspects(observed, &order, outliers.as_ref(), 2);
         let without_lone = (!lone.is_empty() && lone.len() < suspects.len())
-            .then(|| find(observed, &fit, &others(&order, &lone)));
+            .then(|| find(observed, &fit, &others(&order, &lone), watch));
         let without = if suspects.is_empty() {
             None
         } else {
-            find(observed, &fit, &belonging)
+            find(observed, &fit, &belonging, watch)
         };
         let mut accepted = false;
         // with outliers in the fit, a step has to explain some of them; with segments of them, at least half of these
@@ -165,17 +194,19 @@ fn search(
                 continue;
             };
             let mut trial = split(observed, &fit, arrangement, step);
-            let refit = fit_all(request, observed, &mut trial, &gross)?;
-            let left = refit.linear.outliers(refit.least_scale_mm);
+            let refit = fit_all(request, observed, &mut trial, &gross, watch)?;
+            let left = refit.linear.outliers(refit.least_scale_mm, watch);
             let n_left = left.as_ref().map(|w| others(&w.points, &gross).len());
             if n_left.is_some_and(|n| n_to_explain > 0 && n + n_to_explain > suspects.len()) {
                 continue;
             }
             // what moved takes its points along: where many of them stay outliers, they are no segment
             let minor = others(&minor_side(observed, arrangement, step), &gross);
-            let still_outlying = left
-                .as_ref()
-                .map_or(0, |w| minor.iter().filter(|p| w.points.contains(p)).count());
+            let still_outlying = left.as_ref().map_or(0, |w| {
+                // ascending
+                let is_outlier = |p: &&usize| w.points.binary_search(p).is_ok();
+                minor.iter().filter(is_outlier).count()
+            });
             if still_outlying as f64 >= SCATTERED * minor.len() as f64 {
                 continue;
             }
@@ -203,7 +234,7 @@ fn search(
         }
     }
     screening.steps.sort_by_key(|s| s.row);
-    Ok(outliers)
+    Ok((outliers, gross))
 }
 
 /// Points that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide others there. Looks again from the
@@ -213,12 +244,13 @@ fn search_again(
     observed: &mut Observed,
     arrangement: &mut Arrangement,
     outliers: Option<&Outliers>,
+    watch: &Watch<'_>,
 ) -> Result<Option<Outliers>, Error> {
     let Some(outliers) = outliers.filter(|outliers| !outliers.points.is_empty()) else {
         return Ok(None);
     };
-    let fit = fit_all(request, observed, arrangement, &outliers.points)?;
-    Ok(fit.linear.outliers(fit.least_scale_mm))
+    let fit = fit_all(request, observed, arrangement, &outliers.points, watch)?;
+    Ok(fit.linear.outliers(fit.least_scale_mm, watch))
 }
 
 /// The points on the smaller side of a step.
@@ -242,7 +274,10 @@ fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Ve
     }
 }
 
-fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {
+fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -> Option<Step> {
+    if !watch.goes_on() {
+        return None;
+    }
     let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
     let problem = Whitened::new(&fit.linear.of(order), &fit.features.select_rows(&rows));
     let clusters = observed.all_clusters();
@@ -254,6 +289,7 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize]) -> Option<Step> {
         targets: &observed.targets,
         clusters: &clusters,
         least_scale_mm,
+        watch,
     };
     campaign.step()
 }

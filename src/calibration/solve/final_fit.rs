@@ -13,7 +13,7 @@ use crate::calibration::report::{FinalErrors, Warning};
 use crate::calibration::request::{FinalFit, Preset};
 use crate::calibration::solve::corrections;
 use crate::calibration::solve::solution::least_squares_from;
-use crate::calibration::stages::quiet;
+use crate::calibration::stages::{quiet, watched};
 use crate::calibration::{Error, Monitor};
 use crate::compensation::tool_differences;
 use crate::identification::KinematicModel;
@@ -23,6 +23,7 @@ use crate::identification::objective::residuals;
 use crate::identification::uncertainty::Uncertainty;
 use crate::kinematics::reach_mm;
 use crate::measurement::Subset;
+use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
 
 /// The delivered robot, in the frame of the fit.
@@ -86,7 +87,7 @@ pub fn final_fit<'a>(
         plain: delivered(verified, model),
         corrected: corrections.and_then(|found| found.corrected.clone()),
     };
-    let problem = verified.over_all_points(model)?;
+    let problem = watched(monitor, |watch| verified.over_all_points(model, watch)).flatten()?;
     let (model, corrected) = match verified.observed.subsets.contains(&Subset::Verify) {
         false => (model.clone(), before.corrected.clone()),
         true => {
@@ -127,7 +128,7 @@ pub fn final_fit<'a>(
         moved_mm: moved.mean_mm,
     };
     let fit = Final {
-        uncertainty: estimated(&problem, &model),
+        uncertainty: watched(monitor, |watch| estimated(&problem, &model, watch))?,
         problem,
         model,
         corrected: after.corrected,
@@ -153,7 +154,11 @@ fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
 impl<'a> Problem<'a> {
     /// The same problem with all points of the upload to identify from, but those that do not count or stand in a segment without points to
     /// identify from. Motions between set-ups are fitted to all points.
-    pub fn over_all_points(&self, model: &KinematicModel) -> Result<Self, Error> {
+    pub fn over_all_points(
+        &self,
+        model: &KinematicModel,
+        watch: &Watch<'_>,
+    ) -> Result<Self, Error> {
         let mut observed = self.observed.clone();
         observed.subsets.fill(Subset::Identify);
         let outliers = self.screening.outliers.iter().map(|outlier| outlier.row);
@@ -164,7 +169,7 @@ impl<'a> Problem<'a> {
         }
         let mut arrangement: Arrangement = self.arrangement.clone();
         if arrangement.motions.len() > 1 {
-            fit_motions(self.request, &mut observed, &mut arrangement, None)?;
+            fit_motions(self.request, &mut observed, &mut arrangement, None, watch)?;
             arrangement.apply(&mut observed);
         }
         let mut problem = Self {

@@ -5,6 +5,7 @@ use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::{CalibrationRequest, Method, Model, Preset};
 use crate::calibration::solve::solution::least_squares_from;
+use crate::calibration::stages::watched;
 use crate::calibration::validation::verdict::no_fit_mm;
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
@@ -45,7 +46,8 @@ pub fn warning(
         ..request.clone()
     };
     // what cannot be asked of the complete model is no fault of this request
-    let problem = check(&larger).and_then(|()| Problem::new(&larger));
+    let problem = check(&larger)
+        .and_then(|()| watched(monitor, |watch| Problem::new(&larger, watch)).flatten());
     let complete = match problem {
         Ok(complete) => complete,
         Err(Error::Unusable { .. }) => return Ok(None),

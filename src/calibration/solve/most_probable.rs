@@ -13,6 +13,7 @@ use crate::identification::priors::{Prior, Priors};
 use crate::identification::{KinematicModel, problem};
 use crate::measurement::Frame;
 use crate::solvers::least_squares::Iteration;
+use crate::solvers::watch::Watch;
 use std::ops::ControlFlow;
 
 /// A parameter counts as identifiable from this share of its prior variance on that the points take away.
@@ -67,7 +68,7 @@ impl Problem<'_> {
                 self.within_bounds(start, &mut |held, start| {
                     let mut evidence = evidence.clone();
                     held.iter().for_each(|(j, _)| evidence.widths[*j] = HELD);
-                    most_probable(&self.rows(points, held), start, &evidence)
+                    most_probable(&self.rows(points, held), start, &evidence, &Watch::nobody())
                 })
             },
             prior_cost_mm2: &|model| prior_cost_mm2(&rows, model, &evidence),

@@ -18,6 +18,7 @@ use crate::identification::objective::Observation;
 use crate::identification::start::fit_base_and_targets;
 use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
+use crate::solvers::watch::Watch;
 
 /// Fewer residuals for each number that is placed say nothing of single points.
 const PER_NUMBER: usize = 2;
@@ -74,13 +75,14 @@ impl<'a> Layout<'a> {
         observed: Observed,
         model: &KinematicModel,
         refit: bool,
+        watch: &Watch<'_>,
     ) -> Result<Self, Error> {
         let placing = placing(request, set, model);
         let mut fitted = observed.clone();
         fitted.subsets.fill(Subset::Identify);
         let (screening, arrangement) =
             match 3 * set.points.len() > PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets()) {
-                true => screen(&placing, &mut fitted)?,
+                true => screen(&placing, &mut fitted, watch)?,
                 false => {
                     let arrangement = Arrangement::of(&placing);
                     (
@@ -134,6 +136,7 @@ impl<'a> Layout<'a> {
             &mut observed,
             &mut arrangement,
             Some(Subset::Identify),
+            &Watch::nobody(),
         )?;
         arrangement.apply(&mut observed);
         observed.subsets.fill(Subset::Verify);

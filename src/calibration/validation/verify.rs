@@ -9,7 +9,7 @@ use crate::calibration::report::{
     Warning, counted_errors_mm,
 };
 use crate::calibration::request::CalibrationRequest;
-use crate::calibration::stages::stage;
+use crate::calibration::stages::{stage, watched};
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::errors::{corrected_errors, per_point, verify_without};
 use crate::calibration::validation::robust_comparison::robust_comparison;
@@ -24,6 +24,7 @@ use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, cost};
 use crate::measurement::set::n_shared_points;
 use crate::measurement::{Frame, MeasurementSet};
+use crate::solvers::watch::Watch;
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 
@@ -169,7 +170,9 @@ pub fn verify(
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
     check_verify(request, identified.map(|robot| &robot.plain))?;
-    let scored = stage(monitor, "verify", |_| score(request, identified))?;
+    let scored = stage(monitor, "verify", |monitor| {
+        watched(monitor, |watch| score(request, identified, watch)).flatten()
+    })?;
     let (Some(before), Some(after)) = (scored.before.errors(), scored.after.errors()) else {
         return Err(unusable("under_determined", "the set has no points"));
     };
@@ -206,7 +209,11 @@ fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>)
     if is_placed { 0 } else { 6 + 3 * n_targets }
 }
 
-fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Result<Scored, Error> {
+fn score(
+    request: &CalibrationRequest,
+    robot: Option<&IdentifiedRobot>,
+    watch: &Watch<'_>,
+) -> Result<Scored, Error> {
     let identified = robot.map(|robot| &robot.plain);
     let nominal = KinematicModel::nominal(&request.robot.links, request.set.n_targets());
     let mut after = identified.cloned().unwrap_or_else(|| nominal.clone());
@@ -230,6 +237,7 @@ fn score(request: &CalibrationRequest, robot: Option<&IdentifiedRobot>) -> Resul
         observe_to_verify(request),
         &after,
         refit,
+        watch,
     )?;
     let (before, after) = (layout.place(&before)?, layout.place(&after)?);
     let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
