@@ -7,7 +7,9 @@ pub mod export;
 mod frames;
 pub mod import;
 mod plan_poses;
+mod posture;
 mod predict;
+pub mod robot_models;
 pub mod urdf;
 pub mod xml_limits;
 
@@ -15,4 +17,5 @@ pub use compare::{IdentifiedSet, compare};
 pub use compensate::compensate;
 pub use frames::frames_from_sweeps;
 pub use plan_poses::plan_poses;
+pub use posture::posture;
 pub use predict::predict;

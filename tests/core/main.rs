@@ -20,6 +20,7 @@ mod partial;
 mod planning;
 mod priors;
 mod real_robots;
+mod robot_models;
 mod repeatability;
 mod scale;
 mod screening;

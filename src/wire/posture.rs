@@ -1,0 +1,108 @@
+//! The nominal pose of a posture, to be compared with the pendant.
+
+use crate::kinematics::model::MAX_LINKS;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Farthest tool from the flange, and farthest position on a pendant, mm.
+const MAX_POSITION_MM: f64 = 100_000.0;
+/// Largest deviation of a quaternion's length from 1: pendants show four decimals.
+const QUATERNION_TOLERANCE: f64 = 1e-3;
+
+/// A posture, as the pendant shows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PostureBody {
+    /// The controller's joint values, degrees.
+    #[schema(min_items = 1, max_items = 12)]
+    pub q_deg: Vec<f64>,
+    /// The active tool; default: none, the flange.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<ToolBody>,
+    /// The position that the pendant shows in the base frame, mm: then the answer says how far it is from the model's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shown_position_mm: Option<[f64; 3]>,
+}
+
+/// A tool in the flange frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ToolBody {
+    /// Its position, mm.
+    pub position_mm: [f64; 3],
+    /// Its orientation as quaternion w, x, y, z; default: the flange's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+}
+
+/// The tool's pose in the base frame of the robot's nominal links.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PostureAnswer {
+    /// Position, mm.
+    pub position_mm: [f64; 3],
+    /// Rotation matrix, row by row.
+    pub rotation: [[f64; 3]; 3],
+    /// w, x, y, z with w not negative: q1 to q4 of ABB.
+    pub quaternion: [f64; 4],
+    /// A, B, C of KUKA: about z, then the new y, then the new x, degrees.
+    pub kuka_abc_deg: [f64; 3],
+    /// W, P, R of FANUC: about x, then y, then z of the base, degrees. Yaskawa's Rx, Ry, Rz are the same.
+    pub fanuc_wpr_deg: [f64; 3],
+    /// Rotation vector of Universal Robots, rad.
+    pub ur_rotation_vector_rad: [f64; 3],
+    /// True if the second angle is within 0.001° of ±90°: then only the sum or the difference of the others is determined, and they are
+    /// given with no turn about z.
+    pub angles_not_unique: bool,
+    /// The model's joint values, degrees: the controller's through the joint map.
+    pub q_model_deg: Vec<f64>,
+    /// Joints that are outside their limits, counted from 1.
+    pub outside_limits: Vec<usize>,
+    /// Distance from the position on the pendant, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_apart_mm: Option<f64>,
+}
+
+impl PostureBody {
+    /// Checks that need only the request and the number of joints.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        checker.length(
+            "/q_deg",
+            self.q_deg.len(),
+            n_joints,
+            "one joint value per link of the robot",
+        );
+        for (i, q) in self.q_deg.iter().take(MAX_LINKS).enumerate() {
+            let hint = "joint values are in degrees";
+            checker.magnitude(format!("/q_deg/{i}"), *q, MAX_JOINT_VALUE_DEG, hint);
+        }
+        if let Some(tool) = &self.tool {
+            position(&mut checker, "/tool/position_mm", &tool.position_mm);
+            if let Some(q) = &tool.quaternion {
+                let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+                if length.is_nan() || (length - 1.0).abs() > QUATERNION_TOLERANCE {
+                    let detail = format!(
+                        "its length is {length}; a quaternion w, x, y, z of length 1 is needed"
+                    );
+                    checker.note("/tool/quaternion", "not_a_rotation", detail);
+                }
+            }
+        }
+        if let Some(shown) = &self.shown_position_mm {
+            position(&mut checker, "/shown_position_mm", shown);
+        }
+        checker.finish("invalid_posture")
+    }
+}
+
+fn position(checker: &mut Checker, pointer: &str, position_mm: &[f64; 3]) {
+    for (i, mm) in position_mm.iter().enumerate() {
+        let hint = "positions are in millimetres";
+        checker.magnitude(format!("{pointer}/{i}"), *mm, MAX_POSITION_MM, hint);
+    }
+}
