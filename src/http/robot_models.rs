@@ -3,8 +3,8 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, json_body, parse_small};
 use crate::http::{App, Error, access};
-use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
 use crate::operations;
+use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
 use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::Robot;

@@ -6,6 +6,8 @@ mod compensate;
 pub mod export;
 mod frames;
 pub mod import;
+mod import_digits;
+mod import_json;
 mod plan_poses;
 mod posture;
 mod predict;

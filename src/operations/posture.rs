@@ -3,10 +3,8 @@
 use crate::kinematics::{Robot, t_base_flange};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::Invalid;
-use crate::wire::posture::{PostureAnswer, PostureBody, ToolBody};
-use nalgebra::{
-    IsometryMatrix3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3,
-};
+use crate::wire::posture::{PostureAnswer, PostureBody};
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// Cosine of the second angle below which the first and the third cannot be told apart: 0.001° from ±90°.
 const NOT_UNIQUE: f64 = 1.745e-5;
@@ -24,8 +22,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
     let t = t_base_flange(&robot.links, &q_model_rad)
         * request
             .tool
-            .as_ref()
-            .map_or_else(IsometryMatrix3::identity, t_flange_tool);
+            .map_or_else(IsometryMatrix3::identity, IsometryMatrix3::from);
     let r = t.rotation.matrix();
     let (yaw_pitch_roll, angles_not_unique) = yaw_pitch_roll(r);
     let [yaw, pitch, roll] = yaw_pitch_roll.map(to_degrees);
@@ -54,15 +51,6 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
             .shown_position_mm
             .map(|shown| (Vector3::from(shown) - position).norm()),
     })
-}
-
-fn t_flange_tool(tool: &ToolBody) -> IsometryMatrix3<f64> {
-    let [w, x, y, z] = tool.quaternion.unwrap_or([1.0, 0.0, 0.0, 0.0]);
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    IsometryMatrix3::from_parts(
-        Translation3::from(Vector3::from(tool.position_mm)),
-        rotation.to_rotation_matrix(),
-    )
 }
 
 /// Angles with R = Rz(yaw)·Ry(pitch)·Rx(roll), rad, and whether yaw and roll are not unique.

@@ -1,15 +1,14 @@
 //! The nominal pose of a posture, to be compared with the pendant.
 
 use crate::kinematics::model::MAX_LINKS;
+use crate::wire::compensate::ToolBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Farthest tool from the flange, and farthest position on a pendant, mm.
-const MAX_POSITION_MM: f64 = 100_000.0;
-/// Largest deviation of a quaternion's length from 1: pendants show four decimals.
-const QUATERNION_TOLERANCE: f64 = 1e-3;
+/// Farthest position on a pendant, mm: further than any arm on a track reaches.
+pub(super) const MAX_POSITION_MM: f64 = 100_000.0;
 
 /// A posture, as the pendant shows it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -24,17 +23,6 @@ pub struct PostureBody {
     /// The position that the pendant shows in the base frame, mm: then the answer says how far it is from the model's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shown_position_mm: Option<[f64; 3]>,
-}
-
-/// A tool in the flange frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ToolBody {
-    /// Its position, mm.
-    pub position_mm: [f64; 3],
-    /// Its orientation as quaternion w, x, y, z; default: the flange's.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub quaternion: Option<[f64; 4]>,
 }
 
 /// The tool's pose in the base frame of the robot's nominal links.
@@ -82,27 +70,15 @@ impl PostureBody {
             checker.magnitude(format!("/q_deg/{i}"), *q, MAX_JOINT_VALUE_DEG, hint);
         }
         if let Some(tool) = &self.tool {
-            position(&mut checker, "/tool/position_mm", &tool.position_mm);
-            if let Some(q) = &tool.quaternion {
-                let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-                if length.is_nan() || (length - 1.0).abs() > QUATERNION_TOLERANCE {
-                    let detail = format!(
-                        "its length is {length}; a quaternion w, x, y, z of length 1 is needed"
-                    );
-                    checker.note("/tool/quaternion", "not_a_rotation", detail);
-                }
-            }
+            tool.check(&mut checker);
         }
         if let Some(shown) = &self.shown_position_mm {
-            position(&mut checker, "/shown_position_mm", shown);
+            for (i, mm) in shown.iter().enumerate() {
+                let hint = "positions are in millimetres";
+                let pointer = format!("/shown_position_mm/{i}");
+                checker.magnitude(pointer, *mm, MAX_POSITION_MM, hint);
+            }
         }
         checker.finish("invalid_posture")
-    }
-}
-
-fn position(checker: &mut Checker, pointer: &str, position_mm: &[f64; 3]) {
-    for (i, mm) in position_mm.iter().enumerate() {
-        let hint = "positions are in millimetres";
-        checker.magnitude(format!("{pointer}/{i}"), *mm, MAX_POSITION_MM, hint);
     }
 }

@@ -20,8 +20,8 @@ mod partial;
 mod planning;
 mod priors;
 mod real_robots;
-mod robot_models;
 mod repeatability;
+mod robot_models;
 mod scale;
 mod screening;
 #[path = "../support/mod.rs"]

@@ -278,8 +278,8 @@ fn arms_without_a_description_move_as_their_second_source() {
         let title = table["title"].as_str().unwrap();
         assert!(model.sources.iter().any(|s| s.title == title), "{id}");
         let number = |name: &str| table[name].as_f64().unwrap();
-        let before = turn(Z, number("base_turn_deg").to_radians())
-            * shift(0.0, 0.0, number("base_up_mm"));
+        let before =
+            turn(Z, number("base_turn_deg").to_radians()) * shift(0.0, 0.0, number("base_up_mm"));
         let behind = turn(Z, number("flange_turn_deg").to_radians());
         let convention = table["convention"].as_str().unwrap();
         let rows = table["rows_alpha_deg_a_mm_d_mm_theta_deg"]
@@ -309,7 +309,11 @@ fn arms_without_a_description_move_as_their_second_source() {
 fn the_fanuc_coupling_is_what_a_pendant_showed() {
     let model = robot_models::get("fanuc_r_1000ia_80f").unwrap().unwrap();
     let robot = Robot::try_from(&model.robot).unwrap();
-    let (j2, j3, described_j3) = (0.546_711_564_064_025_9, -33.342f64.to_radians(), -0.035_214_9);
+    let (j2, j3, described_j3) = (
+        0.546_711_564_064_025_9,
+        -33.342f64.to_radians(),
+        -0.035_214_9,
+    );
     let q = robot.q_model_rad(&[0.0, j2, j3, 0.0, 0.0, 0.0]);
     assert!((-q[2] - described_j3).abs() < 1e-4, "{q:?}");
     assert!((q[1] - j2).abs() < 1e-12);
