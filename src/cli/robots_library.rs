@@ -1,6 +1,7 @@
 //! `kincal robots find|add|posture`: ready arms, robots from descriptions, and the comparison of a posture with the pendant.
 
 use super::client::{Client, ServerArguments};
+use super::compensate::tool_mm;
 use super::files::{cannot_be_used, parse_json, read};
 use super::import::tell;
 use super::list::columns;
@@ -40,7 +41,7 @@ pub struct FindArguments {
     maker: Option<String>,
     /// Write the robot file of the one arm that is found.
     #[arg(long, env = "KINCAL_ROBOT_FILE", value_name = "FILE.json")]
-    robot: Option<PathBuf>,
+    robot_file: Option<PathBuf>,
     #[command(flatten)]
     output: Output,
 }
@@ -51,16 +52,11 @@ pub struct AddArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// A URDF (xacro expanded), a table (CSV or JSON; give --convention), or a robot file.
-    #[arg(value_name = "FILE", required_unless_present = "model")]
+    #[arg(value_name = "FILE", required_unless_present = "arm")]
     file: Option<PathBuf>,
     /// A ready arm: its id or name, as `kincal robots find` lists it.
-    #[arg(
-        long,
-        env = "KINCAL_MODEL",
-        value_name = "ARM",
-        conflicts_with = "file"
-    )]
-    model: Option<String>,
+    #[arg(long, env = "KINCAL_ARM", value_name = "ARM", conflicts_with = "file")]
+    arm: Option<String>,
     /// Convention of a table: dh (distal, standard) or mdh (Craig, modified).
     #[arg(long, env = "KINCAL_CONVENTION", value_enum)]
     convention: Option<ImportFormat>,
@@ -92,25 +88,25 @@ pub struct PostureArguments {
     #[arg(value_name = "DEGREES", required = true)]
     q_deg: Vec<f64>,
     /// The robot on the server: its id, name or serial number.
-    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["model", "file"])]
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["arm", "robot_file"])]
     robot: Option<String>,
     /// A ready arm, without a server.
+    #[arg(long, env = "KINCAL_ARM", value_name = "ARM")]
+    arm: Option<String>,
+    /// A robot file, without a server.
     #[arg(
         long,
-        env = "KINCAL_MODEL",
-        value_name = "ARM",
-        conflicts_with = "robot"
+        env = "KINCAL_ROBOT_FILE",
+        value_name = "ROBOT.json",
+        conflicts_with = "arm"
     )]
-    model: Option<String>,
-    /// A robot file, without a server.
-    #[arg(long, env = "KINCAL_ROBOT_FILE", value_name = "ROBOT.json", conflicts_with_all = ["robot", "model"])]
-    file: Option<PathBuf>,
-    /// Position of the active tool in the flange frame, mm [default: the flange].
-    #[arg(long, env = "KINCAL_TOOL", num_args = 3, value_names = ["X", "Y", "Z"])]
-    tool: Option<Vec<f64>>,
-    /// Position that the pendant shows, mm: the answer says how far it is from the model's.
-    #[arg(long, env = "KINCAL_SHOWN", num_args = 3, value_names = ["X", "Y", "Z"])]
-    shown: Option<Vec<f64>>,
+    robot_file: Option<PathBuf>,
+    /// Position of the active tool in the flange frame: X,Y,Z in mm [default: the flange].
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    tool_mm: Option<[f64; 3]>,
+    /// Position that the pendant shows: X,Y,Z in mm. The answer says how far it is from the model's.
+    #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    shown_mm: Option<[f64; 3]>,
     #[command(flatten)]
     output: Output,
 }
@@ -131,7 +127,7 @@ pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
 fn find(arguments: &FindArguments) -> anyhow::Result<()> {
     let text = arguments.text.join(" ");
     let found = found(&text, arguments.maker.as_deref())?;
-    if let Some(file) = &arguments.robot {
+    if let Some(file) = &arguments.robot_file {
         let model = the_one(&found, &text)?;
         let body = serde_json::to_string_pretty(&model.robot)?;
         std::fs::write(file, body + "\n")
@@ -228,7 +224,7 @@ fn in_full(model: &RobotModel) -> String {
     if !model.notes.is_empty() {
         text += &format!("\nnotes:\n  {}\n", model.notes.join("\n  "));
     }
-    text + "\nnext: compare a posture with the pendant: kincal robots posture --model "
+    text + "\nnext: compare a posture with the pendant: kincal robots posture --arm "
         + &model.id
         + " DEGREES..."
 }
@@ -262,7 +258,7 @@ fn links_table(links: &[LinkBody], joints: &[String]) -> String {
 }
 
 fn add(arguments: &AddArguments) -> anyhow::Result<()> {
-    let mut body = match (&arguments.model, &arguments.file) {
+    let mut body = match (&arguments.arm, &arguments.file) {
         (Some(text), _) => the_one(&found(text, None)?, text)?.robot.clone(),
         (None, Some(file)) => described(arguments, file)?,
         (None, None) => unreachable!("clap requires one of them"),
@@ -323,18 +319,15 @@ fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody>
 }
 
 fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
-    let three = |values: &Option<Vec<f64>>| -> Option<[f64; 3]> {
-        values.as_ref().and_then(|v| v.as_slice().try_into().ok())
-    };
     let request = PostureBody {
         q_deg: arguments.q_deg.clone(),
-        tool: three(&arguments.tool).map(|translation_mm| ToolBody {
+        tool: arguments.tool_mm.map(|translation_mm| ToolBody {
             translation_mm,
             rotation: None,
         }),
-        shown_position_mm: three(&arguments.shown),
+        shown_position_mm: arguments.shown_mm,
     };
-    let body = match (&arguments.model, &arguments.file) {
+    let body = match (&arguments.arm, &arguments.robot_file) {
         (Some(text), _) => Some(the_one(&found(text, None)?, text)?.robot.clone()),
         (_, Some(file)) => Some(parse_json::<RobotBody>(file, &read(file)?, "a robot")?),
         _ => None,

@@ -2,6 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, json_body, parse_small};
+use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::operations;
 use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
@@ -96,9 +97,12 @@ async fn posture(
 ) -> Result<Json<PostureAnswer>, Error> {
     let row = access::robot(&app, &caller, &robot_id).await?;
     let bytes = json_body(request, &app).await?;
-    let body: PostureBody = parse_small(&bytes)?;
-    let robot = Robot::try_from(&access::robot_body(&row)?)?;
-    Ok(Json(operations::posture(&body, &robot)?))
+    let robot = access::robot_body(&row)?;
+    let answer = app.compute(RequestClass::Calculation, move || {
+        let body: PostureBody = parse_small(&bytes)?;
+        Ok(operations::posture(&body, &Robot::try_from(&robot)?)?)
+    });
+    Ok(Json(answer.await?))
 }
 
 fn unreadable(error: &'static str) -> Error {

@@ -364,8 +364,11 @@ async fn from_the_arms_name_to_the_pose_in_a_terminal() {
     assert_eq!(code, Some(2));
     assert!(said.contains("kincal robots add"), "{said}");
     let robot = file("robot.json");
-    let (code, _, said) =
-        kincal(None, &["robots", "find", "fanuc_m_10ia", "--robot", &robot]).await;
+    let (code, _, said) = kincal(
+        None,
+        &["robots", "find", "fanuc_m_10ia", "--robot-file", &robot],
+    )
+    .await;
     assert_eq!(code, Some(0), "{said}");
     let q = ["10", "-20", "30", "40", "50", "-60"];
     let with = |more: &[&'static str], last: &str| -> Vec<String> {
@@ -382,14 +385,14 @@ async fn from_the_arms_name_to_the_pose_in_a_terminal() {
         stdout
     };
     // ready arm, file and server answer the same
-    let by_file = run(with(&["--json", "--file"], &robot)).await;
-    let by_model = run(with(&["--json", "--model"], "fanuc_m_10ia")).await;
+    let by_file = run(with(&["--json", "--robot-file"], &robot)).await;
+    let by_model = run(with(&["--json", "--arm"], "fanuc_m_10ia")).await;
     let (code, added, said) = kincal(
         Some(&app),
         &[
             "robots",
             "add",
-            "--model",
+            "--arm",
             "M-10iA",
             "--name",
             "cell 4",
@@ -403,7 +406,7 @@ async fn from_the_arms_name_to_the_pose_in_a_terminal() {
     let by_server = run(with(&["--json", "--robot"], "cell 4")).await;
     assert_eq!(by_file, by_model);
     assert_eq!(by_file, by_server);
-    let words = run(with(&["--shown", "1", "2", "3", "--robot"], "cell 4")).await;
+    let words = run(with(&["--shown-mm", "1,2,3", "--robot"], "cell 4")).await;
     for word in [
         "KUKA A B C",
         "FANUC W P R",
