@@ -49,7 +49,7 @@ pub struct Arguments {
 }
 
 /// Parses three lengths with commas between them.
-fn tool_mm(text: &str) -> Result<[f64; 3], String> {
+pub fn tool_mm(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text
         .split(',')
         .map(|number| number.trim().parse::<f64>())

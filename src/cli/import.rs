@@ -1,18 +1,19 @@
 //! `kincal import`: makes a robot file from a URDF or a table.
 
 use super::files::{cannot_be_used, read, refuse_semicolons};
+use super::terminal::plain;
 use super::usage::Usage;
-use crate::operations::import::import;
+use crate::operations::import::import_with;
 use crate::wire::frames::Transform;
-use crate::wire::import::ImportFormat;
+use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
 use nalgebra::{Matrix3, Rotation3};
 use std::path::PathBuf;
 
 /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A URDF (xacro expanded), or a CSV table with a_mm, alpha_deg, d_mm, theta_offset_deg, one row per link.
-    #[arg(value_name = "ROBOT.urdf|TABLE.csv")]
+    /// A URDF (xacro expanded), or a CSV or JSON table with a_mm, alpha_deg, d_mm, theta_offset_deg, one row per link.
+    #[arg(value_name = "ROBOT.urdf|TABLE.csv|TABLE.json")]
     file: PathBuf,
     /// Format of the file [default: urdf for .urdf and .xml, else mdh].
     #[arg(long, env = "KINCAL_CONVENTION", value_enum)]
@@ -23,6 +24,9 @@ pub struct Arguments {
     /// The link at the end of the robot, in a URDF with several.
     #[arg(long, env = "KINCAL_TIP", value_name = "LINK")]
     tip: Option<String>,
+    /// Digits of the numbers: `source` makes angles of a URDF that are a rounded multiple of 90° that multiple.
+    #[arg(long, env = "KINCAL_DIGITS", value_enum, default_value = "exact")]
+    digits: ImportDigits,
 }
 
 /// Prints the robot on standard output, and what its links cannot represent on standard error.
@@ -47,8 +51,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         |stem| stem.to_string_lossy().into_owned(),
     );
     let name = arguments.name.as_deref().unwrap_or(&stem);
-    let imported = import(&bytes, format, name, arguments.tip.as_deref())
+    let tip = arguments.tip.as_deref();
+    let imported = import_with(&bytes, format, arguments.digits, name, tip)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &bytes, &invalid.issues)))?;
+    tell(&imported);
+    say!("{}", serde_json::to_string_pretty(&imported.robot)?);
+    Ok(())
+}
+
+/// Says on standard error what was understood, and what the links cannot represent.
+pub fn tell(imported: &ImportAnswer) {
+    if let (Some(root), Some(tip)) = (&imported.root, &imported.tip) {
+        eprintln!("note: the arm is from {} to {}", plain(root), plain(tip));
+    }
+    for (what, frames) in [
+        (
+            "frames on the way that do not move, held by the links' numbers",
+            &imported.fixed_frames,
+        ),
+        (
+            "frames that are no part of the robot",
+            &imported.skipped_frames,
+        ),
+    ] {
+        if !frames.is_empty() {
+            eprintln!("note: {what}: {}", plain(&frames.join(", ")));
+        }
+    }
     for (what, t) in [
         (
             "base of the links in the description's root",
@@ -65,8 +94,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         mm => format!("differ by at most {mm:.6} mm"),
     };
     eprintln!("note: links and description {apart} over random configurations");
-    say!("{}", serde_json::to_string_pretty(&imported.robot)?);
-    Ok(())
 }
 
 /// Translation and rotation of a frame as text.

@@ -1,6 +1,7 @@
 //! `kincal robots|sets|jobs|params`: lists what a server has, or shows one item.
 
 use super::client::ServerArguments;
+use super::robots_library::{self, LibraryCommand};
 use super::runtime::block_on;
 use super::terminal;
 use super::terminal::{Output, in_commands, plain};
@@ -24,7 +25,7 @@ const ROBOTS: Listing = Listing {
     list: |_| "/v1/robots".into(),
     one: "/v1/robots",
     columns: &["id", "name", "serial_number", "state"],
-    empty: "there is no robot yet; next: POST /v1/robots, or add its file on the dashboard",
+    empty: "there is no robot yet; next: kincal robots find TEXT, then kincal robots add",
 };
 const SETS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/measurement-sets"),
@@ -63,7 +64,10 @@ const PARAMETER_SETS: Listing = Listing {
 
 /// Robots of a server.
 #[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct RobotArguments {
+    #[command(subcommand)]
+    command: Option<RobotCommand>,
     #[command(flatten)]
     server: ServerArguments,
     /// Show this one in full.
@@ -71,6 +75,13 @@ pub struct RobotArguments {
     id: Option<String>,
     #[command(flatten)]
     output: Output,
+}
+
+/// What else is done with robots.
+#[derive(Debug, clap::Subcommand)]
+enum RobotCommand {
+    #[command(flatten)]
+    Library(LibraryCommand),
 }
 
 /// A list of one robot, or one item by its own id.
@@ -95,6 +106,9 @@ pub struct RobotListArguments {
 
 /// `kincal robots`.
 pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
+    if let Some(RobotCommand::Library(command)) = &arguments.command {
+        return robots_library::run(command);
+    }
     list_or_show(
         &arguments.server,
         &ROBOTS,

@@ -21,6 +21,7 @@ mod openapi;
 mod options;
 mod plan;
 mod report;
+mod robots_library;
 mod runtime;
 mod serve;
 mod submit;
@@ -85,7 +86,7 @@ enum Command {
     Plan(plan::Arguments),
     /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
     Import(import::Arguments),
-    /// List a server's robots, or show one.
+    /// List a server's robots, show one, find ready arms, add a robot, check a posture.
     Robots(list::RobotArguments),
     /// List a robot's measurement sets, or show one.
     Sets(list::RobotListArguments),

@@ -128,6 +128,9 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
     route(Method::POST, "/v1/parameter-sets/{id}/export", Scope::Read),
     route(Method::GET, "/v1/parameter-sets/{id}/compare", Scope::Read),
     route(Method::POST, "/v1/robot-imports", Scope::Upload),
+    route(Method::GET, "/v1/robot-models", Scope::Read),
+    route(Method::GET, "/v1/robot-models/{id}", Scope::Read),
+    route(Method::POST, "/v1/robots/{robot_id}/posture", Scope::Read),
     route(Method::GET, "/v1/robots/{robot_id}/history", Scope::Read),
     route(
         Method::POST,

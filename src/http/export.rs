@@ -5,10 +5,10 @@ use crate::http::extract::{Id, Query, whole_body};
 use crate::http::limits::{ComputePermit, RequestClass};
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations::export::{self, Exported, Source};
-use crate::operations::import::import;
+use crate::operations::import::import_with;
 use crate::store::ParameterSetRow;
 use crate::wire::export::{BetaChoice, ExportAnswer, ExportFormat};
-use crate::wire::import::{ImportAnswer, ImportFormat};
+use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::{Robot, RobotBody};
 use axum::Json;
@@ -69,6 +69,9 @@ struct ImportQuery {
     name: Option<String>,
     /// The link at the end of the robot, in a URDF with several.
     tip: Option<String>,
+    /// `source` makes angles of a URDF that are a rounded multiple of 90° that multiple; `largest_difference_mm` says by how much that moves the tip.
+    #[param(inline, default = "exact")]
+    digits: Option<ImportDigits>,
 }
 
 /// The identified links in a format of other software or of a controller, read back and compared to 1e-9 mm before it is answered.
@@ -125,7 +128,7 @@ async fn patch_urdf(
 /// A robot from a URDF or a table of Denavit-Hartenberg parameters, to be posted to /v1/robots; nothing is stored.
 #[utoipa::path(
     post, path = "/v1/robot-imports", tag = "robots", operation_id = "importRobot", params(ImportQuery),
-    request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"))),
+    request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"), (serde_json::Value = "application/json"))),
     responses((status = 200, description = "The robot, and the transformations that its links cannot represent", body = ImportAnswer))
 )]
 async fn import_robot(
@@ -136,7 +139,14 @@ async fn import_robot(
     let bytes = whole_body(request, &app).await?;
     let answer = app.compute(RequestClass::Calculation, move || {
         let name = query.name.as_deref().unwrap_or("imported robot");
-        Ok(import(&bytes, query.format, name, query.tip.as_deref())?)
+        let (format, digits) = (query.format, query.digits.unwrap_or_default());
+        Ok(import_with(
+            &bytes,
+            format,
+            digits,
+            name,
+            query.tip.as_deref(),
+        )?)
     });
     Ok(Json(answer.await?))
 }

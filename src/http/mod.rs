@@ -37,6 +37,7 @@ mod pose_plans;
 mod predict;
 mod release;
 mod report_html;
+mod robot_models;
 mod robots;
 mod router;
 mod routes;

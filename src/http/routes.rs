@@ -3,7 +3,7 @@
 use crate::http::{
     App, columns, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
     measurement_sets, metrics, networks, parameter_sets, policies, pose_plans, predict, release,
-    report_html, robots,
+    report_html, robot_models, robots,
 };
 use utoipa_axum::router::OpenApiRouter;
 
@@ -11,6 +11,7 @@ use utoipa_axum::router::OpenApiRouter;
 pub fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .merge(robots::router())
+        .merge(robot_models::router())
         .merge(measurement_sets::router())
         .merge(columns::router())
         .merge(frames::router())

@@ -5,10 +5,12 @@ use crate::exchange::{ImportedLinks, links_of_chain};
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::{Link, Robot, t_base_flange};
-use crate::operations::urdf::Urdf;
+use crate::operations::import_digits::{clean, with_right_angles};
+use crate::operations::import_json::{csv_of_json, is_json};
+use crate::operations::urdf::{Urdf, UrdfFrames};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
-use crate::wire::import::{ImportAnswer, ImportFormat};
+use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
 use crate::wire::issue::{Invalid, Issue};
 use crate::wire::robot::{LinkBody, RobotBody};
 use nalgebra::IsometryMatrix3;
@@ -29,19 +31,36 @@ pub struct Table {
     pub limits_rad: Vec<Option<(f64, f64)>>,
 }
 
-/// Imports a robot from a description.
+/// As [`import_with`], with all digits.
 ///
 /// # Errors
-/// [`Invalid`] with row and column if the description cannot be read, or is of a robot that kincal cannot represent.
+/// As [`import_with`].
 pub fn import(
     bytes: &[u8],
     format: ImportFormat,
     name: &str,
     tip: Option<&str>,
 ) -> Result<ImportAnswer, Invalid> {
+    import_with(bytes, format, ImportDigits::Exact, name, tip)
+}
+
+/// Imports a robot from a description.
+///
+/// # Errors
+/// [`Invalid`] with row and column if the description cannot be read, or is of a robot that kincal cannot represent.
+pub fn import_with(
+    bytes: &[u8],
+    format: ImportFormat,
+    digits: ImportDigits,
+    name: &str,
+    tip: Option<&str>,
+) -> Result<ImportAnswer, Invalid> {
     match format {
         ImportFormat::Urdf => {
-            let chain = Urdf::parse(bytes)?.chain(tip, None)?.chain;
+            let urdf = Urdf::parse(bytes)?;
+            let found = urdf.chain(tip, None)?;
+            let frames = urdf.frames(&found);
+            let chain = found.chain;
             if chain.n_moving() > MAX_LINKS {
                 let detail = format!(
                     "{} joints move; at most {MAX_LINKS} are allowed: name a tip link further in",
@@ -53,15 +72,37 @@ pub fn import(
             let (joints, limits): (Vec<String>, Vec<_>) = moving
                 .map(|joint| (joint.name.clone(), joint.limits_rad))
                 .unzip();
-            answer(name, joints, &links_of_chain(&chain), limits, &|q| {
-                chain.t_root_tip(q)
+            let meant = match digits {
+                ImportDigits::Exact => chain.clone(),
+                ImportDigits::Source => with_right_angles(&chain),
+            };
+            let imported = links_of_chain(&meant);
+            let described = |q: &[f64]| meant.t_root_tip(q);
+            let mut found = answer(name, joints, &imported, limits, &described)?;
+            if digits == ImportDigits::Source {
+                let robot = Robot::try_from(&found.robot)?;
+                let written = |q: &[f64]| chain.t_root_tip(q);
+                found.largest_difference_mm = largest_difference(&robot, &imported, &written);
+            }
+            let UrdfFrames {
+                root,
+                tip,
+                fixed,
+                skipped,
+            } = frames;
+            Ok(ImportAnswer {
+                root,
+                tip,
+                fixed_frames: fixed,
+                skipped_frames: skipped,
+                ..found
             })
         }
         ImportFormat::Dh => {
             let Table {
                 links: rows,
                 limits_rad,
-            } = table(bytes)?;
+            } = table_of_any(bytes)?;
             if let Some(row) = rows.iter().position(|row| row.beta_rad != 0.0) {
                 return Err(Invalid {
                     code: "invalid_table",
@@ -78,7 +119,7 @@ pub fn import(
             })
         }
         ImportFormat::Mdh => {
-            let Table { links, limits_rad } = table(bytes)?;
+            let Table { links, limits_rad } = table_of_any(bytes)?;
             let identity = IsometryMatrix3::identity();
             let imported = ImportedLinks {
                 t_root_base: identity,
@@ -124,12 +165,13 @@ fn answer(
     described: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>,
 ) -> Result<ImportAnswer, Invalid> {
     let link = |(link, limits): (&Link, &Option<(f64, f64)>)| LinkBody {
-        a_mm: link.a_mm,
-        alpha_deg: to_degrees(link.alpha_rad),
-        d_mm: link.d_mm,
-        theta_offset_deg: to_degrees(link.theta_offset_rad),
+        a_mm: clean(link.a_mm),
+        alpha_deg: clean(to_degrees(link.alpha_rad)),
+        d_mm: clean(link.d_mm),
+        theta_offset_deg: clean(to_degrees(link.theta_offset_rad)),
         beta_deg: (link.beta_rad != 0.0).then(|| to_degrees(link.beta_rad)),
-        joint_limits_deg: limits.map(|(low, high)| [to_degrees(low), to_degrees(high)]),
+        joint_limits_deg: limits
+            .map(|(low, high)| [clean(to_degrees(low)), clean(to_degrees(high))]),
     };
     let robot = RobotBody {
         name: name.into(),
@@ -157,6 +199,10 @@ fn answer(
         t_root_base,
         t_flange_tip,
         largest_difference_mm,
+        root: None,
+        tip: None,
+        fixed_frames: vec![],
+        skipped_frames: vec![],
     })
 }
 
@@ -178,6 +224,15 @@ fn largest_difference(
         .into_iter()
         .map(difference)
         .fold(0.0, f64::max)
+}
+
+/// Reads a table in CSV or JSON.
+fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
+    if bytes.len() <= MAX_TABLE_BYTES && is_json(bytes) {
+        table(&csv_of_json(bytes)?)
+    } else {
+        table(bytes)
+    }
 }
 
 /// Reads a table with one row per link, base to flange. Columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`,

@@ -16,6 +16,8 @@ const MAX_NODES: u32 = 250_000;
 const MAX_JOINTS: usize = 5_000;
 /// Most joints from root to tip.
 const MAX_CHAIN: usize = 200;
+/// Most links that are told as no part of the robot. Arms with a hand and cameras have some ten.
+const MAX_FRAMES: usize = 200;
 /// Largest number of items that an error lists.
 const MAX_LISTED: usize = 10;
 /// Longest text of an error.
@@ -55,6 +57,19 @@ pub struct UrdfChain {
     pub chain: Chain,
     /// Their indices among the joints of the file.
     indices: Vec<usize>,
+}
+
+/// The links of a file, seen from a chain.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct UrdfFrames {
+    /// The link in which the chain begins.
+    pub root: Option<String>,
+    /// The link at which it ends.
+    pub tip: Option<String>,
+    /// Links of the chain that do not move against the one before.
+    pub fixed: Vec<String>,
+    /// Links that are not on the way.
+    pub skipped: Vec<String>,
 }
 
 /// The first [`MAX_LISTED`] items.
@@ -241,6 +256,39 @@ impl<'t> Urdf<'t> {
             return Err(invalid("several_chains", detail));
         }
         Ok((*longest).clone())
+    }
+
+    /// The links that a chain has, and those that it has not.
+    pub fn frames(&self, chain: &UrdfChain) -> UrdfFrames {
+        let of_chain = |index: &usize| &self.joints[*index];
+        let on_way: BTreeSet<&str> = chain
+            .indices
+            .iter()
+            .map(of_chain)
+            .flat_map(|joint| [joint.parent.as_str(), joint.child.as_str()])
+            .collect();
+        let is_fixed = |joint: &&UrdfJoint| joint.joint.axis.is_none();
+        let mut told: BTreeSet<&str> = on_way;
+        let all = self.joints.iter().flat_map(|j| [&j.parent, &j.child]);
+        let skipped = all
+            .filter(|link| told.insert(link))
+            .take(MAX_FRAMES)
+            .cloned()
+            .collect();
+        let first = chain.indices.first().map(of_chain);
+        let last = chain.indices.last().map(of_chain);
+        UrdfFrames {
+            root: first.map(|joint| joint.parent.clone()),
+            tip: last.map(|joint| joint.child.clone()),
+            fixed: chain
+                .indices
+                .iter()
+                .map(of_chain)
+                .filter(is_fixed)
+                .map(|joint| joint.child.clone())
+                .collect(),
+            skipped,
+        }
     }
 
     /// The text with the origins of the moving joints of `old` replaced by those of `new`. Nothing else changes.

@@ -11,6 +11,7 @@ use crate::wire::id::MAX_ID;
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use crate::wire::options::MAX_COST_MM2;
 use crate::wire::pose_plan::{MAX_MEASURED, MAX_PLANNED, NOISE_MM};
+use crate::wire::posture::MAX_POSITION_MM;
 use crate::wire::predict::MAX_POSES;
 use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, MAX_VALUE, MIN_STD};
 use crate::wire::robot::{
@@ -163,6 +164,12 @@ fn bounded() -> Vec<Bounded> {
                 plus_minus(MAX_JOINT_VALUE_DEG),
             ],
         ),
+        (
+            "PostureBody",
+            "q_deg",
+            vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
+        ),
+        ("PostureBody", "shown_position_mm", three(MAX_POSITION_MM)),
         ("ToolBody", "translation_mm", three(MAX_LENGTH_MM)),
         (
             "ToolBody",

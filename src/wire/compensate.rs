@@ -160,7 +160,8 @@ impl CompensateBody {
 }
 
 impl ToolBody {
-    fn check(&self, checker: &mut Checker) {
+    /// Reports what is wrong, below `/tool`.
+    pub(super) fn check(&self, checker: &mut Checker) {
         for (i, value) in self.translation_mm.iter().enumerate() {
             checker.magnitude(
                 format!("/tool/translation_mm/{i}"),

@@ -31,4 +31,30 @@ pub struct ImportAnswer {
     pub t_flange_tip: Transform,
     /// Largest difference between links and description over random configurations, mm.
     pub largest_difference_mm: f64,
+    /// The link of the URDF in which the arm begins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub root: Option<String>,
+    /// The link of the URDF at which the arm ends.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tip: Option<String>,
+    /// Links of the URDF on the way from root to tip that do not move against the one before: they are in the links' numbers.
+    #[serde(default)]
+    pub fixed_frames: Vec<String>,
+    /// Links of the URDF that are not on the way: they are no part of the robot.
+    #[serde(default)]
+    pub skipped_frames: Vec<String>,
+}
+
+/// Digits of an imported robot's numbers.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum ImportDigits {
+    /// All digits of the description: 1.5708 rad is 90.0002°.
+    #[default]
+    Exact,
+    /// What the description means: angles that are a rounded multiple of 90° are that multiple.
+    Source,
 }

@@ -21,6 +21,7 @@ mod planning;
 mod priors;
 mod real_robots;
 mod repeatability;
+mod robot_models;
 mod scale;
 mod screening;
 #[path = "../support/mod.rs"]

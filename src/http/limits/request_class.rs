@@ -3,11 +3,12 @@
 use axum::http::Method;
 
 /// Last path segments of [`RequestClass::Calculation`].
-const CALCULATIONS: [&str; 5] = [
+const CALCULATIONS: [&str; 6] = [
     "predict",
     "compensate",
     "export",
     "pose-plans",
+    "posture",
     "robot-imports",
 ];
 /// Last path segments of [`RequestClass::Safety`].

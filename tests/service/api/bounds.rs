@@ -219,6 +219,11 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
             "/v1/robots/{robot_id}/pose-plans",
             plan,
         ),
+        post(
+            format!("{robot}/posture"),
+            "/v1/robots/{robot_id}/posture",
+            json!({"q_deg": q, "shown_position_mm": [1000, 0, 1000], "tool": {"translation_mm": [0, 0, 100]}}),
+        ),
         (
             Method::PUT,
             format!("{robot}/policy"),

@@ -13,7 +13,13 @@ const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] =
     [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
 /// Routes without a robot in their path: the answer depends on the key.
-const OF_NO_ROBOT: [&str; 3] = ["/v1/robots", "/v1/me", "/v1/robot-imports"];
+const OF_NO_ROBOT: [&str; 5] = [
+    "/v1/robots",
+    "/v1/me",
+    "/v1/robot-imports",
+    "/v1/robot-models",
+    "/v1/robot-models/{id}",
+];
 
 /// A robot with one resource of each kind.
 struct Cell {
@@ -79,6 +85,7 @@ impl Cell {
             ("/v1/jobs/{id}", id(&job, "id")),
             ("/v1/parameter-sets/{id}", id(&job, "parameter_set_id")),
             ("/v1/networks/{id}", id(&job, "network_id")),
+            ("/v1/robot-models/{id}", "ur_ur5e".into()),
         ];
         Self { robot, ids }
     }

@@ -27,6 +27,7 @@ mod problems;
 mod release;
 mod report_page;
 mod residual_networks;
+mod robot_models;
 mod robots;
 mod secrets;
 mod sessions;

@@ -1,0 +1,390 @@
+//! `kincal robots find|add|posture`: ready arms, robots from descriptions, and the comparison of a posture with the pendant.
+
+use super::client::{Client, ServerArguments};
+use super::compensate::tool_mm;
+use super::files::{cannot_be_used, parse_json, read};
+use super::import::tell;
+use super::list::columns;
+use super::runtime::block_on;
+use super::terminal::{self, Output, plain};
+use super::usage::Usage;
+use crate::operations::import::import_with;
+use crate::operations::{posture, robot_models};
+use crate::wire::compensate::ToolBody;
+use crate::wire::import::{ImportDigits, ImportFormat};
+use crate::wire::posture::{PostureAnswer, PostureBody};
+use crate::wire::robot::{LinkBody, MountingBody, NamedMounting, Robot, RobotBody};
+use crate::wire::robot_model::RobotModel;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Commands about ready arms and new robots.
+#[derive(Debug, clap::Subcommand)]
+pub enum LibraryCommand {
+    /// Find a ready arm by maker and name; no server is needed. A text that one arm has shows it in full.
+    Find(FindArguments),
+    /// Add a robot to the server: a ready arm, a URDF, a table of Denavit-Hartenberg parameters, or a robot file.
+    Add(AddArguments),
+    /// The nominal pose of the flange at the pendant's joint values, to compare with the pendant.
+    #[command(allow_negative_numbers = true)]
+    Posture(PostureArguments),
+}
+
+/// Find a ready arm.
+#[derive(Debug, clap::Args)]
+pub struct FindArguments {
+    /// Words of maker and name, or an id. Case, blanks and punctuation do not count.
+    #[arg(value_name = "TEXT")]
+    text: Vec<String>,
+    /// Only arms of this maker.
+    #[arg(long, env = "KINCAL_MAKER")]
+    maker: Option<String>,
+    /// Write the robot file of the one arm that is found.
+    #[arg(long, env = "KINCAL_ROBOT_FILE", value_name = "FILE.json")]
+    robot_file: Option<PathBuf>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Add a robot.
+#[derive(Debug, clap::Args)]
+pub struct AddArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// A URDF (xacro expanded), a table (CSV or JSON; give --convention), or a robot file.
+    #[arg(value_name = "FILE", required_unless_present = "arm")]
+    file: Option<PathBuf>,
+    /// A ready arm: its id or name, as `kincal robots find` lists it.
+    #[arg(long, env = "KINCAL_ARM", value_name = "ARM", conflicts_with = "file")]
+    arm: Option<String>,
+    /// Convention of a table: dh (distal, standard) or mdh (Craig, modified).
+    #[arg(long, env = "KINCAL_CONVENTION", value_enum)]
+    convention: Option<ImportFormat>,
+    /// The link at the end of the robot, in a URDF with several.
+    #[arg(long, env = "KINCAL_TIP", value_name = "LINK")]
+    tip: Option<String>,
+    /// Digits of a URDF's numbers: `source` makes angles that are a rounded multiple of 90° that multiple.
+    #[arg(long, env = "KINCAL_DIGITS", value_enum, default_value = "source")]
+    digits: ImportDigits,
+    /// The robot's name [default: the arm's, the file's].
+    #[arg(long, env = "KINCAL_NAME")]
+    name: Option<String>,
+    /// The maker's serial number.
+    #[arg(long, env = "KINCAL_SERIAL_NUMBER", value_name = "TEXT")]
+    serial_number: Option<String>,
+    /// How the robot is mounted.
+    #[arg(long, env = "KINCAL_MOUNTING", value_parser = mounting)]
+    mounting: Option<NamedMounting>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Check a posture.
+#[derive(Debug, clap::Args)]
+pub struct PostureArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The pendant's joint values, degrees.
+    #[arg(value_name = "DEGREES", required = true)]
+    q_deg: Vec<f64>,
+    /// The robot on the server: its id, name or serial number.
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["arm", "robot_file"])]
+    robot: Option<String>,
+    /// A ready arm, without a server.
+    #[arg(long, env = "KINCAL_ARM", value_name = "ARM")]
+    arm: Option<String>,
+    /// A robot file, without a server.
+    #[arg(
+        long,
+        env = "KINCAL_ROBOT_FILE",
+        value_name = "ROBOT.json",
+        conflicts_with = "arm"
+    )]
+    robot_file: Option<PathBuf>,
+    /// Position of the active tool in the flange frame: X,Y,Z in mm [default: the flange].
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    tool_mm: Option<[f64; 3]>,
+    /// Position that the pendant shows: X,Y,Z in mm. The answer says how far it is from the model's.
+    #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    shown_mm: Option<[f64; 3]>,
+    #[command(flatten)]
+    output: Output,
+}
+
+fn mounting(text: &str) -> Result<NamedMounting, String> {
+    serde_json::from_value(json!(text)).map_err(|_| "floor, wall or ceiling is needed".into())
+}
+
+/// Runs one of the commands.
+pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
+    match command {
+        LibraryCommand::Find(arguments) => find(arguments),
+        LibraryCommand::Add(arguments) => add(arguments),
+        LibraryCommand::Posture(arguments) => check_posture(arguments),
+    }
+}
+
+fn find(arguments: &FindArguments) -> anyhow::Result<()> {
+    let text = arguments.text.join(" ");
+    let found = found(&text, arguments.maker.as_deref())?;
+    if let Some(file) = &arguments.robot_file {
+        let model = the_one(&found, &text)?;
+        let body = serde_json::to_string_pretty(&model.robot)?;
+        std::fs::write(file, body + "\n")
+            .map_err(|e| Usage(format!("cannot write {}: {e}", file.display())))?;
+        eprintln!("{} is written to {}", model.robot.name, file.display());
+        return Ok(());
+    }
+    match found.as_slice() {
+        [] => Err(Usage(format!(
+            "no ready arm has {text:?} in its name; `kincal robots find` lists all; another robot is added from its URDF or a table: kincal robots add FILE"
+        ))
+        .into()),
+        [model] => arguments.output.print(model, || in_full(model)),
+        several if arguments.output.json => {
+            say!("{}", serde_json::to_string_pretty(several)?);
+            Ok(())
+        }
+        several => {
+            let row = |model: &&RobotModel| {
+                let joints = model.joints.len().to_string();
+                vec![model.id.clone(), model.maker.clone(), model.name.clone(), joints]
+            };
+            let rows: Vec<Vec<String>> = several.iter().map(row).collect();
+            terminal::raw(columns(&["id", "maker", "name", "joints"], &rows));
+            eprintln!("{} arms; next: kincal robots find ID", several.len());
+            Ok(())
+        }
+    }
+}
+
+/// The arms with this text: the one with this id or name, else all that have its words.
+fn found(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotModel>> {
+    let all = robot_models::find(text, maker).map_err(anyhow::Error::msg)?;
+    let exact = |model: &&RobotModel| {
+        [&model.id, &model.name, &model.robot.name].contains(&&text.to_owned())
+    };
+    Ok(match all.iter().copied().find(exact) {
+        Some(model) => vec![model],
+        None => all,
+    })
+}
+
+fn the_one(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'static RobotModel> {
+    match found {
+        [model] => Ok(model),
+        [] => Err(Usage(format!(
+            "no ready arm is called {text:?}; `kincal robots find` lists them"
+        ))
+        .into()),
+        several => {
+            let ids: Vec<&str> = several.iter().take(10).map(|m| m.id.as_str()).collect();
+            Err(Usage(format!(
+                "{} ready arms have {text:?} in their names: give one of {}",
+                several.len(),
+                ids.join(", ")
+            ))
+            .into())
+        }
+    }
+}
+
+fn in_full(model: &RobotModel) -> String {
+    let mut text = format!(
+        "{}  ({})\n\nbase:    {}\nflange:  {}\njoints:  {}\n\n",
+        model.robot.name,
+        model.id,
+        model.base,
+        model.flange,
+        model.joints.join(", ")
+    );
+    text += &links_table(&model.robot.links, &model.joints);
+    if let Some(map) = &model.robot.joint_map {
+        let map = serde_json::to_string(map).unwrap_or_default();
+        text += &format!("\njoint map: {map}\n");
+    }
+    text += &format!(
+        "\nzeros and directions: {}\n\nsources:\n",
+        model.joint_map_source
+    );
+    for source in &model.sources {
+        text += &format!("  {}", source.title);
+        if source.largest_difference_mm > 0.0 {
+            text += &format!(
+                " (differs by up to {} mm{})",
+                source.largest_difference_mm,
+                source
+                    .cause
+                    .as_ref()
+                    .map_or(String::new(), |cause| format!(": {cause}"))
+            );
+        }
+        text.push('\n');
+    }
+    if !model.notes.is_empty() {
+        text += &format!("\nnotes:\n  {}\n", model.notes.join("\n  "));
+    }
+    text + "\nnext: compare a posture with the pendant: kincal robots posture --arm "
+        + &model.id
+        + " DEGREES..."
+}
+
+fn links_table(links: &[LinkBody], joints: &[String]) -> String {
+    let row = |(link, joint): (&LinkBody, &String)| {
+        let limits = link
+            .joint_limits_deg
+            .map_or("–".into(), |[low, high]| format!("{low} to {high}"));
+        vec![
+            joint.clone(),
+            link.a_mm.to_string(),
+            link.alpha_deg.to_string(),
+            link.d_mm.to_string(),
+            link.theta_offset_deg.to_string(),
+            limits,
+        ]
+    };
+    let rows: Vec<Vec<String>> = links.iter().zip(joints).map(row).collect();
+    columns(
+        &[
+            "joint",
+            "a_mm",
+            "alpha_deg",
+            "d_mm",
+            "theta_offset_deg",
+            "limits_deg",
+        ],
+        &rows,
+    )
+}
+
+fn add(arguments: &AddArguments) -> anyhow::Result<()> {
+    let mut body = match (&arguments.arm, &arguments.file) {
+        (Some(text), _) => the_one(&found(text, None)?, text)?.robot.clone(),
+        (None, Some(file)) => described(arguments, file)?,
+        (None, None) => unreachable!("clap requires one of them"),
+    };
+    if let Some(name) = &arguments.name {
+        body.name.clone_from(name);
+    }
+    if let Some(serial_number) = &arguments.serial_number {
+        body.serial_number = Some(serial_number.clone());
+    }
+    if let Some(mounting) = arguments.mounting {
+        body.mounting = Some(MountingBody::Named(mounting));
+    }
+    let robot = block_on(async {
+        let client = arguments.server.client()?;
+        let body = serde_json::to_vec(&body)?;
+        client.create("/v1/robots", "application/json", body).await
+    })?;
+    let text = |field: &str| plain(robot[field].as_str().unwrap_or_default());
+    arguments.output.print(&robot, || {
+        format!(
+            "{} is {}; next: compare a posture with the pendant: kincal robots posture --robot {} DEGREES...",
+            text("name"),
+            text("id"),
+            text("id")
+        )
+    })
+}
+
+/// A robot from a file: a robot file, a URDF or a table.
+fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody> {
+    let bytes = read(file)?;
+    let is = |names: &[&str]| {
+        file.extension()
+            .is_some_and(|e| names.iter().any(|name| e.eq_ignore_ascii_case(name)))
+    };
+    let format = match arguments.convention {
+        Some(convention) => convention,
+        None if is(&["urdf", "xml"]) => ImportFormat::Urdf,
+        None if is(&["json"]) => return parse_json(file, &bytes, "a robot"),
+        None => {
+            return Err(Usage(format!(
+                "{}: a table of links has one of two conventions: give --convention dh (Rz·Dz·Dx·Rx, distal, standard) or --convention mdh (Rx·Dx·Rz·Dz, Craig, modified)",
+                file.display()
+            ))
+            .into());
+        }
+    };
+    let stem = file.file_stem().map_or_else(
+        || "imported robot".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    let tip = arguments.tip.as_deref();
+    let imported = import_with(&bytes, format, arguments.digits, &stem, tip)
+        .map_err(|invalid| Usage(cannot_be_used(file, &bytes, &invalid.issues)))?;
+    tell(&imported);
+    Ok(imported.robot)
+}
+
+fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
+    let request = PostureBody {
+        q_deg: arguments.q_deg.clone(),
+        tool: arguments.tool_mm.map(|translation_mm| ToolBody {
+            translation_mm,
+            rotation: None,
+        }),
+        shown_position_mm: arguments.shown_mm,
+    };
+    let body = match (&arguments.arm, &arguments.robot_file) {
+        (Some(text), _) => Some(the_one(&found(text, None)?, text)?.robot.clone()),
+        (_, Some(file)) => Some(parse_json::<RobotBody>(file, &read(file)?, "a robot")?),
+        _ => None,
+    };
+    let answer: Value = match body {
+        Some(body) => {
+            let robot = Robot::try_from(&body).map_err(|e| Usage(e.summary()))?;
+            let found = posture(&request, &robot).map_err(|e| Usage(e.summary()))?;
+            serde_json::to_value(found)?
+        }
+        None => block_on(async {
+            let client: Client = arguments.server.client()?;
+            let named = arguments.robot.as_deref().unwrap_or_default();
+            let id = client.robot_id(named).await?;
+            let path = format!("/v1/robots/{id}/posture");
+            client
+                .post_json(&path, &serde_json::to_value(&request)?)
+                .await
+        })?,
+    };
+    let found: PostureAnswer = serde_json::from_value(answer)?;
+    arguments.output.print(&found, || posture_in_words(&found))
+}
+
+fn posture_in_words(found: &PostureAnswer) -> String {
+    let [x, y, z] = found.position_mm;
+    let four = |numbers: &[f64]| {
+        let texts: Vec<String> = numbers.iter().map(|n| format!("{:.4}", n + 0.0)).collect();
+        texts.join("  ")
+    };
+    let mut text = format!(
+        "position               X {x:.3}  Y {y:.3}  Z {z:.3} mm, in the robot's base frame\n"
+    );
+    for row in &found.rotation {
+        text += &format!("rotation matrix        {}\n", four(row));
+    }
+    text += &format!("quaternion (ABB q1-q4) {}\n", four(&found.quaternion));
+    text += &format!("KUKA A B C             {} deg\n", four(&found.kuka_abc_deg));
+    text += &format!(
+        "FANUC W P R            {} deg (Yaskawa Rx Ry Rz)\n",
+        four(&found.fanuc_wpr_deg)
+    );
+    text += &format!(
+        "UR rotation vector     {} rad",
+        four(&found.ur_rotation_vector_rad)
+    );
+    if found.angles_not_unique {
+        text += "\nnote: B (P) is at 90°: of A and C (W and R) only the sum or the difference has a meaning";
+    }
+    if !found.outside_limits.is_empty() {
+        text += &format!(
+            "\nnote: joints outside their limits: {:?}",
+            found.outside_limits
+        );
+    }
+    if let Some(apart) = found.position_apart_mm {
+        text += &format!("\nthe pendant's position is {apart:.3} mm from the model's");
+    }
+    text
+}

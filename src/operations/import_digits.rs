@@ -1,0 +1,62 @@
+//! Numbers of a description as it means them: angles that are a rounded multiple of 90°, and sums without the noise of floats.
+
+use crate::exchange::{Chain, origin_of, pose_of};
+use std::f64::consts::FRAC_PI_2;
+
+/// An angle this near to a multiple of 90° is that multiple, rad: descriptions write 1.57, 1.571, 1.5708. No arm is built 0.1° off a right angle.
+const RIGHT_ANGLE_RAD: f64 = 2e-3;
+/// Numbers this near to a multiple of a thousandth are that multiple: sums of floats are off by their
+/// last digits. Mm or degrees; 3 m from a joint this angle moves a point by less than 1e-9 mm.
+const NOISE: f64 = 1e-11;
+const STEP: f64 = 1e-3;
+
+/// The chain with right angles where it has rounded ones.
+pub fn with_right_angles(chain: &Chain) -> Chain {
+    let mut chain = chain.clone();
+    for joint in &mut chain.joints {
+        let mut origin = origin_of(&joint.t_parent_joint);
+        let rounded = origin.rpy_rad.map(right_angle);
+        if rounded != origin.rpy_rad {
+            origin.rpy_rad = rounded;
+            joint.t_parent_joint = pose_of(&origin);
+        }
+        if let Some(axis) = &mut joint.axis {
+            let along = axis.map(f64::round);
+            if along.norm() == 1.0 && (*axis - along).norm() < RIGHT_ANGLE_RAD {
+                *axis = along;
+            }
+        }
+    }
+    chain
+}
+
+fn right_angle(rad: f64) -> f64 {
+    let nearest = (rad / FRAC_PI_2).round() * FRAC_PI_2;
+    if (rad - nearest).abs() < RIGHT_ANGLE_RAD {
+        nearest
+    } else {
+        rad
+    }
+}
+
+/// The number without the noise of floats. Zero has no sign.
+pub fn clean(number: f64) -> f64 {
+    let nearest = (number / STEP).round() / STEP.recip();
+    let is_noise = (number - nearest).abs() < NOISE;
+    (if is_noise { nearest } else { number }) + 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{clean, right_angle};
+
+    #[test]
+    fn noise_goes_and_numbers_stay() {
+        assert_eq!(clean(704.999_999_999_999_9), 705.0);
+        assert_eq!(clean(163.941), 163.941);
+        assert_eq!(clean(163.941_000_01), 163.941_000_01);
+        assert!(clean(-0.0).is_sign_positive());
+        assert_eq!(right_angle(-1.5708), -std::f64::consts::FRAC_PI_2);
+        assert_eq!(right_angle(0.61), 0.61);
+    }
+}

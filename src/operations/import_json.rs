@@ -1,0 +1,92 @@
+//! Tables of links in JSON: a list of objects whose fields are the columns of the CSV table.
+
+use crate::kinematics::model::MAX_LINKS;
+use crate::wire::issue::{Invalid, Issue};
+use serde_json::{Map, Value};
+
+/// Most fields of a row; a table has seven quantities and the link's number.
+const MAX_FIELDS: usize = 16;
+
+/// Whether bytes are JSON and no CSV.
+pub fn is_json(bytes: &[u8]) -> bool {
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    matches!(bytes.trim_ascii_start().first(), Some(b'[' | b'{'))
+}
+
+/// The same table in CSV. The rows are the list itself, or the list `rows` or `links` of an object.
+///
+/// # Errors
+/// [`Invalid`] with a JSON pointer to what is wrong.
+pub fn csv_of_json(bytes: &[u8]) -> Result<Vec<u8>, Invalid> {
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let document: Value = serde_json::from_slice(bytes).map_err(|error| {
+        Invalid::at(
+            "",
+            "unreadable_table",
+            format!("the table is not JSON: {error}"),
+        )
+    })?;
+    let (at, rows) = match &document {
+        Value::Object(object) => match (object.get("rows"), object.get("links")) {
+            (Some(rows), _) => ("/rows", rows),
+            (None, Some(rows)) => ("/links", rows),
+            (None, None) => ("", &document),
+        },
+        _ => ("", &document),
+    };
+    let rows: Vec<&Map<String, Value>> = match rows.as_array() {
+        Some(rows) if rows.len() <= MAX_LINKS && !rows.is_empty() => {
+            rows.iter().filter_map(Value::as_object).collect()
+        }
+        _ => vec![],
+    };
+    if rows.is_empty() {
+        let detail = format!(
+            "a table is a list of 1 to {MAX_LINKS} objects, one per link, or {{\"rows\": [...]}}"
+        );
+        return Err(Invalid::at(at, "invalid_table", detail));
+    }
+    let mut names: Vec<&String> = Vec::new();
+    for name in rows.iter().flat_map(|row| row.keys()) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let is_plain = |name: &&String| !name.contains([',', '"', '\n', '\r', ';', '\t']);
+    if names.len() > MAX_FIELDS || !names.iter().all(is_plain) {
+        let detail = "the fields of a row are the columns of a table: a_mm, alpha_deg, d_mm, theta_offset_deg and so on";
+        return Err(Invalid::at(at, "unknown_column", detail));
+    }
+    let (mut lines, mut issues) = (Vec::new(), Vec::new());
+    lines.push(
+        names
+            .iter()
+            .map(|name| name.as_str())
+            .collect::<Vec<_>>()
+            .join(","),
+    );
+    for (i, row) in rows.iter().enumerate() {
+        let cells: Vec<String> = names
+            .iter()
+            .map(|name| match row.get(*name) {
+                None | Some(Value::Null) => String::new(),
+                Some(Value::Number(number)) => number.to_string(),
+                Some(other) => {
+                    let detail = format!("{other} is not a number");
+                    let pointer = format!("{at}/{i}/{name}");
+                    issues.push(Issue::at(pointer, "not_a_number", detail));
+                    String::new()
+                }
+            })
+            .collect();
+        lines.push(cells.join(","));
+    }
+    if issues.is_empty() {
+        Ok((lines.join("\n") + "\n").into_bytes())
+    } else {
+        Err(Invalid {
+            code: "invalid_table",
+            issues,
+        })
+    }
+}

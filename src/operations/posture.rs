@@ -1,0 +1,84 @@
+//! The nominal pose of a posture, in the angles of several makers.
+
+use crate::kinematics::{Robot, t_base_flange};
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::issue::Invalid;
+use crate::wire::posture::{PostureAnswer, PostureBody};
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+/// Cosine of the second angle below which the first and the third cannot be told apart: 0.001° from ±90°.
+const NOT_UNIQUE: f64 = 1.745e-5;
+/// Joint values that the pendant rounds to two decimals may be this far outside a limit, degrees.
+const ROUNDED_DEG: f64 = 0.01;
+
+/// The pose of the flange, or of a tool, in the base frame of the nominal links, for the controller's joint values.
+///
+/// # Errors
+/// [`Invalid`] for joint values or a tool that cannot be used.
+pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, Invalid> {
+    request.check(robot.links.len())?;
+    let q_rad: Vec<f64> = request.q_deg.iter().map(|deg| to_radians(*deg)).collect();
+    let q_model_rad = robot.q_model_rad(&q_rad);
+    let t = t_base_flange(&robot.links, &q_model_rad)
+        * request
+            .tool
+            .map_or_else(IsometryMatrix3::identity, IsometryMatrix3::from);
+    let r = t.rotation.matrix();
+    let (yaw_pitch_roll, angles_not_unique) = yaw_pitch_roll(r);
+    let [yaw, pitch, roll] = yaw_pitch_roll.map(to_degrees);
+    let position = t.translation.vector;
+    let outside = robot
+        .joint_limits_rad
+        .iter()
+        .zip(&request.q_deg)
+        .enumerate()
+        .filter(|(_, (limits, q_deg))| {
+            limits.is_some_and(|(low, high)| {
+                **q_deg < to_degrees(low) - ROUNDED_DEG || **q_deg > to_degrees(high) + ROUNDED_DEG
+            })
+        });
+    Ok(PostureAnswer {
+        position_mm: position.into(),
+        rotation: [0, 1, 2].map(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]]),
+        quaternion: quaternion(&t.rotation),
+        kuka_abc_deg: [yaw, pitch, roll],
+        fanuc_wpr_deg: [roll, pitch, yaw],
+        ur_rotation_vector_rad: rotation_vector(&t.rotation),
+        angles_not_unique,
+        q_model_deg: q_model_rad.iter().map(|rad| to_degrees(*rad)).collect(),
+        outside_limits: outside.map(|(i, _)| i + 1).collect(),
+        position_apart_mm: request
+            .shown_position_mm
+            .map(|shown| (Vector3::from(shown) - position).norm()),
+    })
+}
+
+/// Angles with R = Rz(yaw)·Ry(pitch)·Rx(roll), rad, and whether yaw and roll are not unique.
+fn yaw_pitch_roll(r: &Matrix3<f64>) -> ([f64; 3], bool) {
+    let across = libm::sqrt(r[(2, 1)] * r[(2, 1)] + r[(2, 2)] * r[(2, 2)]);
+    let pitch = libm::atan2(-r[(2, 0)], across);
+    if across < NOT_UNIQUE {
+        // R = Ry(±90°)·Rx(roll): the turn about z goes into roll
+        let roll = libm::atan2(-r[(1, 2)], r[(1, 1)]);
+        return ([0.0, pitch, roll], true);
+    }
+    let yaw = libm::atan2(r[(1, 0)], r[(0, 0)]);
+    ([yaw, pitch, libm::atan2(r[(2, 1)], r[(2, 2)])], false)
+}
+
+fn quaternion(rotation: &Rotation3<f64>) -> [f64; 4] {
+    let q = UnitQuaternion::from_rotation_matrix(rotation);
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    [q.w, q.i, q.j, q.k].map(|x| x * sign)
+}
+
+/// From the quaternion: exact also near half a turn, where the matrix is nearly symmetric.
+fn rotation_vector(rotation: &Rotation3<f64>) -> [f64; 3] {
+    let [w, x, y, z] = quaternion(rotation);
+    let axis = Vector3::new(x, y, z);
+    let sine = axis.norm();
+    if sine == 0.0 {
+        return [0.0; 3];
+    }
+    (axis * (2.0 * libm::atan2(sine, w) / sine)).into()
+}

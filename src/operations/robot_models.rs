@@ -1,0 +1,132 @@
+//! The library of ready arms: data in `data/robot-models`, one file per maker, inside the binary.
+
+use crate::wire::robot_model::{RobotModel, RobotModelPage, RobotModelSummary};
+use std::sync::LazyLock;
+
+/// The files, by maker.
+const FILES: [&str; 14] = [
+    include_str!("../../data/robot-models/abb.json"),
+    include_str!("../../data/robot-models/denso.json"),
+    include_str!("../../data/robot-models/doosan.json"),
+    include_str!("../../data/robot-models/epson.json"),
+    include_str!("../../data/robot-models/fanuc.json"),
+    include_str!("../../data/robot-models/franka.json"),
+    include_str!("../../data/robot-models/kawasaki.json"),
+    include_str!("../../data/robot-models/kinova.json"),
+    include_str!("../../data/robot-models/kuka.json"),
+    include_str!("../../data/robot-models/mitsubishi.json"),
+    include_str!("../../data/robot-models/staubli.json"),
+    include_str!("../../data/robot-models/ufactory.json"),
+    include_str!("../../data/robot-models/ur.json"),
+    include_str!("../../data/robot-models/yaskawa.json"),
+];
+
+/// Longest text to search for, characters. The longest name of an arm has 30.
+pub const MAX_SEARCH_CHARS: usize = 100;
+
+static ALL: LazyLock<Result<Vec<RobotModel>, String>> = LazyLock::new(|| {
+    let mut all = Vec::new();
+    for file in FILES {
+        let mut models: Vec<RobotModel> =
+            serde_json::from_str(file).map_err(|error| error.to_string())?;
+        for model in &mut models {
+            model.robot.description = Some(description(model));
+        }
+        all.append(&mut models);
+    }
+    Ok(all)
+});
+
+/// What a robot that is made from an entry says of its origin.
+fn description(model: &RobotModel) -> String {
+    let sources: Vec<&str> = model.sources.iter().map(|s| s.title.as_str()).collect();
+    format!(
+        "Nominal arm {} of the library. Base: {}. Flange: {}. Sources: {}.",
+        model.id,
+        model.base,
+        model.flange,
+        sources.join("; ")
+    )
+}
+
+/// All arms, by maker and name.
+///
+/// # Errors
+/// If a file cannot be read; a test reads them all.
+pub fn all() -> Result<&'static [RobotModel], &'static str> {
+    ALL.as_deref().map_err(String::as_str)
+}
+
+/// The arm with this id.
+///
+/// # Errors
+/// As [`all`].
+pub fn get(id: &str) -> Result<Option<&'static RobotModel>, &'static str> {
+    Ok(all()?.iter().find(|model| model.id == id))
+}
+
+/// The arms of a maker whose names have every word of a text. Case, blanks and punctuation do not count: `m10ia` finds the M-10iA.
+///
+/// # Errors
+/// As [`all`].
+pub fn find(text: &str, maker: Option<&str>) -> Result<Vec<&'static RobotModel>, &'static str> {
+    let words: Vec<String> = text.split_whitespace().map(letters).collect();
+    let maker = maker.map(letters);
+    let has = |model: &&RobotModel| {
+        let name = names(model);
+        words.iter().all(|word| name.contains(word))
+            && maker
+                .as_ref()
+                .is_none_or(|maker| letters(&makers(model)).contains(maker))
+    };
+    Ok(all()?.iter().filter(has).collect())
+}
+
+/// The page of arms after the one with the id `after`.
+///
+/// # Errors
+/// As [`all`]. `Ok(None)` if no arm has that id.
+pub fn page(
+    text: &str,
+    maker: Option<&str>,
+    limit: usize,
+    after: Option<&str>,
+) -> Result<Option<RobotModelPage>, &'static str> {
+    let found = find(text, maker)?;
+    let start = match after {
+        None => 0,
+        Some(id) => match found.iter().position(|model| model.id == id) {
+            Some(at) => at + 1,
+            None => return Ok(None),
+        },
+    };
+    let end = found.len().min(start + limit);
+    let last = found[start..end].last();
+    Ok(Some(RobotModelPage {
+        items: found[start..end]
+            .iter()
+            .map(|model| RobotModelSummary::from(*model))
+            .collect(),
+        next_cursor: last
+            .filter(|_| end < found.len())
+            .map(|model| model.id.clone()),
+        total: found.len(),
+    }))
+}
+
+fn makers(model: &RobotModel) -> String {
+    format!("{} {}", model.maker, model.also.join(" "))
+}
+
+/// Maker, name, other names and id without blanks and punctuation. Between maker and name stands a character that no search has.
+fn names(model: &RobotModel) -> String {
+    let parts = [&model.robot.name, &model.name, &makers(model), &model.id];
+    parts.map(|part| letters(part)).join("\n")
+}
+
+fn letters(text: &str) -> String {
+    text.chars()
+        .filter(|c| c.is_alphanumeric())
+        .flat_map(char::to_lowercase)
+        .collect()
+}
