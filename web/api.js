@@ -64,7 +64,7 @@ async function once(path, options) {
 }
 
 export const get = async (path, signal) => (await call(path, { signal })).json();
-export const blob = async (path) => (await call(path)).blob();
+export const blob = async (path, signal) => (await call(path, { signal })).blob();
 
 /** A POST that may be repeated without a second effect. Text and files go as they are, byte for byte; anything else becomes JSON. */
 export async function post(path, body, contentType = "application/json") {

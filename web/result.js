@@ -1,11 +1,12 @@
 // Result of a calibration, in this order: errors, release, changes, method.
 
 import { get, noAuth, post } from "./api.js";
-import { arrows, convergence, histogram, IDENTIFIED, interval, perPoint, VERIFIED } from "./figures.js";
+import { convergence, histogram, IDENTIFIED, interval, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
+import { resultPoints } from "./result_points.js";
 import { saveButton, savePoints } from "./save.js";
 import { NO_USE } from "./words.js";
 
@@ -21,10 +22,11 @@ export async function result(body, context, { job, robot, set, verified }) {
   ]);
   const half = report.verify ?? report.identify;
   const names = job.kind === "verify" ? VERIFIED : IDENTIFIED;
+  const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
   const swarm = curve.iteration.length > 1 && convergence(curve);
   fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, job, robot),
-    report.warnings.map(warning), el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), perPoint(report.per_point, names),
-    pairs(arrows(report.per_point, names)), parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+    report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);

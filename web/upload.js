@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
+import { posesOf } from "./poses.js";
 import { SUSPICIONS } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
@@ -61,7 +62,7 @@ async function upload(context, file, query, out) {
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
-      set.warnings.map(warning),
+      set.warnings.map(warning), posesOf(robot, set),
       may("identify") && jobForm(robot, [set], parameterSets));
     came(set);
   } catch (error) {
