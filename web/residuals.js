@@ -1,7 +1,8 @@
 // The table of residuals: to sort, to filter, to download, and to calibrate again without some points. Only the rows in sight are elements, so
 // that 100,000 points stay usable.
 
-import { get, post } from "./api.js";
+import { blob, get, post } from "./api.js";
+import { rowsOf } from "./csv.js";
 import { el, fill, problem, say } from "./dom.js";
 import { error, fixed } from "./format.js";
 import { saveText } from "./save.js";
@@ -31,7 +32,7 @@ export function residualTable(points, name, selected, leave) {
     state.order = points.map((_, i) => i).filter((i) => keeps(points[i], i, state, leave));
     const compare = (a, b) => { const [x, y] = [of(a), of(b)]; return typeof x === "number" && typeof y === "number" ? x - y : String(x).localeCompare(String(y), "en", { numeric: true }); };
     state.order.sort((a, b) => (state.up ? 1 : -1) * compare(a, b) || a - b);
-    fill(head, columns().map(([key, words]) => el("th", { scope: "col", "aria-sort": key === state.key ? (state.up ? "ascending" : "descending") : "none" },
+    fill(head, columns().map(([key, words]) => el(["th", kindOf(key)].filter(Boolean).join("."), { scope: "col", "aria-sort": key === state.key ? (state.up ? "ascending" : "descending") : "none" },
       el("button.sort", { type: "button", click: () => { Object.assign(state, { up: key === state.key ? !state.up : !["before", "after", "corrected"].includes(key), key }); sort(); head.querySelector("[aria-sort$=ending] button").focus(); } }, words, key === state.key ? (state.up ? " ↑" : " ↓") : ""))));
     fill(count, `${state.order.length.toLocaleString("en-GB")} of ${points.length.toLocaleString("en-GB")} points`);
     draw();
@@ -74,6 +75,9 @@ function filters(state, sort, save) {
   return el("div.controls", {}, el("label.inline", { for: "residual-half" }, "Show"), which, el("label.inline", { for: "residual-least" }, "after at least, mm"), least, el("button", { type: "button", click: save }, "Download as CSV"));
 }
 
+/** Columns that a narrow page leaves out. */
+const kindOf = (key) => (["x", "y", "z"].includes(key) ? "vector" : ["configuration", "target"].includes(key) ? "minor" : "");
+
 /** Elements for the rows in sight; those that stay are kept. */
 function rows(box, body, columns, { order }, selected, leave) {
   const first = Math.max(0, Math.floor(box.scrollTop / ROW_PX) - SPARE);
@@ -82,7 +86,7 @@ function rows(box, body, columns, { order }, selected, leave) {
   fill(body, spacer(first), order.slice(first, last).map((i, k) => {
     const chosen = i === selected.index;
     const kinds = [chosen && "chosen", leave?.excluded.has(i) && "left"].filter(Boolean);
-    return el(["tr", ...kinds].join("."), { "aria-selected": chosen ? "true" : null, "aria-rowindex": first + k + 2, click: () => selected.set(i) }, columns.map(([key, , text]) => el(["row", "configuration", "subset", "note"].includes(key) ? "td" : "td.n", {}, text(i))));
+    return el(["tr", ...kinds].join("."), { "aria-selected": chosen ? "true" : null, "aria-rowindex": first + k + 2, click: () => selected.set(i) }, columns.map(([key, , text]) => el(["td", ["row", "configuration", "subset", "note"].includes(key) ? "" : "n", kindOf(key)].filter(Boolean).join("."), {}, text(i))));
   }), spacer(order.length - last));
 }
 
@@ -102,24 +106,28 @@ function download(points, name, { order, joints }) {
   saveText(`${header.join(",")}\n${lines.join("\n")}\n`, "residuals.csv", "text/csv");
 }
 
-/** Points to leave out, and the calibration without them. `job` is the one whose request is repeated. */
-export function leavingOut({ job, set, robot, may, points, name, changed }) {
-  if (job.kind === "verify" || !may("identify")) return null;
+/**
+ * Points to leave out, and the calibration without them: the file is uploaded once more without their rows, under a name that says which and
+ * why, so that both files are kept and nothing is hidden.
+ */
+export function leavingOut({ job, set, robot, may, name, changed }) {
+  if (job.kind === "verify" || !may("identify") || !may("upload")) return null;
   const excluded = new Set();
   const out = el("div", {});
-  const reason = el("input", { id: "exclude-reason", maxlength: 500, required: true });
+  const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });
   const list = el("p", {});
   const node = el("form.leave", { hidden: true, submit: async (event) => {
     event.preventDefault();
     try {
-      const before = await get(`/v1/jobs/${job.id}`);
-      const request = { ...before.request, measurement_set_id: set.id, exclude_rows: [...new Set([...before.request?.exclude_rows ?? [], ...excluded])].sort((a, b) => a - b), exclude_reason: reason.value };
-      const next = await post(`/v1/robots/${robot.id}/jobs`, request);
+      const rows = [...excluded].sort((a, b) => a - b);
+      const reduced = await uploadWithout(robot, set, rows, reason.value);
+      const { request } = await get(`/v1/jobs/${job.id}`);
+      const next = await post(`/v1/robots/${robot.id}/jobs`, { ...request, measurement_set_id: reduced.id });
       location.hash = `#/jobs/${next.id}`;
     } catch (refused) {
       fill(out, problem(refused));
     }
-  } }, list, el("label", { for: "exclude-reason" }, "Why they are left out; it is kept with the result"), reason, out, el("div.actions", {}, el("button.primary", { type: "submit" }, "Calibrate again without them")));
+  } }, list, el("label", { for: "exclude-reason" }, "Why they are left out; it is kept in the name of the new set"), reason, out, el("div.actions", {}, el("button.primary", { type: "submit" }, "Calibrate again without them")));
   const toggle = (i) => {
     if (!excluded.delete(i)) excluded.add(i);
     node.hidden = excluded.size === 0;
@@ -127,5 +135,31 @@ export function leavingOut({ job, set, robot, may, points, name, changed }) {
     say(excluded.has(i) ? `${name(i)} will be left out` : `${name(i)} stays`);
     changed();
   };
-  return { excluded, node, toggle, may: (i) => i < set.n_points && points[i].subset !== undefined };
+  return { excluded, node, toggle, may: (i) => i < set.n_points };
+}
+
+/** Longest name of a set. */
+const MAX_NAME = 200;
+
+async function uploadWithout(robot, set, rows, reason) {
+  const file = await blob(`/v1/measurement-sets/${set.id}/points`);
+  const text = await file.text();
+  const isJson = file.type.startsWith("application/json");
+  const without = isJson ? JSON.stringify({ ...JSON.parse(text), points: JSON.parse(text).points.filter((_, i) => !rows.includes(i)) }) : withoutLines(text, rows);
+  const named = `${set.name ?? set.id} without ${rows.length === 1 ? "row" : "rows"} ${rows.join(", ")}: ${reason}`;
+  const query = new URLSearchParams({ frame: set.frame, name: named.length > MAX_NAME ? `${named.slice(0, MAX_NAME - 2)} …` : named });
+  return post(`/v1/robots/${robot.id}/measurement-sets?${query}`, without, isJson ? "application/json" : "text/csv");
+}
+
+/** A CSV without some data rows; every other line stays as it is. */
+export function withoutLines(text, left) {
+  const header = text.split(/\r\n|\n|\r/, 1)[0];
+  const [, ...rows] = rowsOf(text, header.includes(";") ? ";" : ",");
+  const lines = text.split(/\r\n|\n|\r/);
+  const gone = new Set();
+  for (const i of left) {
+    const end = rows[i + 1]?.line ?? lines.length + 1;
+    for (let line = rows[i].line; line < end; line += 1) gone.add(line);
+  }
+  return `${lines.filter((_, i) => !gone.has(i + 1)).join("\n").replace(/\n+$/, "")}\n`;
 }

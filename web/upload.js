@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
+import { jobOptions } from "./job_options.js";
 import { posesOf } from "./poses.js";
 import { SUSPICIONS } from "./words.js";
 
@@ -166,12 +167,13 @@ function jobForm(robot, sets, parameterSets) {
   const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to verify", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
   const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
     KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
+  const options = jobOptions(robot);
   const out = el("div", {});
   const button = el("button.primary", { type: "submit" });
   const kind = () => kinds.querySelector("input:checked").value;
   const shape = () => {
     const verifies = kind() === "verify";
-    for (const field of [methodField, verifyField, presetField]) field.hidden = verifies;
+    for (const field of [methodField, verifyField, presetField, options.node]) field.hidden = verifies;
     scoredField.hidden = !verifies;
     fill(button, verifies ? "Start verification" : "Start calibration");
   };
@@ -187,7 +189,7 @@ function jobForm(robot, sets, parameterSets) {
     event.preventDefault();
     button.disabled = true;
     const request = kind() === "verify" ? { kind: "verify", measurement_set_id: set.value, parameter_set_id: scored.value }
-      : { measurement_set_id: set.value, method: method.value, preset: preset.value };
+      : options.add({ measurement_set_id: set.value, method: method.value, preset: preset.value });
     if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
     try {
       const job = await post(`/v1/robots/${robot.id}/jobs`, request);
@@ -197,5 +199,5 @@ function jobForm(robot, sets, parameterSets) {
       button.disabled = false;
     }
   };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), out, button);
+  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), options.node, out, button);
 }

@@ -5,6 +5,7 @@
 
 mod axes;
 mod figures;
+mod quality;
 mod sections;
 mod sources;
 mod text;
@@ -56,6 +57,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::verdict(sources))
             (sections::warnings(&report.warnings))
             (sections::facts(sources))
+            (quality::statement(sources))
             (sections::errors(sources))
             (figures::per_point(&report.per_point))
             (figures::histogram(&report.per_point))
@@ -68,6 +70,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::changes(report))
             (sections::comparison(report))
             (sections::origin(sources))
+            (quality::signature(sources))
         }
     }
 }

@@ -22,6 +22,7 @@ pub mod key;
 pub mod measurement;
 pub mod network;
 pub mod options;
+pub mod overview;
 pub mod page;
 pub mod parameter_set;
 pub mod parameters;

@@ -268,6 +268,12 @@ impl Browser {
         }
     }
 
+    /// Sets a cookie that no script could set.
+    pub async fn set_cookie(&self, name: &str, value: &str, path: &str) {
+        let cookie = json!({"name": name, "value": value, "path": path, "url": self.server, "httpOnly": true, "sameSite": "Strict"});
+        self.devtools("Network.setCookie", cookie).await;
+    }
+
     /// Presses keys; the focused element receives them.
     pub async fn press(&self, keys: impl Into<TypingData>) {
         self.driver

@@ -29,6 +29,7 @@ mod report_page;
 mod residual_networks;
 mod robots;
 mod secrets;
+mod session_cookie;
 mod sessions;
 mod suspicions;
 mod tls;
