@@ -59,7 +59,7 @@ export function armFigure({ title, caption, robot, points, stages = [], targets 
     draw: (pen) => drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, boxes }),
     points: () => state.drawn, picked: (i) => selected.set(i), step: (by) => selected.step(by),
   });
-  frame(scene.eye, placed, robot, up, reach, boxes);
+  frame(scene.eye, placed, robot, up, reach, boxes, postures);
   const rescale = () => {
     Object.assign(state, scaleOf(points, placed, stages, state, scene.eye.size));
     fill(key, legendOf(state));
@@ -96,8 +96,13 @@ function stageChoice(stages, state, changed) {
 const hint = (n) => [el("p.note", {}, n > 0 ? "Click, tap or press N to pick a point: its row, its joints and its residual appear here, and the arm takes its posture." : "Drag to turn the arm."),
   el("p.note", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom. Two fingers: zoom and move.")];
 
-function frame(eye, placed, robot, up, reach, boxes) {
-  const ends = [...placed.filter(Boolean), ...boxes.flatMap((b) => [b.min_mm, b.max_mm]).map((p) => apply(up, p)), ...framesOf(robot, restOf(robot)).map((t) => apply(up, origin(t)))];
+/** Postures whose joints are within the first picture. */
+const FRAMED = 40;
+
+function frame(eye, placed, robot, up, reach, boxes, postures) {
+  const every = Math.max(1, Math.ceil(placed.length / FRAMED));
+  const known = placed.map((_, i) => (i % every === 0 ? postures(i) : null)).filter(Boolean);
+  const ends = [...placed.filter(Boolean), ...boxes.flatMap((b) => [b.min_mm, b.max_mm]).map((p) => apply(up, p)), ...[restOf(robot), ...known].flatMap((q) => framesOf(robot, q)).map((t) => apply(up, origin(t)))];
   const [low, high] = [0, 1, 2].map((k) => [Infinity, -Infinity].map((start, side) => ends.reduce((best, p) => (side === 0 ? Math.min(best, p[k]) : Math.max(best, p[k])), start)))
     .reduce(([a, b], [l, h]) => [[...a, l], [...b, h]], [[], []]);
   eye.centre = low.map((v, k) => (v + high[k]) / 2);

@@ -3,7 +3,7 @@
 import { get, list, post } from "./api.js";
 import { rowsOf } from "./csv.js";
 import { el, fill, problem, table, warning } from "./dom.js";
-import { fixed, mm, when } from "./format.js";
+import { fixed, mm, signed, when } from "./format.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
 
@@ -85,7 +85,7 @@ function corrected(program, answer, name) {
   const odd = answer.status.map((status, i) => [status, i]).filter(([status]) => !FINE.includes(status));
   const outside = answer.extrapolated.filter(Boolean).length;
   const shown = answer.q_deg.slice(0, SHOWN).map((_, i) => i);
-  const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, fixed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
+  const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
   return [facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))], ["Largest error after", mm(worst(answer.position_error_after_mm)), `by the identified robot, in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`],
     ["Not reached", odd.length, odd.length > 0 ? [...new Set(odd.map(([status]) => status.replaceAll("_", " ")))].join(", ") : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
   answer.warnings.map(warning),

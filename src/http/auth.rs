@@ -218,8 +218,8 @@ pub async fn authorize(State(app): State<App>, mut request: Request, next: Next)
             next.run(request).await
         }
         Err(Refusal::Error(error)) => {
-            let forget = matches!(error, Error::Unauthorized(_))
-                && session_cookie::is_present(&headers);
+            let forget =
+                matches!(error, Error::Unauthorized(_)) && session_cookie::is_present(&headers);
             let mut response = error.into_response();
             if forget {
                 let cookie = session_cookie::signing_out(app.has_tls);

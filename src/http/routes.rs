@@ -2,8 +2,8 @@
 
 use crate::http::{
     App, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
-    measurement_sets, metrics, networks, overview, parameter_sets, policies, pose_plans, predict, release,
-    report_html, robots, session,
+    measurement_sets, metrics, networks, overview, parameter_sets, policies, pose_plans, predict,
+    release, report_html, robots, session,
 };
 use utoipa_axum::router::OpenApiRouter;
 

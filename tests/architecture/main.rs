@@ -610,7 +610,11 @@ fn every_warning_says_why_it_matters_and_what_to_do_in_a_short_sentence() {
     const LONGEST: usize = 130;
     let codes = words::worded("WARNINGS");
     for table in ["MATTERS", "REMEDIES"] {
-        assert_eq!(words::worded(table), codes, "{table}: the codes of WARNINGS, in their order");
+        assert_eq!(
+            words::worded(table),
+            codes,
+            "{table}: the codes of WARNINGS, in their order"
+        );
         for (code, text) in words::texts(table) {
             assert!(
                 text.ends_with('.') && text.len() <= LONGEST,

@@ -13,7 +13,13 @@ const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] =
     [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
 /// Routes without a robot in their path: the answer depends on the key.
-const OF_NO_ROBOT: [&str; 5] = ["/v1/robots", "/v1/overview", "/v1/me", "/v1/session", "/v1/robot-imports"];
+const OF_NO_ROBOT: [&str; 5] = [
+    "/v1/robots",
+    "/v1/overview",
+    "/v1/me",
+    "/v1/session",
+    "/v1/robot-imports",
+];
 
 /// A robot with one resource of each kind.
 struct Cell {

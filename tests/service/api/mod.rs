@@ -21,6 +21,7 @@ mod matrix;
 mod measurement_sets;
 mod metrics;
 mod misfits;
+mod overview;
 mod parameter_sets;
 mod pose_plans;
 mod problems;
