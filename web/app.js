@@ -3,10 +3,12 @@
 import { forget, get, isKey, noAuth, signedIn, signIn as openSession, signOut } from "./api.js";
 import { el, fill, problem } from "./dom.js";
 import { robotsPage } from "./robots.js";
+import { comparePage } from "./compare.js";
 import { correctPage } from "./correct.js";
 import { planPage } from "./plan.js";
 import { robotPage } from "./robot.js";
 import { jobPage } from "./job.js";
+import { jobsPage } from "./jobs.js";
 
 const main = document.getElementById("main");
 const session = document.getElementById("session");
@@ -14,7 +16,9 @@ const PAGES = [
   [/^#\/robots\/(\w+)$/, robotPage],
   [/^#\/robots\/(\w+)\/plan$/, planPage],
   [/^#\/robots\/(\w+)\/correct$/, correctPage],
+  [/^#\/robots\/(\w+)\/compare$/, comparePage],
   [/^#\/jobs\/(\w+)$/, jobPage],
+  [/^#\/jobs$/, jobsPage],
   [/^(#\/?)?$/, robotsPage],
 ];
 

@@ -45,7 +45,7 @@ function upright({ mounting }) {
  * The picture. `points` have a position in the base frame, and where they were compared vectors and errors by stage. `stages` are
  * [name, words]; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
  */
-export function armFigure({ title, caption, robot, points, stages = [], targets = [], selected, postures = () => null, boxes = [], describe, actions }) {
+export function armFigure({ title, caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
   const reach = reachOf(robot);
   const up = upright(robot);
   const placed = points.map((p) => (p.position ? apply(up, p.position) : null));
@@ -56,14 +56,14 @@ export function armFigure({ title, caption, robot, points, stages = [], targets 
   const shown = el("div.actions", {});
   const scene = view({
     label: `${title}. Arrow keys turn it, plus and minus zoom, N and P go to the next and the previous point, Home shows all.`,
-    draw: (pen) => drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, boxes }),
+    draw: (pen) => drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, rest, boxes }),
     points: () => state.drawn, picked: (i) => selected.set(i), step: (by) => selected.step(by),
   });
   frame(scene.eye, placed, robot, up, reach, boxes, postures);
   const rescale = () => {
     Object.assign(state, scaleOf(points, placed, stages, state, scene.eye.size));
     fill(key, legendOf(state));
-    fill(lead, arrowsSaid(state, points.length));
+    fill(lead, arrowsSaid(state, points.length, said));
     scene.redraw();
   };
   const refresh = () => {
@@ -85,7 +85,7 @@ let choices = 0;
 
 /** Which errors the arrows show, and to which scale. */
 function stageChoice(stages, state, changed) {
-  if (stages.length === 0) return false;
+  if (stages.length < 2) return false;
   choices += 1;
   const radios = stages.map(([name, words]) => el("label.choice", {}, el("input", { type: "radio", name: `stage-${choices}`, value: name, checked: name === state.stage, change: () => { state.stage = name; changed(); } }), words));
   const own = stages.length > 1 && el("label.choice", {}, el("input", { type: "checkbox", checked: true, change: (event) => { state.own = !event.target.checked; changed(); } }), "same scale for all");
@@ -103,6 +103,8 @@ function frame(eye, placed, robot, up, reach, boxes, postures) {
   const every = Math.max(1, Math.ceil(placed.length / FRAMED));
   const known = placed.map((_, i) => (i % every === 0 ? postures(i) : null)).filter(Boolean);
   const ends = [...placed.filter(Boolean), ...boxes.flatMap((b) => [b.min_mm, b.max_mm]).map((p) => apply(up, p)), ...[restOf(robot), ...known].flatMap((q) => framesOf(robot, q)).map((t) => apply(up, origin(t)))];
+  // without points the arm may be moved by hand
+  if (placed.length === 0) ends.push([-0.55 * reach, -0.55 * reach, 0], [0.55 * reach, 0.55 * reach, 0.85 * reach]);
   const [low, high] = [0, 1, 2].map((k) => [Infinity, -Infinity].map((start, side) => ends.reduce((best, p) => (side === 0 ? Math.min(best, p[k]) : Math.max(best, p[k])), start)))
     .reduce(([a, b], [l, h]) => [[...a, l], [...b, h]], [[], []]);
   eye.centre = low.map((v, k) => (v + high[k]) / 2);
@@ -138,21 +140,21 @@ function legendOf({ stage, top }) {
   return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${number((top * (i + 1)) / LEVELS.length, 2)} mm` : `above ${number((top * i) / LEVELS.length, 2)} mm`));
 }
 
-function arrowsSaid({ stage, factor, share, drawn }, n) {
+function arrowsSaid({ stage, factor, share, drawn }, n, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {
   if (!stage) return "";
   const some = share > 1 ? ` Of every ${share} neighbouring points only the one with the largest error is drawn: ${drawn.filter(Boolean).length.toLocaleString("en-GB")} of ${n.toLocaleString("en-GB")}.` : "";
-  return `Each arrow goes from where the robot was believed to be to where it was measured, ${factor.toLocaleString("en-GB")} times as long.${some}`;
+  return `${said} ${factor.toLocaleString("en-GB")} times as long.${some}`;
 }
 
 const rgb = (text) => text.split(/[ ,]+/).map(Number);
 
-function drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, boxes }) {
+function drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, rest, boxes }) {
   const colours = { grid: pen.colour("--grid-3d"), link: rgb(pen.colour("--arm-link")), joint: rgb(pen.colour("--arm-joint")), tool: pen.colour("--accent"),
     x: pen.colour("--axis-x"), y: pen.colour("--axis-y"), z: pen.colour("--axis-z") };
   ground(pen, reach, colours);
   boxes.forEach((box) => cuboid(pen, box, up, pen.colour("--bad")));
   const chosen = selected.index;
-  const q = (chosen === null ? null : postures(chosen)) ?? restOf(robot);
+  const q = (chosen === null ? null : postures(chosen)) ?? rest();
   const tools = targets.length > 0 ? [targets[points[chosen]?.target ?? 0] ?? targets[0]] : [];
   const lifted = framesOf(robot, q).map((t) => liftedPose(up, t));
   arm(pen, lifted, robot, reach, colours, tools);

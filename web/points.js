@@ -73,17 +73,23 @@ function ordered(points) {
 }
 
 function plot(width, height, points, names, state, chosen) {
-  const most = largest(points.map((p) => p.after_mm));
-  const y = state.toAfter ? { min: 0, max: Math.max(most * ABOVE_AFTER, SMALLEST_MM), label: "mm" }
-    : { ...(state.log ? range(points.flatMap((p) => [seen(p.before_mm), seen(p.after_mm)]), { log: true }) : range(points.flatMap((p) => [p.before_mm, p.after_mm]), { zero: true })), label: "mm" };
+  state.scales ??= {};
+  const y = (state.scales[state.toAfter] ??= scaleOf(points, state));
   return state.against === "order" ? bars(width, height, points, y, state, chosen) : dots(width, height, points, y, state, chosen, names);
+}
+
+/** The scale of the errors; it does not depend on what is selected. */
+function scaleOf(points, state) {
+  const most = largest(points.map((p) => p.after_mm));
+  return state.toAfter ? { min: 0, max: Math.max(most * ABOVE_AFTER, SMALLEST_MM), label: "mm" }
+    : { ...(state.log ? range(points.flatMap((p) => [seen(p.before_mm), seen(p.after_mm)]), { log: true }) : range(points.flatMap((p) => [p.before_mm, p.after_mm]), { zero: true })), label: "mm" };
 }
 
 const seen = (value) => Math.max(value, SMALLEST_MM);
 
 function bars(width, height, points, y, state, chosen) {
-  const halves = ordered(points);
-  const flat = halves.flatMap(([, some]) => some.map(([, i]) => i));
+  const halves = (state.halves ??= ordered(points));
+  const flat = (state.flat ??= halves.flatMap(([, some]) => some.map(([, i]) => i)));
   const [from, to] = state.span ?? [0, flat.length];
   const share = Math.max(1, Math.ceil((to - from) / MAX_BARS));
   const border = halves.length > 1 ? halves[0][1].length : -1;

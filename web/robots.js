@@ -1,8 +1,9 @@
 // All robots and their states.
 
-import { each, get, list, post } from "./api.js";
-import { el, fill, problem, table } from "./dom.js";
+import { each, get, list } from "./api.js";
+import { el, fill, table } from "./dom.js";
 import { age, capital, error, mm, when } from "./format.js";
+import { newRobot } from "./new_robot.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
 const [FIRST, MORE] = [20, 100];
@@ -99,7 +100,7 @@ const isNewer = ({ active, newest }) => active !== undefined && newest !== undef
 function driftCell(robot, { drifts: known }) {
   if (!isNewer(robot)) return "–";
   const found = known.get(robot.robot_id);
-  if (found === null) return "…";
+  if (found === null || !known.has(robot.robot_id)) return "…";
   return found === undefined ? "–" : [mm(found.mean_mm), el("small.quiet", {}, `at most ${error(found.max_mm)}`)];
 }
 
@@ -133,24 +134,6 @@ function robotTable(robots, state, empty) {
   ];
   const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
   return table(caption, columns, robots, empty);
-}
-
-function newRobot() {
-  const out = el("div", {});
-  const file = el("input", { id: "robot-file", type: "file", accept: ".json,application/json", required: true });
-  const submit = async (event) => {
-    event.preventDefault();
-    if (file.files.length === 0) return;
-    try {
-      const robot = await post("/v1/robots", await file.files[0].text());
-      location.hash = `#/robots/${robot.id}`;
-    } catch (error) {
-      fill(out, problem(error));
-    }
-  };
-  return el("section.card", {}, el("h2", {}, "Add a robot"),
-    el("form", { submit }, el("label", { for: "robot-file" }, "Robot file (JSON with the name and the nominal links)"),
-      el("div.fields", {}, file, el("div", {}, el("button", { type: "submit" }, "Add robot"))), out));
 }
 
 /** Facts as large numbers: [name, value, remark]. */

@@ -265,6 +265,7 @@ fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
             format!("/#/robots/{robot}"),
             format!("/#/robots/{robot}/plan"),
             format!("/#/robots/{robot}/correct"),
+            format!("/#/robots/{robot}/compare"),
             format!("/#/jobs/{}", job["id"].as_str().unwrap()),
             "/docs".into(),
         ];
