@@ -45,7 +45,7 @@ function upright({ mounting }) {
  * The picture. `points` have a position in the base frame, and where they were compared vectors and errors by stage. `stages` are
  * [name, words]; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
  */
-export function armFigure({ title, caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
+export function armFigure({ title, level = "h3", caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
   const reach = reachOf(robot);
   const up = upright(robot);
   const placed = points.map((p) => (p.position ? apply(up, p.position) : null));
@@ -74,7 +74,7 @@ export function armFigure({ title, caption, robot, points, stages = [], targets 
   const button = (text, label, click) => el("button", { type: "button", click, "aria-label": label, title: label }, text);
   fill(shown, VIEWS.map(([name, words]) => el("button", { type: "button", click: () => scene.look(name) }, words)),
     button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3)));
-  const node = el("figure.arm", {}, el("figcaption", {}, el("h3", {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
+  const node = el("figure.arm", {}, el("figcaption", {}, el(level, {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
     el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel), shown);
   rescale();
   refresh();
@@ -192,7 +192,7 @@ function cuboid(pen, { min_mm: a, max_mm: b }, up, colour) {
 
 /** A point's facts: [name, value] pairs. */
 export function pointFacts(title, entries) {
-  return [el("h4", {}, title), el("dl.pairs", {}, entries.filter(Boolean).map(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]))];
+  return [el("p.which", {}, title), el("dl.pairs", {}, entries.filter(Boolean).map(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]))];
 }
 
 /** Errors of a point of a report in words, for its panel. */

@@ -67,7 +67,7 @@ function planned(robot, plan, boxes) {
   const poses = plan.configurations;
   const points = poses.map(({ q_deg: q }) => ({ position: positionOf(robot, q), target: 0 }));
   const selected = selection(points.length);
-  const cell = armFigure({ title: "The planned poses", caption: "Dots: the nominal flange at each pose. Dashed: what is kept out.", robot, points, selected, boxes, postures: (i) => poses[i].q_deg,
+  const cell = armFigure({ title: "The planned poses", level: "h2", caption: "Dots: the nominal flange at each pose. Dashed: what is kept out.", robot, points, selected, boxes, postures: (i) => poses[i].q_deg,
     describe: (i) => pointFacts(`Pose ${i + 1} of ${poses.length}`, [jointFacts(poses[i].q_deg), ["Flange, mm", points[i].position.map((v) => fixed(v, 0)).join(", ")], poses[i].repeats > 1 && ["Measure it", `${poses[i].repeats} times`]]),
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   selected.set(0);

@@ -159,7 +159,7 @@ function zoomed(state, points, chosen, by) {
 
 /** Pointer, touch and keyboard on the plot. */
 function answer(node, state, selected, say, zoom) {
-  const image = node.querySelector("svg");
+  const image = node.querySelector(".plot svg");
   image.setAttribute("tabindex", "0");
   image.setAttribute("role", "application");
   image.setAttribute("aria-roledescription", "chart");

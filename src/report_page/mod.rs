@@ -60,8 +60,10 @@ fn body(sources: &Sources<'_>) -> Markup {
             (quality::statement(sources))
             (sections::errors(sources))
             (figures::per_point(&report.per_point))
-            (figures::histogram(&report.per_point))
-            (figures::convergence(sources.convergence))
+            div.pair {
+                (figures::histogram(&report.per_point))
+                (figures::convergence(sources.convergence))
+            }
             (figures::positions(&report.per_point))
             (sections::parameters(report))
             (sections::priors(report))

@@ -77,7 +77,7 @@ fn the_page_puts_the_arm_where_the_service_does() {
 
 /// The selected row as the panel beside the arm, the table and the figure state it.
 async fn selected(browser: &Browser) -> [String; 3] {
-    let script = "return [document.querySelector('.picked h4')?.innerText ?? '', document.querySelector('.residuals tr.chosen td')?.innerText ?? '', \
+    let script = "return [document.querySelector('.picked .which')?.innerText ?? '', document.querySelector('.residuals tr.chosen td')?.innerText ?? '', \
         document.querySelector('.answers .value strong')?.innerText ?? '']";
     let found = browser.run(script).await;
     [0, 1, 2].map(|i| found[i].as_str().unwrap().to_owned())
@@ -118,7 +118,7 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
             .await;
         browser.press("nnn").await;
         browser
-            .until("document.querySelector('.picked h4')?.innerText.startsWith('Row 2 ')")
+            .until("document.querySelector('.picked .which')?.innerText.startsWith('Row 2 ')")
             .await;
         let [panel, row, bar] = selected(browser).await;
         assert!(panel.starts_with("Row 2 "), "{panel}");
@@ -130,12 +130,12 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
 
         // By pointer: somewhere around the middle of the picture there is a point.
         browser.press(Key::Escape).await;
-        browser.until("!document.querySelector('.picked h4')").await;
+        browser.until("!document.querySelector('.picked .which')").await;
         let mut hit = false;
         for (x, y) in (-4..=4).flat_map(|x| (-4..=4).map(move |y| (30 * x, 30 * y))) {
             browser.click_at("canvas.scene", x, y).await;
             hit = browser
-                .run("return Boolean(document.querySelector('.picked h4'))")
+                .run("return Boolean(document.querySelector('.picked .which'))")
                 .await
                 == true;
             if hit {
@@ -154,14 +154,14 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
             .run("[...document.querySelectorAll('.residuals tbody tr')].find((tr) => tr.innerText.startsWith('row 5')).click()")
             .await;
         browser
-            .until("document.querySelector('.picked h4')?.innerText.startsWith('Row 5 ')")
+            .until("document.querySelector('.picked .which')?.innerText.startsWith('Row 5 ')")
             .await;
         browser
             .run("document.querySelector('.answers svg[tabindex]').focus()")
             .await;
         browser.press(Key::Right).await;
         browser
-            .until("!document.querySelector('.picked h4').innerText.startsWith('Row 5 ')")
+            .until("!document.querySelector('.picked .which').innerText.startsWith('Row 5 ')")
             .await;
         let [panel, row, bar] = selected(browser).await;
         assert!(
