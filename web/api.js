@@ -1,18 +1,28 @@
-// The public interface. The key lives in this tab's session storage and leaves it in the Authorization header only.
+// The public interface. Sign-in turns the key into a cookie that no script can read, so that links and new tabs are signed in.
 
-const STORED = "kincal-key";
+/** Says to every tab that somebody signed in; the key itself is kept in no script's reach. */
+const MARK = "kincal-signed-in";
 
 export const noAuth = document.documentElement.dataset.auth === "none";
-export const key = () => sessionStorage.getItem(STORED);
-export const keepKey = (text) => sessionStorage.setItem(STORED, text);
-export const dropKey = () => sessionStorage.removeItem(STORED);
-export const signedIn = () => noAuth || key() !== null;
+export const signedIn = () => noAuth || localStorage.getItem(MARK) !== null;
+export const forget = () => localStorage.removeItem(MARK);
 /** Characters that a header can carry. A browser sends no request with other characters. */
 export const isKey = (text) => /^[\x21-\x7e]+$/.test(text);
 
-function headers(more = {}) {
-  return key() ? { ...more, Authorization: `Bearer ${key()}` } : more;
+/** Signs in with a key. */
+export async function signIn(key) {
+  await once("/v1/session", { method: "PUT", headers: { Authorization: `Bearer ${key}` } });
+  localStorage.setItem(MARK, "1");
 }
+
+/** Signs out, here and in every tab. */
+export async function signOut() {
+  forget();
+  await once("/v1/session", { method: "DELETE" }).catch(() => { /* a session that ended already */ });
+}
+
+/** A page of another origin cannot send this header, so a request with it comes from this page. */
+const headers = (more = {}) => ({ "X-Kincal-Session": "1", ...more });
 
 /** Error with the problem document of the service. */
 export class Refused extends Error {
@@ -52,7 +62,7 @@ async function call(path, options = {}) {
 async function once(path, options) {
   let response;
   try {
-    response = await fetch(path, { cache: "no-store", credentials: "omit", ...options, headers: headers(options.headers) });
+    response = await fetch(path, { cache: "no-store", credentials: "same-origin", ...options, headers: headers(options.headers) });
   } catch (cause) {
     if (cause.name === "AbortError") throw cause;
     throw new Refused(0, NO_ANSWER);
@@ -64,7 +74,9 @@ async function once(path, options) {
 }
 
 export const get = async (path, signal) => (await call(path, { signal })).json();
-export const blob = async (path) => (await call(path)).blob();
+export const blob = async (path, signal) => (await call(path, { signal })).blob();
+
+export const put = async (path, body) => (await call(path, { method: "PUT", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } })).json();
 
 /** A POST that may be repeated without a second effect. Text and files go as they are, byte for byte; anything else becomes JSON. */
 export async function post(path, body, contentType = "application/json") {

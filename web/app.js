@@ -1,16 +1,24 @@
 // The frame of the dashboard: who is signed in, and which page the address names.
 
-import { dropKey, get, isKey, keepKey, key, noAuth, signedIn } from "./api.js";
+import { forget, get, isKey, noAuth, signedIn, signIn as openSession, signOut } from "./api.js";
 import { el, fill, problem } from "./dom.js";
 import { robotsPage } from "./robots.js";
+import { comparePage } from "./compare.js";
+import { correctPage } from "./correct.js";
+import { planPage } from "./plan.js";
 import { robotPage } from "./robot.js";
 import { jobPage } from "./job.js";
+import { jobsPage } from "./jobs.js";
 
 const main = document.getElementById("main");
 const session = document.getElementById("session");
 const PAGES = [
   [/^#\/robots\/(\w+)$/, robotPage],
+  [/^#\/robots\/(\w+)\/plan$/, planPage],
+  [/^#\/robots\/(\w+)\/correct$/, correctPage],
+  [/^#\/robots\/(\w+)\/compare$/, comparePage],
   [/^#\/jobs\/(\w+)$/, jobPage],
+  [/^#\/jobs$/, jobsPage],
   [/^(#\/?)?$/, robotsPage],
 ];
 
@@ -23,8 +31,11 @@ let me = null;
 /** What pages need: where to draw, what the user may do, and the signal that ends their requests when they are left. */
 function context(signal) {
   const may = (scope) => me.scopes.includes(scope) || me.scopes.includes("admin");
-  return { main, signal, may, me };
+  return { main, signal, may, me, why: (scope, what) => may(scope) ? false : why(scope, what) };
 }
+
+/** What is missing where somebody may not do something: a page without a button explains nothing. */
+const why = (scope, what) => el("p.locked", {}, `With this key you cannot ${what}: that takes the scope ${scope}. Whoever runs the server makes such a key with `, el("code", {}, `kincal key create --name NAME --scope read --scope ${scope}`), ".");
 
 async function show(moveFocus) {
   if (location.hash === "#main") return;
@@ -32,7 +43,6 @@ async function show(moveFocus) {
   leaving = new AbortController();
   const { signal } = leaving;
   if (!signedIn()) return signIn();
-  if (!noAuth && !isKey(key())) return signIn(NO_KEY);
   main.setAttribute("aria-busy", "true");
   try {
     me ??= await get("/v1/me", signal);
@@ -56,8 +66,9 @@ async function show(moveFocus) {
 function who() {
   if (noAuth) return fill(session, el("span.badge", { title: "The server runs with --no-auth on this computer only" }, "no keys needed"));
   const scopes = me.scopes.join(", ");
-  const leave = () => {
-    dropKey();
+  const leave = async () => {
+    leaving.abort();
+    await signOut();
     me = null;
     fill(session);
     location.hash = "#/";
@@ -67,16 +78,21 @@ function who() {
 }
 
 function signIn(error) {
-  dropKey();
+  forget();
   me = null;
   fill(session);
   document.title = "kincal: sign in";
   const field = el("input", { id: "key", name: "key", type: "password", autocomplete: "off", spellcheck: "false", required: true });
-  const submit = (event) => {
+  const submit = async (event) => {
     event.preventDefault();
     const text = field.value.trim();
     if (text === "") return;
-    keepKey(text);
+    if (!isKey(text)) return signIn(NO_KEY);
+    try {
+      await openSession(text);
+    } catch (refused) {
+      return signIn(refused.status === 403 ? { ...refused, ...READS_NOTHING } : refused);
+    }
     show(true);
   };
   fill(main, el("form.signin", { submit }, el("h1", {}, "Sign in"),
@@ -85,10 +101,16 @@ function signIn(error) {
     el("button.primary", { type: "submit" }, "Sign in"),
     el("p.note", {}, "A key with the scope read shows everything; upload, identify and release allow more. Whoever runs the server makes one with"),
     el("pre", {}, "kincal key create --name my-desk --scope read"),
-    el("p.note", {}, "It is kept in this tab only and forgotten when the tab is closed.")));
+    el("p.note", {}, "This browser keeps it in a cookie that no script can read, for all its tabs, until you sign out or close the browser.")));
   main.removeAttribute("aria-busy");
   field.focus();
 }
 
 window.addEventListener("hashchange", () => show(true));
+// Another tab signed in or out.
+window.addEventListener("storage", (event) => {
+  if (event.key !== "kincal-signed-in") return;
+  me = null;
+  show(false);
+});
 show(false);

@@ -1,6 +1,7 @@
 // Elements from data. Text always becomes a text node, so that no name can become markup.
 
 import { capital, warningTitle } from "./format.js";
+import { MATTERS, REMEDIES } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -82,12 +83,16 @@ export function brief(text) {
 const MAX_NAMES = 6;
 const LONG_LIST = /\w+(?:, \w+){6,}/g;
 
-/** A warning in words, with the rows of the file that it speaks of where its sentence does not name them. */
+/** A warning: what, why it matters, what to do; its details and rows are folded below, where they are long. */
 export function warning({ code, detail, rows = [] }) {
   const some = rows.slice(0, MAX_ROWS).join(", ") + (rows.length > MAX_ROWS ? ` and ${rows.length - MAX_ROWS} more` : "");
-  const [short, whole] = brief(detail);
-  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), capital(short), rows.length > 0 && !/\brows? \d/.test(detail) && ` (rows ${some} of the file)`, "."), whole);
+  const [matters, remedy] = [MATTERS[code], REMEDIES[code]];
+  const whole = `${capital(detail)}${rows.length > 0 && !/\brows? \d/.test(detail) ? ` (rows ${some} of the file)` : ""}.`.replace(/\.\.$/, ".");
+  const details = matters && whole.length > SHORT_DETAIL ? el("details", {}, el("summary", {}, "In this file"), el("p.note", {}, whole)) : el("p", {}, whole);
+  return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), matters && `${matters} `, remedy && el("span.remedy", {}, remedy)), details);
 }
 
+/** A longer detail is folded: the three sentences above it are what counts. */
+const SHORT_DETAIL = 140;
 /** Most rows that are named; further rows are counted. */
 const MAX_ROWS = 12;

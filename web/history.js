@@ -54,19 +54,35 @@ export async function past({ sets, active }, signal) {
 /** Errors on the verify points or, if there are none, on the fitted points. */
 export const best = (report) => report.verify ?? report.identify;
 
+/** A set whose error is this many times the median of the others is outside of the scale. */
+const ABSURD = 20;
+
+/** The entries that the scale shows: without withdrawn sets, and without those that are absurd beside the others. */
+function scaled(entries) {
+  const kept = entries.filter(({ set }) => set.status !== "withdrawn");
+  const errors = kept.map(({ report }) => best(report).after.rms_mm).sort((a, b) => a - b);
+  const limit = ABSURD * Math.max(SMALLEST_MM, errors[Math.floor(errors.length / 2)] ?? 0, ...kept.filter(({ set }) => set.status === "released").map(({ report }) => best(report).after.rms_mm));
+  const shown = kept.filter(({ report }) => best(report).after.rms_mm <= limit);
+  return shown.length > 0 ? shown : entries;
+}
+
 /** Error over time: nominal robot and each set on its own points. */
 export function errorHistory(entries) {
-  const caption = "Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.";
+  const shown = scaled(entries);
+  const beyond = entries.length - shown.length;
+  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}`;
   return figure("Error over time", caption, 260, (width, height) => {
-    const values = entries.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]);
+    const values = shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]);
     const log = Math.max(...values) > 40 * Math.min(...values);
-    const frame = axes(width, height, places(entries), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
-    const marks = entries.map(({ set, report }, i) => {
+    const frame = axes(width, height, times(entries), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
+    const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(Math.max(v, SMALLEST_MM))));
+    const marks = entries.map(({ set, report }) => {
       const { before, after } = best(report);
-      const x = frame.x(i);
-      return svg("g", {}, svg("line.before-line", { x1: x, x2: x, y1: frame.y(before.rms_mm), y2: frame.y(after.rms_mm) }),
-        svg("circle.before", { cx: x, cy: frame.y(before.rms_mm), r: 4 }),
-        square(x, frame.y(after.rms_mm), set.status),
+      const x = frame.x(Date.parse(set.created_at));
+      const isBeyond = !shown.some((entry) => entry.set.id === set.id);
+      return svg(isBeyond ? "g.beyond" : "g", {}, svg("line.before-line", { x1: x, x2: x, y1: within(before.rms_mm), y2: within(after.rms_mm) }),
+        svg("circle.before", { cx: x, cy: within(before.rms_mm), r: 4 }),
+        square(x, within(after.rms_mm), set.status),
         svg("title", {}, `${when(set.created_at)}: ${mm(before.rms_mm)} before, ${mm(after.rms_mm)} after, ${set.status}`));
     });
     return [frame.nodes, marks];
@@ -78,19 +94,23 @@ function square(x, y, status) {
   return svg(`rect.${released ? "released" : "candidate"}`, { x: x - 4, y: y - 4, width: 8, height: 8 });
 }
 
-/** One place per set; dates as labels where they fit. */
-function places(entries) {
-  const n = entries.length;
-  const every = Math.max(1, Math.ceil(n / 6));
-  const at = entries.map((_, i) => i).filter((i) => (n - 1 - i) % every === 0);
-  return { min: -0.5, max: n - 0.5, ticks: at, format: (i) => dayOf(entries, i) };
-}
+const [SECOND, DAY] = [1000, 86_400_000];
+/** Steps of a time axis. */
+const STEPS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21_600, 43_200].map((s) => s * SECOND).concat([1, 2, 7, 14, 30, 91, 182, 365, 730, 1826].map((d) => d * DAY));
 
-function dayOf(entries, i) {
-  const date = new Date(entries[i].set.created_at);
-  const sameDay = entries.every(({ set }) => new Date(set.created_at).toDateString() === date.toDateString());
-  const how = sameDay ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : { day: "numeric", month: "short" };
-  return date.toLocaleString("en-GB", how);
+/** A real time axis: the distance between two sets is the time between them. */
+function times(entries) {
+  const all = entries.map(({ set }) => Date.parse(set.created_at));
+  const [from, to] = [Math.min(...all), Math.max(...all)];
+  const pad = Math.max(SECOND, (to - from) * 0.05);
+  const [min, max] = [from - pad, to + pad];
+  const step = STEPS.find((s) => (max - min) / s <= 5) ?? STEPS.at(-1);
+  // whole steps of local time
+  const shift = new Date(min).getTimezoneOffset() * 60 * SECOND;
+  const marks = [];
+  for (let at = Math.ceil((min - shift) / step) * step + shift; at <= max; at += step) marks.push(at);
+  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" };
+  return { min, max, ticks: marks, format: (v) => new Date(v).toLocaleString("en-GB", how) };
 }
 
 /** One parameter over time with twice its standard uncertainty, and the choice of it. */
@@ -119,13 +139,16 @@ function drawParameter(width, height, entries, name) {
   const rows = entries.map(({ report }) => report.parameters.find((p) => p.name === name) ?? null);
   const known = rows.filter(Boolean);
   const unit = known[0]?.unit === "deg" ? "°" : "mm";
-  const ends = known.flatMap((p) => [p.delta - 2 * (p.std_uncertainty ?? 0), p.delta + 2 * (p.std_uncertainty ?? 0)]);
+  const usual = entries.map(({ set }, i) => (set.status === "withdrawn" ? null : rows[i])).filter(Boolean);
+  const ends = (usual.length > 0 ? usual : known).flatMap((p) => [p.delta - 2 * (p.std_uncertainty ?? 0), p.delta + 2 * (p.std_uncertainty ?? 0)]);
   const y = range(ends, { zero: true, pad: 0.1 });
+  const at = (i) => Date.parse(entries[i].set.created_at);
   const decimals = decimalsOf(ticks(y, 4));
-  const frame = axes(width, height, places(entries), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
+  const frame = axes(width, height, times(entries), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
+  const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(v)));
   const marks = rows.map((p, i) => p && svg("g", {},
-    p.std_uncertainty && svg("line.whisker", { x1: frame.x(i), x2: frame.x(i), y1: frame.y(p.delta - 2 * p.std_uncertainty), y2: frame.y(p.delta + 2 * p.std_uncertainty) }),
-    svg(p.identifiable ? "circle.mark" : "circle.unseen", { cx: frame.x(i), cy: frame.y(p.delta), r: 4.5 }),
+    p.std_uncertainty && svg("line.whisker", { x1: frame.x(at(i)), x2: frame.x(at(i)), y1: within(p.delta - 2 * p.std_uncertainty), y2: within(p.delta + 2 * p.std_uncertainty) }),
+    svg(p.identifiable ? "circle.mark" : "circle.unseen", { cx: frame.x(at(i)), cy: within(p.delta), r: 4.5 }),
     svg("title", {}, `${when(entries[i].set.created_at)}: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)}` : ""}`)));
   return [frame.nodes, svg("line.axis", { x1: frame.left, x2: frame.right, y1: frame.y(0), y2: frame.y(0) }), marks.filter(Boolean)];
 }

@@ -1,11 +1,13 @@
 // Result of a calibration, in this order: errors, release, changes, method.
 
-import { get, noAuth, post } from "./api.js";
-import { arrows, convergence, histogram, IDENTIFIED, interval, perPoint, VERIFIED } from "./figures.js";
+import { get, post } from "./api.js";
+import { convergence, histogram, IDENTIFIED, interval, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
+import { nextSteps, uselessBy } from "./next.js";
+import { resultPoints } from "./result_points.js";
 import { saveButton, savePoints } from "./save.js";
 import { NO_USE } from "./words.js";
 
@@ -21,10 +23,14 @@ export async function result(body, context, { job, robot, set, verified }) {
   ]);
   const half = report.verify ?? report.identify;
   const names = job.kind === "verify" ? VERIFIED : IDENTIFIED;
+  const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
+  const next = el("div", {});
+  const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified }, context));
+  steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, job, robot),
-    report.warnings.map(warning), el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), perPoint(report.per_point, names),
-    pairs(arrows(report.per_point, names)), parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+    report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
@@ -34,8 +40,7 @@ const isCorrected = (half) => half.corrected && half.corrected.rms_mm !== half.a
 
 /** Reason why the result cannot be used, in words; undefined if it can. */
 function noUse(report) {
-  const code = Object.keys(NO_USE).find((known) => report.warnings.some((remark) => remark.code === known));
-  return NO_USE[code];
+  return NO_USE[uselessBy(report)];
 }
 
 function useless(report, half) {
@@ -88,8 +93,8 @@ function summary(report, half, job, verified) {
 }
 
 /** The state of the parameter set and what this user may do with it. */
-function decision(parameterSet, context, job, robot) {
-  const node = el("section.card", { "aria-label": "Parameter set" });
+function decision(parameterSet, context, steps, robot) {
+  const node = el("section.card.decision", { "aria-label": "Parameter set" });
   const draw = (current, said) => {
     const again = (action, title) => () => ask(action, title, current, draw, robot);
     const buttons = [];
@@ -99,8 +104,11 @@ function decision(parameterSet, context, job, robot) {
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
+    if (!context.may("release")) node.append(context.why("release", "decide about it"));
     if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at:")), el("ul", {}, remarks.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail))))));
-    if (said) say(said);
+    if (!said) return;
+    say(said);
+    steps(current);
   };
   draw(parameterSet, null);
   return node;
@@ -259,14 +267,15 @@ function exports(set) {
   return FORMATS.map(([format, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?format=${format}`, set.id, `.${ending}`, `Parameters as ${name}`));
 }
 
+/** One menu with everything that can be taken along. */
 function files(job, set, parameterSet) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
-  return el("section.card", {}, el("h2", {}, "Take it along"), el("div.actions", {},
-    noAuth ? el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print") : saveButton("Report to print", reportPage, `report-${job.id}`, ".html"),
-    saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json"),
-    parameterSet && saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"),
-    parameterSet && exports(parameterSet),
-    savePoints("Measured points", set)));
+  const group = (title, note, ...buttons) => el("div.group", {}, el("h3", {}, title), el("p.note", {}, note), el("div.actions", {}, buttons));
+  return el("section.card", {}, el("h2", {}, "Take it along"), el("div.groups", {},
+    group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json")),
+    parameterSet && group("Parameters", "Links, base and reflectors as they were identified; with corrections where there are any.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
+    group("Points", "The file as it was uploaded. Residuals are above, in their table.", savePoints("Measured points", set)),
+    parameterSet && group("Programs", "Joint targets that were programmed offline, corrected with these parameters.", el("a.button", { href: `#/robots/${parameterSet.robot_id}/correct` }, "Correct a program"))));
 }
 
 function origin(report, set, parameterSet) {

@@ -4,6 +4,7 @@ import { get, list, post } from "./api.js";
 import { brief, el, fill, problem, table } from "./dom.js";
 import { age, error, EVIDENCE, method, mm, number, parameter, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
+import { manageCard } from "./manage.js";
 import { facts, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { uploadCard } from "./upload.js";
@@ -11,7 +12,7 @@ import { uploadCard } from "./upload.js";
 const SHOWN = 20;
 
 /** The page of one robot. */
-export async function robotPage({ main, signal, may }, id) {
+export async function robotPage({ main, signal, may, why }, id) {
   const robot = await get(`/v1/robots/${id}`, signal);
   document.title = `kincal: ${robot.name}`;
   const [stand, sets, jobs, networks] = await Promise.all([
@@ -26,15 +27,15 @@ export async function robotPage({ main, signal, may }, id) {
     sets.unshift(set);
     fill(uploads, setTable(sets));
   };
-  fill(main, head(robot, stand), checkRobot(robot, may), known(robot, stand, trend), uploadCard(robot, sets, stand.sets, may, uploaded), history(entries),
+  fill(main, head(robot, stand), checkRobot(robot, may), known(robot, stand, trend), uploadCard(robot, sets, stand.sets, may, uploaded), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
     section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", uploads),
-    networks.length > 0 && section("Networks", networkTable(networks)), nominal(robot));
+    networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, may, signal), nominal(robot));
 }
 
 function head(robot, stand) {
   const details = [robot.serial_number && `serial number ${robot.serial_number}`, robot.description, `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
-    el("div.actions", {}, standing({ robot, ...stand })));
+    el("div.actions", {}, standing({ robot, ...stand }), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
 }
 
 /** What to do where a session does not fit the robot. */

@@ -1,40 +1,107 @@
 // All robots and their states.
 
-import { each, get, post } from "./api.js";
-import { el, fill, problem, say, table } from "./dom.js";
-import { age, error, mm, when } from "./format.js";
-import { best, state } from "./history.js";
+import { each, get, list } from "./api.js";
+import { el, fill, table } from "./dom.js";
+import { age, capital, error, mm, when } from "./format.js";
+import { newRobot } from "./new_robot.js";
 
-const PAGE = 20;
+/** Robots that are shown at first, and how many more each click shows. */
+const [FIRST, MORE] = [20, 100];
+/** Most robots that are listed. */
+const MAX_ROBOTS = 5000;
+
+/** Needs in the order of their urgency: the words of the badge, its kind, the words of the filter. */
+const NEEDS = {
+  check_robot: ["check this robot", "bad", "Check the robot"],
+  drifted: ["drifted", "bad", "Drifted"],
+  job_failed: ["job failed", "bad", "Job failed"],
+  review: ["result to review", "wait", "To review"],
+  due: ["due", "wait", "Due"],
+  calibrate: ["not calibrated", "", "Not calibrated"],
+  nothing: ["released", "good", "In order"],
+};
+const URGENCY = Object.keys(NEEDS);
+const isUrgent = (robot) => !["nothing", "calibrate"].includes(robot.need);
+const isRunning = (job) => job !== undefined && ["queued", "running"].includes(job.status);
+const measured = (robot) => robot.active ?? robot.newest;
+
+/** Ways to sort: the key, the words, and the value of a robot. */
+const SORTS = [
+  ["need", "what needs you first", (r) => URGENCY.indexOf(r.need)],
+  ["name", "name", (r) => r.name.toLowerCase()],
+  ["error", "error, largest first", (r) => -(measured(r)?.after_rms_mm ?? -1)],
+  ["released", "release, oldest first", (r) => r.active?.released_at ?? "9"],
+  ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
+];
 
 /** The front page. */
-export async function robotsPage({ main, signal, may }) {
+export async function robotsPage({ main, signal, may, why }) {
   document.title = "kincal: robots";
-  const rows = el("div", {});
-  const more = el("div.actions", {});
-  const shown = [];
-  let busy = false;
-  const next = async (cursor) => {
-    const page = await get(`/v1/robots?limit=${PAGE}${cursor ? `&cursor=${encodeURIComponent(cursor)}` : ""}`, signal);
-    const states = await each(page.items, (robot) => state(robot, signal), 3);
-    shown.push(...page.items.map((robot, i) => ({ robot, ...states[i] })));
-    fill(rows, robotTable(shown));
-    fill(more, page.next_cursor && el("button", { type: "button", click: () => showMore(page.next_cursor) }, "Show more"));
+  const robots = await list("/v1/overview", MAX_ROBOTS, signal);
+  const state = { search: "", filter: "all", sort: "need", shown: FIRST, drifts: new Map() };
+  const [rows, chips, more] = [el("div", {}), el("div.chips", { role: "group", "aria-label": "Show" }), el("div.actions", {})];
+  const draw = () => {
+    const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
+    const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
+    fill(chips, filters(found, state, draw));
+    const kept = sorted(found.filter((r) => passes(r, state.filter)), state.sort);
+    const page = kept.slice(0, state.shown);
+    fill(rows, robotTable(page, state, robots.length > 0 ? "No robot matches." : "There is no robot yet. Add one below, or with POST /v1/robots."));
+    fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}`),
+      kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
+    drifts(page, state, signal, rows);
   };
-  // a second click meanwhile would list the same robots twice
-  const showMore = async (cursor) => {
-    if (busy) return;
-    busy = true;
-    try {
-      await next(cursor);
-    } catch (error) {
-      if (error.name !== "AbortError") say(`No more robots could be listed: ${error.detail ?? error.message}`);
-    } finally {
-      busy = false;
-    }
+  const search = el("input", { id: "robot-search", type: "search", placeholder: "name or serial number", autocomplete: "off", input: () => { Object.assign(state, { search: search.value, shown: FIRST }); draw(); } });
+  const sort = el("select", { id: "robot-sort", change: () => { state.sort = sort.value; draw(); } }, SORTS.map(([key, words]) => el("option", { value: key }, words)));
+  const tools = robots.length > 1 && el("div.controls", {}, el("label.inline", { for: "robot-search" }, "Find"), search, el("label.inline", { for: "robot-sort" }, "Sort by"), sort);
+  draw();
+  fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"), robots.length > 0 && el("p.quiet", {}, counted(robots)))),
+    el("section.card", {}, tools, robots.length > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
+}
+
+function counted(robots) {
+  const urgent = robots.filter(isUrgent).length;
+  const all = robots.length === 1 ? "One robot" : `${robots.length} robots`;
+  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${urgent === 1 ? "one needs" : `${urgent} need`} you.`;
+}
+
+const passes = (robot, filter) => filter === "all" || (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter);
+
+function sorted(robots, key) {
+  const of = SORTS.find(([known]) => known === key)[2];
+  return [...robots].sort((a, b) => (of(a) < of(b) ? -1 : of(a) > of(b) ? 1 : a.name.localeCompare(b.name, "en", { numeric: true })));
+}
+
+/** How many robots need what; each is a filter. */
+function filters(found, state, draw) {
+  const chip = (key, words, kind) => {
+    const n = found.filter((r) => passes(r, key)).length;
+    if (n === 0 && key !== state.filter && key !== "all") return false;
+    const press = () => { Object.assign(state, { filter: state.filter === key ? "all" : key, shown: FIRST }); draw(); document.querySelector(".chips [aria-pressed=true]")?.focus(); };
+    return el(kind ? `button.chip.${kind}` : "button.chip", { type: "button", "aria-pressed": String(state.filter === key), click: press }, words, el("b", {}, n));
   };
-  await next(null);
-  fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"))), el("section.card", {}, rows, more), may("upload") && newRobot());
+  return [chip("all", "All"), chip("urgent", "Needs you"), ...URGENCY.map((need) => chip(need, NEEDS[need][2], NEEDS[need][1])), chip("running", "Calibrating")];
+}
+
+/** The drift of robots with a newer result, as the service computes it: for those in sight only, because each is some work. */
+async function drifts(page, state, signal, rows) {
+  const open = page.filter((r) => isNewer(r) && !state.drifts.has(r.robot_id));
+  for (const robot of open) state.drifts.set(robot.robot_id, null);
+  await each(open, async (robot) => {
+    const found = await get(`/v1/parameter-sets/${robot.newest.id}/compare?with=${robot.active.id}`, signal).catch(() => undefined);
+    state.drifts.set(robot.robot_id, found);
+    const cell = rows.querySelector(`[data-drift="${robot.robot_id}"]`);
+    if (cell) fill(cell, driftCell(robot, state));
+  }, 2);
+}
+
+const isNewer = ({ active, newest }) => active !== undefined && newest !== undefined && newest.id !== active.id && newest.created_at > active.created_at;
+
+function driftCell(robot, { drifts: known }) {
+  if (!isNewer(robot)) return "–";
+  const found = known.get(robot.robot_id);
+  if (found === null || !known.has(robot.robot_id)) return "…";
+  return found === undefined ? "–" : [mm(found.mean_mm), el("small.quiet", {}, `at most ${error(found.max_mm)}`)];
 }
 
 /** State of a robot, as a badge. */
@@ -47,35 +114,26 @@ export function standing({ robot, active, since, newest, lastJob }) {
   return el("span.badge", {}, "not calibrated");
 }
 
-function robotTable(states) {
-  const columns = [
-    ["Robot", ({ robot }) => [el("a", { href: `#/robots/${robot.id}` }, robot.name), robot.serial_number && el("small.quiet", {}, robot.serial_number)], "name"],
-    ["State", (row) => standing(row)],
-    ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
-    ["Error, rms", ({ report }) => (report ? [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : "–"), "n"],
-    ["Drift", ({ drift }) => (drift ? [mm(drift.mean_mm), el("small.quiet", {}, `at most ${error(drift.max_mm)}`)] : "–"), "n"],
-    ["Last job", ({ lastJob }) => (lastJob ? [el("a", { href: `#/jobs/${lastJob.id}` }, lastJob.status), el("small.quiet", {}, age(lastJob.finished_at ?? lastJob.created_at))] : "–")],
-  ];
-  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
-  return table(caption, columns, states, "There is no robot yet. Add one below, or with POST /v1/robots.");
+function badges(robot) {
+  const [words, kind] = NEEDS[robot.need] ?? [robot.need, "wait"];
+  const text = robot.need === "review" && robot.active ? `newer ${words}` : words;
+  const runs = isRunning(robot.last_job);
+  const badge = el(kind ? `span.badge.${kind}` : "span.badge", {}, text);
+  return [runs && el("span.badge.wait", {}, "calibrating"), runs && " ", !(runs && robot.need === "calibrate") && badge,
+    robot.need_job_id && isUrgent(robot) ? el("small", {}, el("a", { href: `#/jobs/${robot.need_job_id}` }, capital(robot.reason))) : robot.reason && !runs && el("small.quiet", {}, capital(robot.reason))];
 }
 
-function newRobot() {
-  const out = el("div", {});
-  const file = el("input", { id: "robot-file", type: "file", accept: ".json,application/json", required: true });
-  const submit = async (event) => {
-    event.preventDefault();
-    if (file.files.length === 0) return;
-    try {
-      const robot = await post("/v1/robots", await file.files[0].text());
-      location.hash = `#/robots/${robot.id}`;
-    } catch (error) {
-      fill(out, problem(error));
-    }
-  };
-  return el("section.card", {}, el("h2", {}, "Add a robot"),
-    el("form", { submit }, el("label", { for: "robot-file" }, "Robot file (JSON with the name and the nominal links)"),
-      el("div.fields", {}, file, el("div", {}, el("button", { type: "submit" }, "Add robot"))), out));
+function robotTable(robots, state, empty) {
+  const columns = [
+    ["Robot", (r) => [el("a", { href: `#/robots/${r.robot_id}` }, r.name), r.serial_number && el("small.quiet", {}, r.serial_number)], "name"],
+    ["State", badges, "name"],
+    ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
+    ["Error, rms", (r) => (measured(r) ? [mm(measured(r).after_rms_mm), el("small.quiet", {}, `nominal ${error(measured(r).before_rms_mm)}`)] : "–"), "n"],
+    ["Drift", (r) => el("span", { "data-drift": r.robot_id }, driftCell(r, state)), "n"],
+    ["Last job", ({ last_job: job }) => (job ? [el("a", { href: `#/jobs/${job.id}` }, job.status), el("small.quiet", {}, age(job.finished_at ?? job.created_at))] : "–")],
+  ];
+  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
+  return table(caption, columns, robots, empty);
 }
 
 /** Facts as large numbers: [name, value, remark]. */

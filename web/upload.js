@@ -5,6 +5,8 @@ import { askColumns, isAboutColumns, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
+import { jobOptions } from "./job_options.js";
+import { posesOf } from "./poses.js";
 import { SUSPICIONS } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
@@ -90,7 +92,7 @@ async function upload(context, file, query, out) {
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
-      set.warnings.map(warning), understoodDetails(set),
+      set.warnings.map(warning), understoodDetails(set), posesOf(robot, set),
       may("identify") && jobForm(robot, [set], parameterSets));
     came(set);
   } catch (error) {
@@ -191,12 +193,13 @@ function jobForm(robot, sets, parameterSets) {
   const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to verify", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
   const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
     KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
+  const options = jobOptions(robot);
   const out = el("div", {});
   const button = el("button.primary", { type: "submit" });
   const kind = () => kinds.querySelector("input:checked").value;
   const shape = () => {
     const verifies = kind() === "verify";
-    for (const field of [methodField, verifyField, presetField]) field.hidden = verifies;
+    for (const field of [methodField, verifyField, presetField, options.node]) field.hidden = verifies;
     scoredField.hidden = !verifies;
     fill(button, verifies ? "Start verification" : "Start calibration");
   };
@@ -212,7 +215,7 @@ function jobForm(robot, sets, parameterSets) {
     event.preventDefault();
     button.disabled = true;
     const request = kind() === "verify" ? { kind: "verify", measurement_set_id: set.value, parameter_set_id: scored.value }
-      : { measurement_set_id: set.value, method: method.value, preset: preset.value };
+      : options.add({ measurement_set_id: set.value, method: method.value, preset: preset.value });
     if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
     try {
       const job = await post(`/v1/robots/${robot.id}/jobs`, request);
@@ -222,5 +225,5 @@ function jobForm(robot, sets, parameterSets) {
       button.disabled = false;
     }
   };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), out, button);
+  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), options.node, out, button);
 }

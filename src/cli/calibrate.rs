@@ -133,6 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             set: measured,
             job: None,
             parameter_set: None,
+            tolerance_mm: None,
             report: &report,
             convergence: &convergence,
         };

@@ -15,6 +15,8 @@ pub struct App {
     pub store: Store,
     /// True with `--no-auth`: requests need no key.
     pub no_auth: bool,
+    /// True if the server itself speaks TLS.
+    pub has_tls: bool,
     /// Becomes true when shutdown begins: long polls and event streams end.
     pub stopping: watch::Receiver<bool>,
     /// Wakes workers, long polls and event streams.
@@ -42,6 +44,7 @@ impl App {
         Self {
             store,
             no_auth: config.no_auth,
+            has_tls: config.tls.files().is_some(),
             stopping,
             signals,
             limits,

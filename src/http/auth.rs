@@ -1,6 +1,7 @@
 //! Authentication and authorisation: keys, scopes, and the table of the scope that each route requires.
 
 use crate::http::peer::Peer;
+use crate::http::session_cookie;
 use crate::http::{App, Error};
 use crate::store::{ApiKeyRow, api_keys};
 use crate::wire::canonical;
@@ -41,9 +42,12 @@ const fn route(method: Method, path: &'static str, scope: Scope) -> ScopedRoute 
 /// with the contract.
 pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
     route(Method::GET, "/v1/me", Scope::Read),
+    route(Method::PUT, "/v1/session", Scope::Read),
+    route(Method::DELETE, "/v1/session", Scope::Read),
     route(Method::GET, "/metrics", Scope::Read),
     route(Method::POST, "/v1/robots", Scope::Upload),
     route(Method::GET, "/v1/robots", Scope::Read),
+    route(Method::GET, "/v1/overview", Scope::Read),
     route(Method::GET, "/v1/robots/{robot_id}", Scope::Read),
     route(
         Method::POST,
@@ -232,7 +236,17 @@ pub async fn authorize(State(app): State<App>, mut request: Request, next: Next)
             request.extensions_mut().insert(caller);
             next.run(request).await
         }
-        Err(Refusal::Error(error)) => error.into_response(),
+        Err(Refusal::Error(error)) => {
+            let forget =
+                matches!(error, Error::Unauthorized(_)) && session_cookie::is_present(&headers);
+            let mut response = error.into_response();
+            if forget {
+                let cookie = session_cookie::signing_out(app.has_tls);
+                let header = cookie.map(|value| (header::SET_COOKIE, value));
+                response.headers_mut().extend(header);
+            }
+            response
+        }
         Err(Refusal::Method(allow)) => {
             let mut response = Error::MethodNotAllowed.into_response();
             response.headers_mut().extend(
@@ -263,7 +277,7 @@ async fn admit(
     let caller = if app.no_auth {
         Caller::anonymous()
     } else {
-        caller_of(app, headers, peer)
+        caller_of(app, method, headers, peer)
             .await
             .map_err(Refusal::Error)?
     };
@@ -307,19 +321,36 @@ fn allowed_methods(template: &str) -> Option<String> {
     (!methods.is_empty()).then(|| methods.join(","))
 }
 
-async fn caller_of(app: &App, headers: &HeaderMap, peer: Option<Peer>) -> Result<Caller, Error> {
+/// The key in the `Authorization` header; `None` without that header.
+///
+/// # Errors
+/// [`Error::Unauthorized`] if it is not of the form `Bearer KEY`.
+pub fn bearer(headers: &HeaderMap) -> Result<Option<&str>, Error> {
     let Some(value) = headers.get(header::AUTHORIZATION) else {
-        return Err(Error::Unauthorized(
-            "a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one",
-        ));
+        return Ok(None);
     };
     let key = value.to_str().ok().and_then(|text| text.split_once(' '));
-    let Some((_, key)) = key.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer")) else {
-        return Err(Error::Unauthorized(
+    key.filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
+        .map(|(_, key)| Some(key.trim()))
+        .ok_or(Error::Unauthorized(
             "the Authorization header should read `Bearer KEY`",
-        ));
+        ))
+}
+
+async fn caller_of(
+    app: &App,
+    method: &Method,
+    headers: &HeaderMap,
+    peer: Option<Peer>,
+) -> Result<Caller, Error> {
+    let key = match bearer(headers)? {
+        Some(key) => Some(key),
+        None => session_cookie::key_of(method, headers)?,
     };
-    match api_keys::find(&app.store, &canonical::sha256_hex(key.trim().as_bytes())).await? {
+    let key = key.ok_or(Error::Unauthorized(
+        "a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one",
+    ))?;
+    match api_keys::find(&app.store, &canonical::sha256_hex(key.as_bytes())).await? {
         Some(row) => Caller::try_from(row),
         None => Err(app
             .limits

@@ -78,7 +78,7 @@ async fn history(
 }
 
 /// The trend of the released set's errors over the jobs that scored it.
-async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
+pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
     let Some(active) = parameter_sets::active(&app.store, robot_id).await? else {
         return Ok(release::trend(&[], limit_mm));

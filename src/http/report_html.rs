@@ -5,7 +5,7 @@ use crate::http::extract::Id;
 use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::report_page::{self, Sources};
-use crate::store::jobs;
+use crate::store::{jobs, policies};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -36,6 +36,7 @@ async fn report_html(
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
+    let tolerance_mm = policies::get(&app.store, &job.robot_id).await?.tolerance_mm;
     let permit = app.limits.compute(RequestClass::CostlyRead).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
@@ -50,6 +51,7 @@ async fn report_html(
                 .map(ParameterSetAnswer::try_from)
                 .transpose()?
                 .as_ref(),
+            tolerance_mm,
             report: &serde_json::from_str(&report)?,
             convergence: &serde_json::from_str(&convergence)?,
         }))

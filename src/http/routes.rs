@@ -1,9 +1,7 @@
 //! Every route with its documentation.
 
 use crate::http::{
-    App, columns, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
-    measurement_sets, metrics, networks, parameter_sets, policies, pose_plans, predict, release,
-    report_html, robot_models, robots,
+    App, columns, compensate, dashboard, export, frames, history, index, job_events, jobs, me, measurement_sets, metrics, networks, overview, parameter_sets, policies, pose_plans, pp, predict, release, report_html, robot_models, robots, session,
 };
 use utoipa_axum::router::OpenApiRouter;
 
@@ -25,9 +23,11 @@ pub fn routes() -> OpenApiRouter<App> {
         .merge(compensate::router())
         .merge(export::router())
         .merge(history::router())
+        .merge(overview::router())
         .merge(pose_plans::router())
         .merge(networks::router())
         .merge(me::router())
+        .merge(session::router())
         .merge(index::router())
         .merge(dashboard::router())
         .merge(metrics::router())

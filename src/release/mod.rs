@@ -7,6 +7,7 @@ mod decision;
 pub mod facts;
 mod gates;
 pub mod independence;
+pub mod needs;
 mod provenance;
 mod robot_gates;
 mod session_gates;

@@ -196,7 +196,7 @@ pub fn histogram(points: &[PointReport]) -> Markup {
     let frame = Frame {
         x: x_columns,
         y,
-        width: WIDTH,
+        width: WIDTH / 2.0,
         height: 170.0,
     };
     let half = |of: fn(&PointReport) -> f64| text::error(median(points.iter().map(of)));
@@ -215,7 +215,8 @@ pub fn histogram(points: &[PointReport]) -> Markup {
             }
         }
     };
-    figure(
+    figure_of_width(
+        WIDTH / 2.0,
         "Distribution of the errors",
         &caption,
         true,
@@ -247,7 +248,7 @@ pub fn convergence(curve: &Convergence) -> Markup {
     let frame = Frame {
         x,
         y: Range::logarithmic(points.iter().map(|(_, cost)| *cost)),
-        width: WIDTH,
+        width: WIDTH / 2.0,
         height: 170.0,
     };
     let corners = thinned(&points)
@@ -264,7 +265,14 @@ pub fn convergence(curve: &Convergence) -> Markup {
         (frame.axes(&Labels { x: "iteration", y: "F, mm²", x_ticks: true }))
         polyline.curve points=(corners.join(" ")) {}
     };
-    figure("Convergence", &caption, false, frame.height, content)
+    figure_of_width(
+        WIDTH / 2.0,
+        "Convergence",
+        &caption,
+        false,
+        frame.height,
+        content,
+    )
 }
 
 /// The corners of a curve that never rises: every place where it falls, thinned to [`MAX_CORNERS`].

@@ -5,6 +5,7 @@
 
 mod axes;
 mod figures;
+mod quality;
 mod sections;
 mod sources;
 mod text;
@@ -56,10 +57,13 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::verdict(sources))
             (sections::warnings(&report.warnings))
             (sections::facts(sources))
+            (quality::statement(sources))
             (sections::errors(sources))
             (figures::per_point(&report.per_point))
-            (figures::histogram(&report.per_point))
-            (figures::convergence(sources.convergence))
+            div.pair {
+                (figures::histogram(&report.per_point))
+                (figures::convergence(sources.convergence))
+            }
             (figures::positions(&report.per_point))
             (sections::parameters(report))
             (sections::priors(report))
@@ -68,6 +72,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::changes(report))
             (sections::comparison(report))
             (sections::origin(sources))
+            (quality::signature(sources))
         }
     }
 }

@@ -63,7 +63,14 @@ fn no_use(report: &Report) -> Markup {
 pub fn warnings(warnings: &[Warning]) -> Markup {
     html! {
         @for warning in warnings {
-            p.warning { strong { (words::warning(&warning.code)) ". " } (words::capital(&warning.detail)) "." }
+            div.warning {
+                p {
+                    strong { (words::warning(&warning.code)) ". " }
+                    @if let Some(matters) = words::matters(&warning.code) { (matters) " " }
+                    @if let Some(remedy) = words::remedy(&warning.code) { (remedy) }
+                }
+                p.note { (words::capital(&warning.detail)) "." }
+            }
         }
     }
 }

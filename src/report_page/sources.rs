@@ -45,6 +45,8 @@ pub struct Sources<'a> {
     pub job: Option<&'a JobAnswer>,
     /// The identified parameter set in its present state; none offline, or if nothing was identified.
     pub parameter_set: Option<&'a ParameterSetAnswer>,
+    /// Tolerance of the robot's policy, mm; none offline, or if the policy has none.
+    pub tolerance_mm: Option<f64>,
     /// The report.
     pub report: &'a Report,
     /// The convergence curve.

@@ -26,6 +26,16 @@ pub fn warning(code: &str) -> String {
     of("WARNINGS", code)
 }
 
+/// Why a warning matters; `None` for a code of another version.
+pub fn matters(code: &str) -> Option<&'static str> {
+    WORDS.get(&("MATTERS", code)).copied()
+}
+
+/// What to do about a warning; `None` for a code of another version.
+pub fn remedy(code: &str) -> Option<&'static str> {
+    WORDS.get(&("REMEDIES", code)).copied()
+}
+
 /// Why a result cannot be used, in words.
 pub fn no_use(code: &str) -> String {
     of("NO_USE", code)

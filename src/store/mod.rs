@@ -29,6 +29,7 @@ mod migration;
 pub mod networks;
 pub mod notices;
 mod open;
+pub mod overview;
 mod page;
 pub mod parameter_sets;
 pub mod policies;
@@ -96,6 +97,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         leases::ALL_QUERIES,
         measurement_sets::ALL_QUERIES,
         networks::ALL_QUERIES,
+        overview::ALL_QUERIES,
         parameter_sets::ALL_QUERIES,
         policies::ALL_QUERIES,
         report_summaries::ALL_QUERIES,

@@ -24,6 +24,7 @@ pub mod measurement;
 pub mod multipart;
 pub mod network;
 pub mod options;
+pub mod overview;
 pub mod page;
 pub mod parameter_set;
 pub mod parameters;

@@ -605,6 +605,26 @@ fn every_warning_and_every_gate_has_plain_words() {
 }
 
 #[test]
+fn every_warning_says_why_it_matters_and_what_to_do_in_a_short_sentence() {
+    /// Longest sentence, characters: two lines on a page.
+    const LONGEST: usize = 130;
+    let codes = words::worded("WARNINGS");
+    for table in ["MATTERS", "REMEDIES"] {
+        assert_eq!(
+            words::worded(table),
+            codes,
+            "{table}: the codes of WARNINGS, in their order"
+        );
+        for (code, text) in words::texts(table) {
+            assert!(
+                text.ends_with('.') && text.len() <= LONGEST,
+                "{table}, {code}: {text}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_warning_without_words_is_found_however_it_is_written() {
     for line in [
         "Warning { code: \"not_thought_of\", detail, rows: vec![] }",

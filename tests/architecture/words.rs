@@ -4,16 +4,22 @@ const WORDS: &str = include_str!("../../web/words.js");
 
 /// The codes with a text in a table of `web/words.js`.
 pub fn worded(table: &str) -> Vec<&'static str> {
+    texts(table).into_iter().map(|(code, _)| code).collect()
+}
+
+/// The codes of a table of `web/words.js` with their texts.
+pub fn texts(table: &str) -> Vec<(&'static str, &'static str)> {
     let (_, rest) = WORDS
         .split_once(&format!("export const {table} = {{\n"))
         .unwrap_or_else(|| panic!("no table {table}"));
     let (body, _) = rest.split_once("\n};").unwrap();
     body.lines()
         .map(|line| {
-            line.trim()
+            let (code, text) = line
+                .trim()
                 .split_once(": \"")
-                .unwrap_or_else(|| panic!("not a code with its words: {line}"))
-                .0
+                .unwrap_or_else(|| panic!("not a code with its words: {line}"));
+            (code, text.trim_end_matches("\","))
         })
         .collect()
 }

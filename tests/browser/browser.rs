@@ -15,6 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Window sizes, and widths of pictures: a small desktop and a tablet.
 pub const DESKTOP: (u32, u32) = (1280, 900);
 pub const TABLET: (u32, u32) = (768, 1024);
+pub const PHONE: (u32, u32) = (390, 844);
 
 /// `chromedriver` on a free port.
 pub struct Driver {
@@ -266,6 +267,26 @@ impl Browser {
             );
             tokio::time::sleep(Duration::from_millis(40)).await;
         }
+    }
+
+    /// Clicks at a place relative to the middle of an element, px.
+    pub async fn click_at(&self, css: &str, x: i64, y: i64) {
+        let element = self.find(css).await;
+        let chain = self.driver.action_chain();
+        let chain = chain.move_to_element_with_offset(&element, x, y);
+        chain.click().perform().await.unwrap();
+    }
+
+    /// Opens a tab of the same browser and goes on there.
+    pub async fn new_tab(&self) {
+        let tab = self.driver.new_tab().await.unwrap();
+        self.driver.switch_to_window(tab).await.unwrap();
+    }
+
+    /// Sets a cookie that no script could set.
+    pub async fn set_cookie(&self, name: &str, value: &str, path: &str) {
+        let cookie = json!({"name": name, "value": value, "path": path, "url": self.server, "httpOnly": true, "sameSite": "Strict"});
+        self.devtools("Network.setCookie", cookie).await;
     }
 
     /// Presses keys; the focused element receives them.

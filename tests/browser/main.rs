@@ -7,7 +7,9 @@
 mod support;
 use support::process;
 
+mod arm;
 mod browser;
+mod fleet;
 mod hall;
 mod reach;
 mod trouble;
@@ -224,6 +226,10 @@ fn what_the_service_says_stands_on_the_pages() {
                 active["id"].as_str().unwrap()
             ))
         });
+        // The list computes drifts after it is there.
+        browser
+            .until("document.querySelector('tbody td:nth-child(5)').innerText.includes('mm')")
+            .await;
         let shown = browser
             .run("return document.querySelector('tbody td:nth-child(5)').innerText")
             .await;

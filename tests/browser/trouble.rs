@@ -171,7 +171,7 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
 
         // As if the key had been revoked meanwhile.
         browser
-            .run("sessionStorage.setItem('kincal-key', 'kincal_0000')")
+            .set_cookie("kincal_session", "kincal_0000", "/v1")
             .await;
         browser.button("Download").await.click().await.unwrap();
         browser

@@ -13,12 +13,14 @@ const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] =
     [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
 /// Routes without a robot in their path: the answer depends on the key.
-const OF_NO_ROBOT: [&str; 5] = [
+const OF_NO_ROBOT: [&str; 7] = [
     "/v1/robots",
     "/v1/me",
     "/v1/robot-imports",
     "/v1/robot-models",
     "/v1/robot-models/{id}",
+    "/v1/overview",
+    "/v1/session",
 ];
 
 /// A robot with one resource of each kind.

@@ -1,0 +1,144 @@
+//! Every robot with what it needs.
+
+use crate::http::auth::Caller;
+use crate::http::extract::{ListQuery, Query};
+use crate::http::history::trend;
+use crate::http::{App, Error};
+use crate::release::needs::{NeedFacts, need};
+use crate::store::overview::{self, OverviewRow};
+use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
+use crate::wire::page::Page;
+use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::time::rfc3339;
+use crate::wire::verification::Fit;
+use axum::Json;
+use axum::extract::State;
+use serde::Deserialize;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Fewer sessions than this are no trend, so none is computed.
+const MIN_SESSIONS: i64 = 3;
+
+/// Routes of the overview.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(list))
+}
+
+/// Every robot with what it needs most and why: for whoever looks after hundreds of them. Newest robots first; the need is for sorting.
+#[utoipa::path(
+    get, path = "/v1/overview", tag = "robots", operation_id = "getOverview", params(ListQuery),
+    responses((status = 200, description = "One page", body = Page<RobotOverview>))
+)]
+async fn list(
+    State(app): State<App>,
+    caller: Caller,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<Page<RobotOverview>>, Error> {
+    let page = overview::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
+    let mut items = Vec::with_capacity(page.items.len());
+    for row in page.items {
+        let days_to_limit = if row.n_sessions >= MIN_SESSIONS {
+            trend(&app, &row.id).await?.days_to_limit
+        } else {
+            None
+        };
+        items.push(robot(row, days_to_limit)?);
+    }
+    Ok(Json(Page {
+        items,
+        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+    }))
+}
+
+/// The part of a robot's document that the overview shows.
+#[derive(Deserialize)]
+struct Document {
+    #[serde(default)]
+    serial_number: Option<String>,
+}
+
+fn robot(row: OverviewRow, days_to_limit: Option<f64>) -> Result<RobotOverview, Error> {
+    let Document { serial_number } = serde_json::from_str(&row.body_json)?;
+    let facts = facts(&row, days_to_limit);
+    let (need, reason) = need(&facts);
+    let need_job_id = match need {
+        Need::CheckRobot => row.check_job_id.clone(),
+        Need::Drifted | Need::Due => row.session_job_id.clone(),
+        Need::JobFailed => row.job_id.clone(),
+        Need::Review => row.newest_job_id.clone(),
+        Need::Calibrate | Need::Nothing => None,
+    };
+    let session = row
+        .session_job_id
+        .zip(row.session_created_at_ms)
+        .map(|(job_id, at_ms)| SessionOverview {
+            job_id,
+            created_at: rfc3339(at_ms),
+            rms_mm: row.session_rms_mm,
+        });
+    let active = row
+        .active_id
+        .zip(row.active_job_id)
+        .map(|(id, job_id)| SetOverview {
+            id,
+            job_id,
+            status: ParameterSetStatus::Released,
+            created_at: rfc3339(row.active_created_at_ms.unwrap_or_default()),
+            released_at: row.active_released_at_ms.map(rfc3339),
+            before_rms_mm: row.active_before_rms_mm,
+            after_rms_mm: row.active_after_rms_mm,
+            evidence: row.active_evidence,
+        });
+    let newest = row.newest_id.zip(row.newest_job_id).zip(row.newest_status);
+    let newest = newest.map(|((id, job_id), status)| SetOverview {
+        id,
+        job_id,
+        status,
+        created_at: rfc3339(row.newest_created_at_ms.unwrap_or_default()),
+        released_at: row.newest_released_at_ms.map(rfc3339),
+        before_rms_mm: row.newest_before_rms_mm,
+        after_rms_mm: row.newest_after_rms_mm,
+        evidence: row.newest_evidence,
+    });
+    let last_job = row.job_id.zip(row.job_kind).zip(row.job_status);
+    let last_job = last_job.map(|((id, kind), status)| JobOverview {
+        id,
+        kind,
+        status,
+        created_at: rfc3339(row.job_created_at_ms.unwrap_or_default()),
+        finished_at: row.job_finished_at_ms.map(rfc3339),
+    });
+    Ok(RobotOverview {
+        robot_id: row.id,
+        name: row.name,
+        serial_number,
+        created_at: rfc3339(row.created_at_ms),
+        need,
+        reason,
+        need_job_id,
+        active,
+        newest,
+        session,
+        days_to_limit,
+        last_job,
+    })
+}
+
+fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
+    let is_newer = match (row.newest_created_at_ms, row.active_created_at_ms) {
+        (Some(newest), Some(active)) => newest > active && row.newest_id != row.active_id,
+        (newest, None) => newest.is_some(),
+        (None, Some(_)) => false,
+    };
+    NeedFacts {
+        must_be_checked: row.check_job_id.is_some(),
+        tolerance_mm: row.tolerance_mm,
+        released_rms_mm: row.active_after_rms_mm,
+        is_released: row.active_id.is_some(),
+        session_rms_mm: row.session_rms_mm,
+        is_far_off: row.session_fit == Some(Fit::SetFarOff),
+        has_newer: is_newer,
+        last_job: row.job_status,
+        days_to_limit,
+    }
+}

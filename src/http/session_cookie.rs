@@ -1,0 +1,83 @@
+//! The cookie of a signed-in browser, so that links and new tabs stay signed in.
+//!
+//! Its value is the key itself. A value that the server could check without the key would have to be derived from what the database stores,
+//! and then a copy of the database would be enough to make one; so far it is not. The cookie is `HttpOnly`, so no script reads it, which the
+//! tab's storage could not promise; it goes to `/v1` only, and it ends with the browser, with sign-out, or with the revocation of the key.
+//!
+//! Browsers send cookies by themselves, so a page of another origin could use one. Against that: `SameSite=Strict`, the header
+//! [`SESSION_HEADER`] on every request that changes something (a page of another origin cannot send it without a preflight request, which is
+//! not granted), and `Sec-Fetch-Site` where the browser sends it.
+
+use crate::http::Error;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
+
+/// Name of the cookie.
+pub const SESSION_COOKIE: &str = "kincal_session";
+/// Header that a request with the cookie needs if it changes something; any value.
+pub const SESSION_HEADER: HeaderName = HeaderName::from_static("x-kincal-session");
+
+const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+/// Cookies that are looked through in one request; a browser sends a handful.
+const MAX_COOKIES: usize = 64;
+
+/// The key in the request's cookie; `None` without one.
+///
+/// # Errors
+/// [`Error::Forbidden`] if the request may come from a page of another origin.
+pub fn key_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'a str>, Error> {
+    let Some(key) = cookie(headers) else {
+        return Ok(None);
+    };
+    let is_foreign = headers
+        .get(SEC_FETCH_SITE)
+        .is_some_and(|site| site != "same-origin" && site != "none");
+    if is_foreign {
+        return Err(Error::Forbidden(
+            "the request comes from a page of another origin, for which the session of this browser does not count; open the dashboard itself",
+        ));
+    }
+    let is_safe = matches!(*method, Method::GET | Method::HEAD);
+    if !is_safe && !headers.contains_key(SESSION_HEADER) {
+        return Err(Error::Forbidden(
+            "a request with a session cookie that changes something needs the header `X-Kincal-Session: 1`; programs send `Authorization: Bearer KEY` instead",
+        ));
+    }
+    Ok(Some(key))
+}
+
+/// Whether the request has the cookie, valid or not.
+pub fn is_present(headers: &HeaderMap) -> bool {
+    cookie(headers).is_some()
+}
+
+fn cookie(headers: &HeaderMap) -> Option<&str> {
+    headers
+        .get_all(header::COOKIE)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|text| text.split(';'))
+        .take(MAX_COOKIES)
+        .filter_map(|pair| pair.trim().split_once('='))
+        .find(|(name, value)| *name == SESSION_COOKIE && !value.is_empty())
+        .map(|(_, value)| value)
+}
+
+/// The header that signs a browser in; `None` for a text that cannot be a cookie, which no key is.
+pub fn signing_in(key: &str, is_secure: bool) -> Option<HeaderValue> {
+    let is_plain = key
+        .bytes()
+        .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
+    is_plain
+        .then(|| HeaderValue::from_str(&with_attributes(key, "", is_secure)).ok())
+        .flatten()
+}
+
+/// The header that signs a browser out.
+pub fn signing_out(is_secure: bool) -> Option<HeaderValue> {
+    HeaderValue::from_str(&with_attributes("", "; Max-Age=0", is_secure)).ok()
+}
+
+fn with_attributes(value: &str, more: &str, is_secure: bool) -> String {
+    let secure = if is_secure { "; Secure" } else { "" };
+    format!("{SESSION_COOKIE}={value}; Path=/v1; HttpOnly; SameSite=Strict{secure}{more}")
+}

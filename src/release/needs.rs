@@ -1,0 +1,171 @@
+//! What a robot needs, from facts that are stored as columns.
+
+use crate::wire::job_answer::JobStatus;
+use crate::wire::overview::Need;
+
+/// Growth of the error since the identification from which on a robot counts as drifted if its policy states no tolerance; as in the trend.
+const GROWTH: f64 = 1.5;
+/// A calibration is due if the limit is reached within this time, days.
+const SOON_DAYS: f64 = 14.0;
+
+/// Facts of one robot.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NeedFacts {
+    /// It is in the state `check_robot`.
+    pub must_be_checked: bool,
+    /// Tolerance of its policy, mm.
+    pub tolerance_mm: Option<f64>,
+    /// Error of the released set when it was identified, mm.
+    pub released_rms_mm: Option<f64>,
+    /// It has a released set.
+    pub is_released: bool,
+    /// Error of the released set on the newest session, mm.
+    pub session_rms_mm: Option<f64>,
+    /// The newest session fits the robot, but the released set misses it.
+    pub is_far_off: bool,
+    /// A set that is not withdrawn is newer than the released one, or none was released.
+    pub has_newer: bool,
+    /// Status of the newest job.
+    pub last_job: Option<JobStatus>,
+    /// Days until the error reaches its limit.
+    pub days_to_limit: Option<f64>,
+}
+
+/// The most urgent need, and why.
+pub fn need(facts: &NeedFacts) -> (Need, String) {
+    if facts.must_be_checked {
+        return (
+            Need::CheckRobot,
+            "a session does not fit the robot; no release until one fits or somebody says why all is well".into(),
+        );
+    }
+    if let Some(reason) = drift(facts) {
+        return (Need::Drifted, reason);
+    }
+    if facts.last_job == Some(JobStatus::Failed) {
+        return (
+            Need::JobFailed,
+            "the newest job failed; its page says why".into(),
+        );
+    }
+    if facts.has_newer {
+        let reason = if facts.is_released {
+            "a newer result than the released set waits for a decision"
+        } else {
+            "the first result waits for its release"
+        };
+        return (Need::Review, reason.into());
+    }
+    if let Some(days) = facts.days_to_limit.filter(|days| *days <= SOON_DAYS) {
+        let when = if days < 1.0 {
+            "now".to_owned()
+        } else {
+            format!("in {days:.0} days")
+        };
+        return (Need::Due, format!("the error reaches its limit {when}"));
+    }
+    if !facts.is_released {
+        return (
+            Need::Calibrate,
+            "nothing was identified yet; upload measured points".into(),
+        );
+    }
+    (Need::Nothing, String::new())
+}
+
+fn drift(facts: &NeedFacts) -> Option<String> {
+    if facts.is_far_off {
+        return Some("the newest session misses the released set by far".into());
+    }
+    let now = facts.session_rms_mm?;
+    if let Some(tolerance) = facts.tolerance_mm {
+        return (now > tolerance).then(|| {
+            format!("the newest session has {now:.3} mm rms; the tolerance is {tolerance:.3} mm")
+        });
+    }
+    let then = facts.released_rms_mm?;
+    (now > GROWTH * then)
+        .then(|| format!("the newest session has {now:.3} mm rms; it was {then:.3} mm when the set was identified"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{NeedFacts, need};
+    use crate::wire::job_answer::JobStatus;
+    use crate::wire::overview::Need;
+
+    fn released() -> NeedFacts {
+        NeedFacts {
+            is_released: true,
+            released_rms_mm: Some(0.1),
+            last_job: Some(JobStatus::Succeeded),
+            ..NeedFacts::default()
+        }
+    }
+
+    #[test]
+    fn a_robot_needs_the_most_urgent_thing() {
+        let session = |rms| NeedFacts {
+            session_rms_mm: Some(rms),
+            ..released()
+        };
+        let failed = NeedFacts {
+            last_job: Some(JobStatus::Failed),
+            ..released()
+        };
+        let all = NeedFacts {
+            must_be_checked: true,
+            is_far_off: true,
+            has_newer: true,
+            days_to_limit: Some(0.0),
+            ..failed.clone()
+        };
+        for (facts, expected) in [
+            (NeedFacts::default(), Need::Calibrate),
+            (released(), Need::Nothing),
+            (session(0.14), Need::Nothing),
+            (session(0.16), Need::Drifted),
+            (
+                NeedFacts {
+                    tolerance_mm: Some(0.2),
+                    ..session(0.16)
+                },
+                Need::Nothing,
+            ),
+            (
+                NeedFacts {
+                    tolerance_mm: Some(0.12),
+                    ..session(0.13)
+                },
+                Need::Drifted,
+            ),
+            (failed, Need::JobFailed),
+            (
+                NeedFacts {
+                    has_newer: true,
+                    ..NeedFacts::default()
+                },
+                Need::Review,
+            ),
+            (
+                NeedFacts {
+                    days_to_limit: Some(3.0),
+                    ..released()
+                },
+                Need::Due,
+            ),
+            (
+                NeedFacts {
+                    days_to_limit: Some(90.0),
+                    ..released()
+                },
+                Need::Nothing,
+            ),
+            (all, Need::CheckRobot),
+        ] {
+            let (found, reason) = need(&facts);
+            assert_eq!(found, expected, "{facts:?}");
+            assert_eq!(reason.is_empty(), found == Need::Nothing, "{reason}");
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! What a quality file asks for: who measured what with what, in which frame and for which tool the figures hold, the verdict, and a signature.
+
+use super::Sources;
+use super::text::{error, number};
+use crate::wire::measurement::Frame;
+use crate::wire::robot::{MountingBody, NamedMounting};
+use maud::{Markup, html};
+
+/// The verdict against the tolerance, and for what the figures hold.
+pub fn statement(sources: &Sources<'_>) -> Markup {
+    html! {
+        section {
+            h2 { "What the figures hold for" }
+            dl.facts {
+                div { dt { "Quantity" } dd { (quantity(sources)) } }
+                div { dt { "Frame" } dd { (frame(sources)) } }
+                div { dt { "Tool" } dd { (tool(sources)) } }
+                div { dt { "Points" } dd { (points(sources)) } }
+                div { dt { "Tolerance" } dd { (tolerance(sources)) } }
+                @if sources.robot.mounting.is_some() { div { dt { "Mounting, as stated" } dd { (mounting(sources)) } } }
+            }
+        }
+    }
+}
+
+fn quantity(sources: &Sources<'_>) -> &'static str {
+    if sources.report.repeatability.is_some() {
+        "distance of the measured from the commanded position at each pose. Positioning accuracy AP and repeatability RP of ISO 9283 are stated for the poses that were visited several times"
+    } else {
+        "distance of the measured from the commanded position at each pose, each visited once: the single-visit form of the positioning accuracy AP of ISO 9283. Repeatability RP was not measured"
+    }
+}
+
+fn frame(sources: &Sources<'_>) -> &'static str {
+    match sources.set.frame {
+        Frame::Base => {
+            "the robot's base frame, in which the positions were given: an error of that frame is part of the figures"
+        }
+        Frame::Instrument => {
+            "the instrument's frame; the base was found with the parameters, so its placement is not part of the figures"
+        }
+    }
+}
+
+fn tool(sources: &Sources<'_>) -> String {
+    let targets = sources.parameter_set.map(|set| set.targets.as_slice());
+    match targets {
+        Some([]) => {
+            "the measured reflector, whose place on the flange was given. Other tools may be off by more"
+                .into()
+        }
+        Some(targets) => {
+            let places: Vec<String> = targets
+                .iter()
+                .map(|target| {
+                    let [x, y, z] = target.position_mm;
+                    format!("{x:.2}, {y:.2}, {z:.2} mm")
+                })
+                .collect();
+            format!(
+                "the measured reflector, at {} in the flange frame. Other tools may be off by more",
+                places.join("; ")
+            )
+        }
+        None => "the measured reflector. Other tools may be off by more".into(),
+    }
+}
+
+fn points(sources: &Sources<'_>) -> String {
+    let report = sources.report;
+    let held = report.verify.as_ref().map_or(0, |half| half.n_points);
+    let mut text = if sources.is_verification() {
+        format!("{held} points were scored; no link was fitted to them")
+    } else {
+        format!(
+            "fitted to {} points; judged on {held} points that were kept aside",
+            report.identify.n_points
+        )
+    };
+    if let Some(last) = &report.final_fit {
+        text += &format!(
+            "; the delivered parameters were then fitted to all {} points ({} mm rms there, {} mm away on average)",
+            last.n_points,
+            error(last.rms_mm),
+            error(last.moved_mm)
+        );
+    }
+    text
+}
+
+fn tolerance(sources: &Sources<'_>) -> Markup {
+    let Some(tolerance) = sources.tolerance_mm else {
+        return html! { "none is stated in the robot's policy" };
+    };
+    let report = sources.report;
+    let half = report.verify.as_ref().unwrap_or(&report.identify);
+    let found = half.corrected.as_ref().unwrap_or(&half.after).rms_mm;
+    let is_within = found <= tolerance;
+    html! {
+        (number(tolerance)) " mm (rms): " strong { @if is_within { "fulfilled" } @else { "not fulfilled" } } ", "
+        (error(found)) " mm on " (half.n_points) @if report.verify.is_some() { " points that were not fitted" } @else { " points of the fit itself" }
+    }
+}
+
+fn mounting(sources: &Sources<'_>) -> String {
+    match sources.robot.mounting {
+        Some(MountingBody::Named(NamedMounting::Floor)) => "on the floor".into(),
+        Some(MountingBody::Named(NamedMounting::Wall)) => "on a wall".into(),
+        Some(MountingBody::Named(NamedMounting::Ceiling)) => "from the ceiling".into(),
+        Some(MountingBody::Direction(direction)) => {
+            let [x, y, z] = direction.gravity_in_base;
+            format!(
+                "gravity along ({x:.3}, {y:.3}, {z:.3}) of the base, known to {}°",
+                number(direction.std_deg)
+            )
+        }
+        None => String::new(),
+    }
+}
+
+/// What the service does not know, to be filled in by hand, and who answers for the report.
+pub fn signature(sources: &Sources<'_>) -> Markup {
+    let released = sources.parameter_set.and_then(|set| {
+        set.released_by
+            .as_deref()
+            .zip(set.release_reason.as_deref())
+    });
+    html! {
+        section.signature {
+            h2 { "Responsibility" }
+            @if let Some((by, reason)) = released { p.note { "Released with the key " (by) ": " (reason) } }
+            div.blanks {
+                @for name in ["Instrument, serial number", "Its certificate, valid until", "Operator", "Payload while measuring", "Place and date", "Checked by, signature"] {
+                    div { span { (name) } }
+                }
+            }
+        }
+    }
+}

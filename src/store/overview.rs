@@ -1,0 +1,100 @@
+//! Every robot with its released and its newest set, its newest session and its newest job: one query for a page of robots.
+
+use super::from_row::from_row;
+use super::{JobStatus, Page, PageRequest, Result, Store};
+use crate::wire::job::Kind;
+use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::Fit;
+
+pub(super) const ALL_QUERIES: &[&str] = &[LIST];
+
+/// One robot.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // the columns of the tables that are joined
+pub struct OverviewRow {
+    pub id: String,
+    pub name: String,
+    pub body_json: String,
+    pub created_at_ms: i64,
+    pub check_job_id: Option<String>,
+    pub tolerance_mm: Option<f64>,
+    pub active_id: Option<String>,
+    pub active_job_id: Option<String>,
+    pub active_created_at_ms: Option<i64>,
+    pub active_released_at_ms: Option<i64>,
+    pub active_before_rms_mm: Option<f64>,
+    pub active_after_rms_mm: Option<f64>,
+    pub active_evidence: Option<Evidence>,
+    pub newest_id: Option<String>,
+    pub newest_job_id: Option<String>,
+    pub newest_status: Option<ParameterSetStatus>,
+    pub newest_created_at_ms: Option<i64>,
+    pub newest_released_at_ms: Option<i64>,
+    pub newest_before_rms_mm: Option<f64>,
+    pub newest_after_rms_mm: Option<f64>,
+    pub newest_evidence: Option<Evidence>,
+    pub session_job_id: Option<String>,
+    pub session_created_at_ms: Option<i64>,
+    pub session_rms_mm: Option<f64>,
+    pub session_fit: Option<Fit>,
+    pub n_sessions: i64,
+    pub job_id: Option<String>,
+    pub job_kind: Option<Kind>,
+    pub job_status: Option<JobStatus>,
+    pub job_created_at_ms: Option<i64>,
+    pub job_finished_at_ms: Option<i64>,
+}
+
+from_row!(OverviewRow {
+    id, name, body_json, created_at_ms, check_job_id, tolerance_mm, active_id, active_job_id, active_created_at_ms, active_released_at_ms,
+    active_before_rms_mm, active_after_rms_mm, newest_id, newest_job_id, newest_created_at_ms, newest_released_at_ms, newest_before_rms_mm,
+    newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
+} optional { active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status });
+
+// $1 is as in the list of robots. The newest rows are found by the indices of their tables.
+const LIST: &str = "
+    select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
+        y.tolerance_mm as tolerance_mm,
+        a.id as active_id, a.job_id as active_job_id, a.created_at_ms as active_created_at_ms, a.released_at_ms as active_released_at_ms,
+        va.before_rms_mm as active_before_rms_mm, va.after_rms_mm as active_after_rms_mm, va.evidence as active_evidence,
+        n.id as newest_id, n.job_id as newest_job_id, n.status as newest_status, n.created_at_ms as newest_created_at_ms,
+        n.released_at_ms as newest_released_at_ms,
+        vn.before_rms_mm as newest_before_rms_mm, vn.after_rms_mm as newest_after_rms_mm, vn.evidence as newest_evidence,
+        s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm, s.fit as session_fit,
+        (select count(*) from verification w where w.parameter_set_id = a.id and w.kind = 'session') as n_sessions,
+        j.id as job_id, j.kind as job_kind, j.status as job_status, j.created_at_ms as job_created_at_ms, j.finished_at_ms as job_finished_at_ms
+    from robot r
+    left join robot_policy y on y.robot_id = r.id
+    left join parameter_set a on a.robot_id = r.id and a.status = 'released'
+    left join verification va on va.job_id = a.job_id
+    left join parameter_set n on n.id = (select p.id from parameter_set p where p.robot_id = r.id and p.status <> 'withdrawn'
+        order by p.created_at_ms desc, p.id desc limit 1)
+    left join verification vn on vn.job_id = n.job_id
+    left join verification s on s.job_id = (select w.job_id from verification w where w.parameter_set_id = a.id and w.kind = 'session'
+        and w.fit <> 'does_not_fit' order by w.seq desc limit 1)
+    left join job sj on sj.id = s.job_id
+    left join job j on j.id = (select k.id from job k where k.robot_id = r.id order by k.created_at_ms desc, k.id desc limit 1)
+    where ($1 = '' or replace($1, r.id, '') <> $1) and (r.created_at_ms, r.id) < ($2, $3)
+    order by r.created_at_ms desc, r.id desc
+    limit cast($4 as bigint)";
+
+/// A page of robots, newest first; `only` limits it to those that a key may see.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn list(
+    store: &Store,
+    only: Option<&[String]>,
+    request: &PageRequest,
+) -> Result<Page<OverviewRow>> {
+    let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
+    let keyset = request.keyset();
+    let query = sqlx::query_as(LIST)
+        .bind(only)
+        .bind(keyset.created_at_ms)
+        .bind(keyset.id)
+        .bind(keyset.limit);
+    let rows: Vec<OverviewRow> = query.fetch_all(store.readers()).await?;
+    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+}

@@ -1,0 +1,294 @@
+//! The arm in 3-D, and the figures and the table that share its selection.
+
+use crate::browser::{Browser, DESKTOP, Driver, Look, PHONE, TABLET};
+use crate::hall::Plant;
+use crate::{in_browser, sign_in};
+use kincal::kinematics::{Robot, forward_kinematics};
+use kincal::wire::robot::RobotBody;
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+use thirtyfour::Key;
+
+/// Largest difference of a position computed in the page, mm: rounding of double precision on an arm of some metres.
+const SAME_MM: f64 = 1e-9;
+
+/// A robot with everything that the page's kinematics know: betas, and a joint map with signs, offsets and a coupling.
+fn mapped_robot() -> Value {
+    json!({
+        "name": "mapped",
+        "links": [
+            {"a_mm": 0, "alpha_deg": 0, "d_mm": 504, "theta_offset_deg": 1.5},
+            {"a_mm": 166.6, "alpha_deg": -90, "d_mm": 0, "theta_offset_deg": 0},
+            {"a_mm": 782.3, "alpha_deg": 0.2, "d_mm": 3, "theta_offset_deg": -90, "beta_deg": 0.7},
+            {"a_mm": 138.8, "alpha_deg": -90, "d_mm": 761.4, "theta_offset_deg": 0},
+            {"a_mm": 0, "alpha_deg": 90, "d_mm": 0, "theta_offset_deg": 0},
+            {"a_mm": 0, "alpha_deg": -90, "d_mm": 125, "theta_offset_deg": 180}
+        ],
+        "joint_map": {
+            "sign": [1, 1, -1, 1, -1, 1],
+            "offset_deg": [0, -90, 0, 0, 0, 12.5],
+            "coupling": [[1,0,0,0,0,0],[0,1,0,0,0,0],[0,1,1,0,0,0],[0,0,0,1,0,0],[0,0,0,0,1,0],[0,0,0,0,0.01,1]]
+        }
+    })
+}
+
+#[test]
+fn the_page_puts_the_arm_where_the_service_does() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let document = mapped_robot();
+    let body: RobotBody = serde_json::from_value(document.clone()).unwrap();
+    let robot = Robot::try_from(&body).unwrap();
+    let poses: Vec<Vec<f64>> = (0..20)
+        .map(|i| {
+            (0..6)
+                .map(|k| f64::from((37 * i + 61 * k) % 300) - 150.0 + 0.37 * f64::from(k))
+                .collect()
+        })
+        .collect();
+    let target = [12.0, -34.0, 56.0];
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        browser.go("/").await;
+        let script = format!(
+            "return import('/assets/kinematics.js').then(({{ positionOf }}) => {}.map((q) => positionOf({document}, q, {})))",
+            json!(poses),
+            json!(target)
+        );
+        let found = browser.run(&script).await;
+        for (q_deg, found) in poses.iter().zip(found.as_array().unwrap()) {
+            let q_rad: Vec<f64> = q_deg.iter().map(|q| q.to_radians()).collect();
+            let expected = forward_kinematics(
+                &robot.links,
+                &robot.q_model_rad(&q_rad),
+                &Vector3::from(target),
+            );
+            for (k, expected) in expected.iter().enumerate() {
+                let found = found[k].as_f64().unwrap();
+                assert!(
+                    (found - expected).abs() < SAME_MM,
+                    "{q_deg:?}, axis {k}: {found} and {expected}"
+                );
+            }
+        }
+    });
+}
+
+/// The selected row as the panel beside the arm, the table and the figure state it.
+async fn selected(browser: &Browser) -> [String; 3] {
+    let script = "return [document.querySelector('.picked .which')?.innerText ?? '', document.querySelector('.residuals tr.chosen td')?.innerText ?? '', \
+        document.querySelector('.answers .value strong')?.innerText ?? '']";
+    let found = browser.run(script).await;
+    [0, 1, 2].map(|i| found[i].as_str().unwrap().to_owned())
+}
+
+#[test]
+fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 11", "ER20-0131");
+    let job = hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let key = hall.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("result to review").await;
+        browser
+            .run(&format!(
+                "location.hash = '#/jobs/{}'",
+                job["id"].as_str().unwrap()
+            ))
+            .await;
+        browser
+            .until("document.querySelector('canvas.scene')")
+            .await;
+        browser
+            .until("document.querySelectorAll('#error-against option').length > 6")
+            .await;
+
+        // By keyboard, from the arm.
+        browser
+            .run("document.querySelector('canvas.scene').focus()")
+            .await;
+        browser.press("nnn").await;
+        browser
+            .until("document.querySelector('.picked .which')?.innerText.startsWith('Row 2 ')")
+            .await;
+        let [panel, row, bar] = selected(browser).await;
+        assert!(panel.starts_with("Row 2 "), "{panel}");
+        assert_eq!([row.as_str(), bar.as_str()], ["row 2", "row 2"]);
+        assert!(
+            browser.text().await.contains("Joints, °"),
+            "the arm stands in the row's posture"
+        );
+
+        // By pointer: somewhere around the middle of the picture there is a point.
+        browser.press(Key::Escape).await;
+        browser.until("!document.querySelector('.picked .which')").await;
+        let mut hit = false;
+        for (x, y) in (-4..=4).flat_map(|x| (-4..=4).map(move |y| (30 * x, 30 * y))) {
+            browser.click_at("canvas.scene", x, y).await;
+            hit = browser
+                .run("return Boolean(document.querySelector('.picked .which'))")
+                .await
+                == true;
+            if hit {
+                break;
+            }
+        }
+        assert!(hit, "a click picks a point");
+        let [panel, row, bar] = selected(browser).await;
+        assert!(
+            panel.starts_with(&row.replace("row", "Row")) && row == bar,
+            "{panel}, {row}, {bar}"
+        );
+
+        // From the table, and from the bars.
+        browser
+            .run("[...document.querySelectorAll('.residuals tbody tr')].find((tr) => tr.innerText.startsWith('row 5')).click()")
+            .await;
+        browser
+            .until("document.querySelector('.picked .which')?.innerText.startsWith('Row 5 ')")
+            .await;
+        browser
+            .run("document.querySelector('.answers svg[tabindex]').focus()")
+            .await;
+        browser.press(Key::Right).await;
+        browser
+            .until("!document.querySelector('.picked .which').innerText.startsWith('Row 5 ')")
+            .await;
+        let [panel, row, bar] = selected(browser).await;
+        assert!(
+            panel.starts_with(&row.replace("row", "Row")) && row == bar,
+            "{panel}, {row}, {bar}"
+        );
+
+        // Against a joint, and to the scale of "after".
+        browser
+            .run("const s = document.querySelector('#error-against'); s.value = 'q1'; s.dispatchEvent(new Event('change'))")
+            .await;
+        browser.until_it_says("joint 2, °").await;
+        let circles = "return document.querySelectorAll('.answers circle.after').length";
+        assert_eq!(browser.run(circles).await, 100);
+        browser
+            .button("Scale to after")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser
+            .until("document.querySelector('.answers [aria-pressed=true]')")
+            .await;
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+#[test]
+fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 12", "ER20-0132");
+    let job = hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let key = hall.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("result to review").await;
+        let page = format!("#/jobs/{}", job["id"].as_str().unwrap());
+        browser.run(&format!("location.hash = '{page}'")).await;
+        browser
+            .until("document.querySelector('canvas.scene')")
+            .await;
+        browser
+            .run("document.querySelector('canvas.scene').focus()")
+            .await;
+        browser.press("n").await;
+        browser
+            .button("Leave it out …")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser
+            .until_it_says("One point is to be left out: row 0")
+            .await;
+        browser
+            .find("#exclude-reason")
+            .await
+            .send_keys("the reflector was not seated")
+            .await
+            .unwrap();
+        browser
+            .button("Calibrate again without them")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser.until(&format!("location.hash !== '{page}'")).await;
+        browser
+            .until_it_says("first without row 0: the reflector was not seated (99 points")
+            .await;
+        browser.until_it_says("What to do next").await;
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+#[test]
+fn no_page_scrolls_sideways_on_a_desk_a_tablet_or_a_phone() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 13", "ER20-0133");
+    let job = hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let key = hall.key(&["admin"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("result to review").await;
+        let pages = [
+            "/#/".to_owned(),
+            format!("/#/robots/{robot}"),
+            format!("/#/robots/{robot}/plan"),
+            format!("/#/robots/{robot}/correct"),
+            format!("/#/robots/{robot}/compare"),
+            format!("/#/jobs/{}", job["id"].as_str().unwrap()),
+            "/docs".into(),
+        ];
+        for (size, dark) in [(DESKTOP, false), (TABLET, true), (PHONE, false)] {
+            browser.look(Look { size, dark }).await;
+            for page in &pages {
+                browser.go(page).await;
+                let wide = browser
+                    .run("return document.documentElement.scrollWidth - innerWidth")
+                    .await;
+                assert!(
+                    wide.as_i64().unwrap() <= 0,
+                    "{page} at {}: {wide} px too wide",
+                    size.0
+                );
+                assert_eq!(
+                    browser.accessibility().await,
+                    Vec::<String>::new(),
+                    "{page} at {}",
+                    size.0
+                );
+            }
+        }
+        browser.assert_quiet(&[]).await;
+    });
+}

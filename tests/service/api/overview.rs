@@ -1,0 +1,161 @@
+//! The overview: every robot with what it needs, in one request for hundreds of them.
+
+use crate::app::{Answer, TestApp, paper, text};
+use crate::people::{guarded, key, with_key};
+use reqwest::Method;
+use serde_json::{Value, json};
+
+async fn post(app: &TestApp, key: &str, path: &str, kind: &str, body: Vec<u8>) -> Value {
+    let request = app
+        .request(Method::POST, path)
+        .bearer_auth(key)
+        .header("content-type", kind)
+        .body(body);
+    let answer = Answer::of(request).await;
+    assert!(
+        matches!(answer.status, 200 | 201 | 202),
+        "{path}: {}",
+        answer.text()
+    );
+    answer.json()
+}
+
+async fn robot(app: &TestApp, key: &str) -> String {
+    let made = post(
+        app,
+        key,
+        "/v1/robots",
+        "application/json",
+        paper("robot.json"),
+    )
+    .await;
+    text(&made["id"]).to_owned()
+}
+
+/// Runs a job on a set of the paper to its end.
+async fn job(app: &TestApp, key: &str, robot: &str, file: &str, more: Value) -> Value {
+    let at = format!("/v1/robots/{robot}");
+    let path = format!("{at}/measurement-sets?frame=base");
+    let set = post(app, key, &path, "text/csv", paper(file)).await;
+    let mut request = json!({"measurement_set_id": set["id"]});
+    for (name, value) in more.as_object().unwrap() {
+        request[name] = value.clone();
+    }
+    let body = request.to_string().into_bytes();
+    let mut job = post(app, key, &format!("{at}/jobs"), "application/json", body).await;
+    while ["queued", "running"].contains(&text(&job["status"])) {
+        let path = format!("/v1/jobs/{}?wait_s=30", text(&job["id"]));
+        job = with_key(app, Method::GET, &path, key, vec![]).await.ok(200);
+    }
+    assert_eq!(job["status"], "succeeded", "{job}");
+    job
+}
+
+#[tokio::test]
+async fn each_robot_says_what_it_needs_most_and_which_job_shows_it() {
+    let (app, _dir) = guarded(1).await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let untouched = robot(&app, &admin).await;
+    let (waiting, released) = (robot(&app, &admin).await, robot(&app, &admin).await);
+    let candidate = job(&app, &admin, &waiting, "first_noisy.csv", json!({})).await;
+    let active = job(&app, &admin, &released, "first_noisy.csv", json!({})).await;
+    let path = format!(
+        "/v1/parameter-sets/{}/release",
+        text(&active["parameter_set_id"])
+    );
+    let reason = json!({"reason": "tried", "change_reason": "the first"});
+    post(
+        &app,
+        &admin,
+        &path,
+        "application/json",
+        reason.to_string().into_bytes(),
+    )
+    .await;
+    let of = async |id: &str| {
+        let page = with_key(&app, Method::GET, "/v1/overview?limit=200", &admin, vec![])
+            .await
+            .ok(200);
+        let items = page["items"].as_array().unwrap().clone();
+        assert_eq!((items.len(), &page["next_cursor"]), (3, &Value::Null));
+        items
+            .into_iter()
+            .find(|item| item["robot_id"] == id)
+            .unwrap()
+    };
+    let first = of(&untouched).await;
+    assert_eq!(
+        (&first["need"], first.get("last_job"), first.get("active")),
+        (&json!("calibrate"), None, None)
+    );
+    let second = of(&waiting).await;
+    assert_eq!(
+        (&second["need"], &second["need_job_id"]),
+        (&json!("review"), &candidate["id"])
+    );
+    let third = of(&released).await;
+    assert_eq!(
+        (&third["need"], &third["reason"]),
+        (&json!("nothing"), &json!(""))
+    );
+    let report = with_key(
+        &app,
+        Method::GET,
+        &format!("/v1/jobs/{}/report", text(&active["id"])),
+        &admin,
+        vec![],
+    )
+    .await
+    .ok(200);
+    assert_eq!(
+        third["active"]["after_rms_mm"], report["verify"]["after"]["rms_mm"],
+        "the figure of the report"
+    );
+
+    // A session of the drifted robot: the released set misses it, and the robot says so before anything else.
+    let verify = json!({"kind": "verify", "parameter_set_id": active["parameter_set_id"]});
+    let drifted = job(&app, &admin, &released, "followup_collision.csv", verify).await;
+    let found = of(&released).await;
+    assert!(
+        ["drifted", "check_robot"].contains(&text(&found["need"])),
+        "{found}"
+    );
+    assert_eq!(found["need_job_id"], drifted["id"], "{found}");
+    assert!(!text(&found["reason"]).is_empty());
+}
+
+#[tokio::test]
+async fn the_overview_has_pages_and_only_the_robots_of_the_key() {
+    let (app, _dir) = guarded(0).await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let mut ids = Vec::new();
+    for _ in 0..5 {
+        ids.push(robot(&app, &admin).await);
+    }
+    let (mut seen, mut cursor) = (Vec::new(), String::new());
+    loop {
+        let path = format!("/v1/overview?limit=2{cursor}");
+        let page = with_key(&app, Method::GET, &path, &admin, vec![])
+            .await
+            .ok(200);
+        let items = page["items"].as_array().unwrap();
+        seen.extend(items.iter().map(|item| text(&item["robot_id"]).to_owned()));
+        match page["next_cursor"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
+    }
+    ids.reverse();
+    assert_eq!(seen, ids, "newest first, each once");
+    let (limited, _) = key(&app, &["read"], Some(vec![&ids[1], &ids[3]])).await;
+    let page = with_key(&app, Method::GET, "/v1/overview", &limited, vec![])
+        .await
+        .ok(200);
+    let seen: Vec<&str> = page["items"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|item| text(&item["robot_id"]))
+        .collect();
+    assert_eq!(seen, [ids[1].as_str(), ids[3].as_str()]);
+}

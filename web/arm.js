@@ -1,0 +1,205 @@
+// The arm with what was measured: positions, error arrows and the posture of the point that is selected.
+
+import { el, fill } from "./dom.js";
+import { capital, fixed, mm, number, SMALLEST_MM } from "./format.js";
+import { apply, axisX, framesOf, IDENTITY, inverse, origin, poseOf, reachOf, restOf, turn } from "./kinematics.js";
+import { VIEWS, view } from "./scene.js";
+import { arm, ground } from "./solids.js";
+
+/** More arrows than this hide each other. Of each group of neighbours the one with the largest error is drawn. */
+const MAX_DRAWN = 4000;
+/** The longest arrow, as a share of the scene. */
+const LONGEST = 0.13;
+/** Share of the points whose errors are within the scale; the few above it have its last colour. */
+const WITHIN = 0.98;
+const LEVELS = ["--level-1", "--level-2", "--level-3", "--level-4", "--level-5"];
+const GRAVITY = { floor: [0, 0, -1], wall: [1, 0, 0], ceiling: [0, 0, 1] };
+
+/** Value below which a share of them is. */
+export function quantile(values, share) {
+  const sorted = Float64Array.from(values.filter(Number.isFinite)).sort();
+  return sorted.length === 0 ? 0 : sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
+}
+
+/** The points of a report in the robot's base frame. `base` is that frame in the measuring one. */
+export function pointsOfReport(report, base) {
+  const back = inverse(base ?? IDENTITY);
+  return report.per_point.map((p) => ({ position: p.position_mm ? apply(back, p.position_mm) : null,
+    vectors: Object.fromEntries(["before", "after", "corrected"].map((stage) => [stage, p[`${stage}_vector_mm`] ? turn(back, p[`${stage}_vector_mm`]) : null])),
+    errors: { before: p.before_mm, after: p.after_mm, corrected: p.corrected_mm ?? null }, target: p.target }));
+}
+
+/** From the base frame to a frame whose z points up, as the robot is mounted. */
+function upright({ mounting }) {
+  const g = GRAVITY[mounting] ?? mounting?.gravity_in_base ?? GRAVITY.floor;
+  const z = g.map((v) => -v);
+  const hint = Math.abs(z[0]) < 0.9 ? [1, 0, 0] : [0, 0, -1];
+  const side = hint.map((v, i) => v - z[i] * (hint[0] * z[0] + hint[1] * z[1] + hint[2] * z[2]));
+  const length = Math.hypot(...side);
+  const x = side.map((v) => v / length);
+  const y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]];
+  return [...x, 0, ...y, 0, ...z, 0];
+}
+
+/**
+ * The picture. `points` have a position in the base frame, and where they were compared vectors and errors by stage. `stages` are
+ * [name, words]; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
+ */
+export function armFigure({ title, level = "h3", caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
+  const reach = reachOf(robot);
+  const up = upright(robot);
+  const placed = points.map((p) => (p.position ? apply(up, p.position) : null));
+  const state = { stage: stages.at(-1)?.[0] ?? null, own: false, drawn: [], factor: 1, top: 1 };
+  const panel = el("div.picked", { "aria-live": "polite" });
+  const key = el("p.legend", {});
+  const lead = el("span", {});
+  const shown = el("div.actions", {});
+  const scene = view({
+    label: `${title}. Arrow keys turn it, plus and minus zoom, N and P go to the next and the previous point, Home shows all.`,
+    draw: (pen) => drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, rest, boxes }),
+    points: () => state.drawn, picked: (i) => selected.set(i), step: (by) => selected.step(by),
+  });
+  frame(scene.eye, placed, robot, up, reach, boxes, postures);
+  const rescale = () => {
+    Object.assign(state, scaleOf(points, placed, stages, state, scene.eye.size));
+    fill(key, legendOf(state));
+    fill(lead, arrowsSaid(state, points.length, said));
+    scene.redraw();
+  };
+  const refresh = () => {
+    fill(panel, selected.index === null ? hint(points.length) : [describe(selected.index), actions?.(selected.index)]);
+    scene.redraw();
+  };
+  selected.listen(refresh);
+  const button = (text, label, click) => el("button", { type: "button", click, "aria-label": label, title: label }, text);
+  fill(shown, VIEWS.map(([name, words]) => el("button", { type: "button", click: () => scene.look(name) }, words)),
+    button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3)));
+  const node = el("figure.arm", {}, el("figcaption", {}, el(level, {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
+    el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel), shown);
+  rescale();
+  refresh();
+  return { node, refresh, redraw: scene.redraw, scene };
+}
+
+let choices = 0;
+
+/** Which errors the arrows show, and to which scale. */
+function stageChoice(stages, state, changed) {
+  if (stages.length < 2) return false;
+  choices += 1;
+  const radios = stages.map(([name, words]) => el("label.choice", {}, el("input", { type: "radio", name: `stage-${choices}`, value: name, checked: name === state.stage, change: () => { state.stage = name; changed(); } }), words));
+  const own = stages.length > 1 && el("label.choice", {}, el("input", { type: "checkbox", checked: true, change: (event) => { state.own = !event.target.checked; changed(); } }), "same scale for all");
+  state.own = false;
+  return el("fieldset.toggles", {}, el("legend", {}, "Errors"), radios, own);
+}
+
+const hint = (n) => [el("p.note", {}, n > 0 ? "Click, tap or press N to pick a point: its row, its joints and its residual appear here, and the arm takes its posture." : "Drag to turn the arm."),
+  el("p.note", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom. Two fingers: zoom and move.")];
+
+/** Postures whose joints are within the first picture. */
+const FRAMED = 40;
+
+function frame(eye, placed, robot, up, reach, boxes, postures) {
+  const every = Math.max(1, Math.ceil(placed.length / FRAMED));
+  const known = placed.map((_, i) => (i % every === 0 ? postures(i) : null)).filter(Boolean);
+  const ends = [...placed.filter(Boolean), ...boxes.flatMap((b) => [b.min_mm, b.max_mm]).map((p) => apply(up, p)), ...[restOf(robot), ...known].flatMap((q) => framesOf(robot, q)).map((t) => apply(up, origin(t)))];
+  // without points the arm may be moved by hand
+  if (placed.length === 0) ends.push([-0.55 * reach, -0.55 * reach, 0], [0.55 * reach, 0.55 * reach, 0.85 * reach]);
+  const [low, high] = [0, 1, 2].map((k) => [Infinity, -Infinity].map((start, side) => ends.reduce((best, p) => (side === 0 ? Math.min(best, p[k]) : Math.max(best, p[k])), start)))
+    .reduce(([a, b], [l, h]) => [[...a, l], [...b, h]], [[], []]);
+  eye.centre = low.map((v, k) => (v + high[k]) / 2);
+  eye.size = 1.04 * Math.max(reach * 0.6, Math.hypot(...low.map((v, k) => high[k] - v)) * 0.76);
+}
+
+/** What is drawn, and how long and of which colour its arrows are. */
+function scaleOf(points, placed, stages, state, size) {
+  const share = Math.max(1, Math.ceil(points.length / MAX_DRAWN));
+  const drawn = share === 1 ? placed : thinned(points, placed, share, state.stage);
+  const first = state.own ? state.stage : stages[0]?.[0];
+  const errors = state.stage ? points.map((p) => p.errors?.[first]) : [];
+  const longest = Math.max(quantile(errors, WITHIN), SMALLEST_MM);
+  const raw = (LONGEST * size) / longest;
+  const base = 10 ** Math.floor(Math.log10(raw));
+  return { drawn, share, top: longest, factor: Math.max(1, base * ([5, 2, 1].find((m) => m * base <= raw) ?? 1)) };
+}
+
+function thinned(points, placed, share, stage) {
+  const drawn = new Array(points.length).fill(null);
+  for (let from = 0; from < points.length; from += share) {
+    let best = from;
+    for (let i = from; i < Math.min(points.length, from + share); i += 1) if ((points[i].errors?.[stage] ?? 0) > (points[best].errors?.[stage] ?? 0)) best = i;
+    drawn[best] = placed[best];
+  }
+  return drawn;
+}
+
+const level = (error, top) => Math.max(0, Math.min(LEVELS.length - 1, Math.floor((error / top) * LEVELS.length)));
+
+function legendOf({ stage, top }) {
+  if (!stage) return false;
+  return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${number((top * (i + 1)) / LEVELS.length, 2)} mm` : `above ${number((top * i) / LEVELS.length, 2)} mm`));
+}
+
+function arrowsSaid({ stage, factor, share, drawn }, n, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {
+  if (!stage) return "";
+  const some = share > 1 ? ` Of every ${share} neighbouring points only the one with the largest error is drawn: ${drawn.filter(Boolean).length.toLocaleString("en-GB")} of ${n.toLocaleString("en-GB")}.` : "";
+  return `${said} ${factor.toLocaleString("en-GB")} times as long.${some}`;
+}
+
+const rgb = (text) => text.split(/[ ,]+/).map(Number);
+
+function drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, rest, boxes }) {
+  const colours = { grid: pen.colour("--grid-3d"), link: rgb(pen.colour("--arm-link")), joint: rgb(pen.colour("--arm-joint")), tool: pen.colour("--accent"),
+    x: pen.colour("--axis-x"), y: pen.colour("--axis-y"), z: pen.colour("--axis-z") };
+  ground(pen, reach, colours);
+  boxes.forEach((box) => cuboid(pen, box, up, pen.colour("--bad")));
+  const chosen = selected.index;
+  const q = (chosen === null ? null : postures(chosen)) ?? rest();
+  const tools = targets.length > 0 ? [targets[points[chosen]?.target ?? 0] ?? targets[0]] : [];
+  const lifted = framesOf(robot, q).map((t) => liftedPose(up, t));
+  arm(pen, lifted, robot, reach, colours, tools);
+  drawPoints(pen, { up, points, placed, state, chosen });
+}
+
+const liftedPose = (up, t) => {
+  const [x, y, z, p] = [axisX(t), [t[1], t[5], t[9]], [t[2], t[6], t[10]], origin(t)].map((v) => turn(up, v));
+  return [x[0], y[0], z[0], p[0], x[1], y[1], z[1], p[1], x[2], y[2], z[2], p[2]];
+};
+
+function drawPoints(pen, { up, points, placed, state, chosen }) {
+  const colours = LEVELS.map((name) => pen.colour(name));
+  const plain = pen.colour("--accent");
+  const small = state.drawn.length > 800 ? 1.3 : 2.2;
+  const one = (at, i, strong) => {
+    const vector = state.stage && points[i].vectors?.[state.stage];
+    const colour = state.stage ? colours[level(points[i].errors[state.stage] ?? 0, state.top)] : plain;
+    if (vector) {
+      const v = turn(up, vector);
+      pen.arrow(at.map((c, k) => c - state.factor * v[k]), at, colour, strong ? 3 : 1.6);
+    }
+    pen.dot(at, colour, vector ? small * 0.8 : small + 0.6);
+  };
+  state.drawn.forEach((at, i) => at && i !== chosen && one(at, i, false));
+  if (chosen === null || !placed[chosen]) return;
+  one(placed[chosen], chosen, true);
+  pen.dot(placed[chosen], null, 9, { ring: pen.colour("--ink"), nearer: 1e9 });
+}
+
+function cuboid(pen, { min_mm: a, max_mm: b }, up, colour) {
+  const corner = (i) => apply(up, [0, 1, 2].map((k) => (i & (1 << k) ? b[k] : a[k])));
+  for (let i = 0; i < 8; i += 1) for (let k = 0; k < 3; k += 1) if (!(i & (1 << k))) pen.line(corner(i), corner(i | (1 << k)), colour, 1.4, { dash: [5, 4] });
+}
+
+/** A point's facts: [name, value] pairs. */
+export function pointFacts(title, entries) {
+  return [el("p.which", {}, title), el("dl.pairs", {}, entries.filter(Boolean).map(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]))];
+}
+
+/** Errors of a point of a report in words, for its panel. */
+export function errorFacts(point, stages) {
+  return stages.map(([name, words]) => point[`${name}_mm`] !== undefined && [capital(words), [el("strong", {}, mm(point[`${name}_mm`])), point[`${name}_vector_mm`] && el("small.quiet", {}, ` (${point[`${name}_vector_mm`].map((v) => fixed(v, 3)).join(", ")})`)]]);
+}
+
+export const jointFacts = (q) => q && ["Joints, °", q.map((v) => fixed(v, 2)).join(", ")];
+
+export { poseOf };

@@ -1,0 +1,53 @@
+// Two parameter sets beside each other: how far apart they put the tool, where, and whether the robot has changed.
+
+import { get, list } from "./api.js";
+import { armFigure, jointFacts, pointFacts } from "./arm.js";
+import { el, fill, problem, table } from "./dom.js";
+import { fixed, mm, number, parameter, signed, when } from "./format.js";
+import { facts } from "./robots.js";
+import { selection } from "./selection.js";
+
+/** Probability of calling an unchanged robot changed, as in the service's test. */
+const FALSE_ALARMS = 0.01;
+
+/** The page. */
+export async function comparePage({ main, signal }, id) {
+  const [robot, sets] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 100, signal)]);
+  document.title = `kincal: compare parameter sets of ${robot.name}`;
+  const top = [el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Compare parameter sets")];
+  if (sets.length < 2) return fill(main, top, el("p.empty", {}, "There are not yet two parameter sets to compare."));
+  const pick = (name, label, chosen) => {
+    const select = el("select", { id: name, change: draw }, sets.map((set) => el("option", { value: set.id, selected: set.id === chosen }, `${when(set.created_at)}, ${set.status === "released" ? "active set" : set.status}`)));
+    return [select, el("div", {}, el("label", { for: name }, label), select)];
+  };
+  const active = sets.find((set) => set.status === "released") ?? sets[1];
+  const newest = sets.find((set) => set.id !== active.id);
+  const [one, oneField] = pick("compare-one", "Parameter set", newest.id);
+  const [other, otherField] = pick("compare-other", "Compared with", active.id);
+  const out = el("div", { "aria-live": "polite" });
+  async function draw() {
+    if (one.value === other.value) return fill(out, el("p.empty", {}, "Choose two different sets."));
+    try {
+      const found = await get(`/v1/parameter-sets/${one.value}/compare?with=${other.value}`, signal);
+      if (!signal.aborted) fill(out, drawn(robot, found));
+    } catch (error) {
+      if (error.name !== "AbortError") fill(out, problem(error));
+    }
+  }
+  fill(main, top, el("section.card", {}, el("div.fields", {}, oneField, otherField)), out);
+  await draw();
+}
+
+function drawn(robot, found) {
+  const length = (v) => Math.hypot(...v);
+  const points = found.map.map((p) => ({ position: p.position_mm, vectors: { difference: p.difference_mm }, errors: { difference: length(p.difference_mm) }, target: 0 }));
+  const selected = selection(points.length);
+  const cell = armFigure({ title: "Where they differ", level: "h2", caption: "The tool at configurations over the workspace.", robot, points, stages: [["difference", "difference"]], selected, postures: (i) => found.map[i].q_deg,
+    said: "Each arrow goes from where the second set has the tool to where the first one has it,",
+    describe: (i) => pointFacts(`Configuration ${i + 1}`, [["Difference", mm(points[i].errors.difference)], ["x, y, z, mm", found.map[i].difference_mm.map((v) => fixed(v, 3)).join(", ")], jointFacts(found.map[i].q_deg)]),
+    actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
+  const { sessions } = found;
+  const said = !sessions ? ["cannot be said", "both sets are of one upload, or a session is too small"] : sessions.probability < FALSE_ALARMS ? ["changed", `probability of this by chance: ${number(sessions.probability, 2)}`] : ["not beyond chance", `probability of this by chance: ${number(sessions.probability, 2)}`];
+  return [facts([["Difference at the tool", mm(found.mean_mm), `on average; at most ${mm(found.max_mm)}`], ["The robot", ...said]]), cell.node, sessions?.changed?.length > 0 && el("section.card", {}, el("h2", {}, "What changed"), el("div.narrow", {},
+    table("The first set minus the second, mm or °.", [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]], sessions.changed, "")))];
+}

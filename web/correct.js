@@ -1,0 +1,104 @@
+// A program corrected in the page: joint targets in, joint targets out, with which the identified robot is where the program wants it.
+
+import { get, list, post } from "./api.js";
+import { rowsOf } from "./csv.js";
+import { el, fill, problem, table, warning } from "./dom.js";
+import { fixed, mm, signed, when } from "./format.js";
+import { facts } from "./robots.js";
+import { saveText } from "./save.js";
+
+/** Targets of one request. */
+const PART = 5000;
+/** Targets that are listed on the page. */
+const SHOWN = 40;
+const DEG = 180 / Math.PI;
+
+/** The page. */
+export async function correctPage({ main, signal }, id) {
+  const [robot, sets] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal)]);
+  document.title = `kincal: correct a program of ${robot.name}`;
+  const usable = [...sets.filter((set) => set.status === "released"), ...sets.filter((set) => !["released", "withdrawn"].includes(set.status))];
+  const out = el("div", { "aria-live": "polite" });
+  fill(main, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Correct a program"),
+    el("p.quiet", {}, "For targets that were programmed offline. Targets that were taught at the robot contain its errors already and stay as they are."),
+    usable.length === 0 ? el("p.empty", {}, "This robot has no parameter set yet.") : form(robot, usable, out), out);
+}
+
+function form(robot, sets, out) {
+  const pick = (name, label, options) => {
+    const select = el("select", { id: name }, options.map(([value, words]) => el("option", { value }, words)));
+    return [select, el("div", {}, el("label", { for: name }, label), select)];
+  };
+  const [set, setField] = pick("correct-set", "Parameters", sets.map((s) => [s.id, `${s.status === "released" ? "active set" : s.status}, identified ${when(s.created_at)}`]));
+  const [mode, modeField] = pick("correct-mode", "What is corrected", [["pose", "position and orientation of the tool"], ["position", "its position only"]]);
+  const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
+  const file = el("input", { id: "correct-file", type: "file", accept: ".csv,text/csv", required: true });
+  const submit = async (event) => {
+    event.preventDefault();
+    if (file.files.length === 0) return;
+    fill(out, el("p.quiet", {}, "Correcting …"));
+    try {
+      const program = read(await file.files[0].text(), robot.links.length);
+      const at = tool.map((input) => input.value);
+      const request = { mode: mode.value, ...at.some((v) => v !== "") ? { tool: { translation_mm: at.map(Number) } } : {} };
+      fill(out, corrected(program, await compensate(set.value, program.q, request), file.files[0].name));
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  return el("form.card", { submit }, el("div.fields", {}, setField, modeField, el("fieldset", {}, el("legend", {}, "Tool centre point in the flange frame, mm (empty: the measured reflector)"), el("div.controls", {}, tool))),
+    el("label", { for: "correct-file" }, `Joint targets: a CSV with q1_deg … q${robot.links.length}_deg (or _rad); other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+}
+
+/** The targets of a file, and what is needed to write it again. */
+function read(text, n) {
+  const header = text.split(/\r\n|\n|\r/, 1)[0];
+  const separator = header.includes(";") ? ";" : header.includes("\t") ? "\t" : ",";
+  const [first, ...rows] = rowsOf(text, separator);
+  const places = Array.from({ length: n }, (_, i) => ["deg", "rad", "mm"].map((unit) => ({ at: first?.cells.findIndex((cell) => cell.toLowerCase() === `q${i + 1}_${unit}`) ?? -1, factor: unit === "rad" ? DEG : 1 })).find(({ at }) => at >= 0));
+  const missing = places.findIndex((place) => place === undefined);
+  if (missing >= 0) throw { title: "A joint is missing", detail: `The file has no column q${missing + 1}_deg. It needs one column for each of the ${n} joints.` };
+  const q = rows.map(({ cells, line }) => places.map(({ at, factor }, k) => {
+    const value = Number(separator === "," ? cells[at] : cells[at]?.replace(",", "."));
+    if (!Number.isFinite(value) || cells[at] === "" || cells[at] === undefined) throw { title: "A target cannot be read", detail: `Line ${line}, column q${k + 1}: "${cells[at] ?? ""}" is no number.` };
+    return value * factor;
+  }));
+  if (q.length === 0) throw { title: "No targets", detail: "The file has a header row only." };
+  return { header: first.cells, rows: rows.map((row) => row.cells), places, separator, q };
+}
+
+async function compensate(id, q, request) {
+  const all = { q_deg: [], position_error_before_mm: [], position_error_after_mm: [], status: [], extrapolated: [], warnings: [] };
+  for (let from = 0; from < q.length; from += PART) {
+    const part = await post(`/v1/parameter-sets/${id}/compensate`, { ...request, q_deg: q.slice(from, from + PART) });
+    for (const key of Object.keys(all)) if (key !== "warnings") all[key].push(...part[key]);
+    all.warnings = part.warnings ?? [];
+    all.frame = part.frame;
+  }
+  return all;
+}
+
+const worst = (values) => values.reduce((a, b) => Math.max(a, b), 0);
+const FINE = ["ok"];
+
+function corrected(program, answer, name) {
+  const odd = answer.status.map((status, i) => [status, i]).filter(([status]) => !FINE.includes(status));
+  const outside = answer.extrapolated.filter(Boolean).length;
+  const shown = answer.q_deg.slice(0, SHOWN).map((_, i) => i);
+  const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
+  return [facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))], ["Largest error after", mm(worst(answer.position_error_after_mm)), `by the identified robot, in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`],
+    ["Not reached", odd.length, odd.length > 0 ? [...new Set(odd.map(([status]) => status.replaceAll("_", " ")))].join(", ") : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
+  answer.warnings.map(warning),
+  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name) }, "Download as CSV"))),
+    table(`The first ${shown.length} of ${program.q.length}; below each joint value its change.`, [["Row", (i) => i, "n"], ...joints, ["Before", (i) => mm(answer.position_error_before_mm[i]), "n"], ["After", (i) => mm(answer.position_error_after_mm[i]), "n"]], shown, ""))];
+}
+
+function save({ header, rows, places, separator }, answer, name) {
+  const quoted = (cell) => (/["\n\r]/.test(cell) || cell.includes(separator) ? `"${cell.replaceAll("\"", "\"\"")}"` : cell);
+  const number = (value) => (separator === "," ? String(value) : String(value).replace(".", separator === ";" ? "," : "."));
+  const lines = rows.map((cells, i) => cells.map((cell, at) => {
+    const k = places.findIndex((place) => place.at === at);
+    return k < 0 ? quoted(cell) : number(Number((answer.q_deg[i][k] / places[k].factor).toFixed(8)));
+  }).join(separator));
+  saveText(`${header.map(quoted).join(separator)}\n${lines.join("\n")}\n`, name.replace(/(\.\w+)?$/, "-corrected.csv"), "text/csv");
+}

@@ -1,0 +1,74 @@
+// Forward kinematics of the nominal and of the identified robot, as src/kinematics/forward.rs has it. Poses are arrays of 12 numbers: three
+// rows of rotation and translation. Lengths in mm.
+
+const RAD = Math.PI / 180;
+
+export const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
+
+/** a · b. */
+export function compose(a, b) {
+  const out = new Array(12);
+  for (let r = 0; r < 12; r += 4) {
+    for (let c = 0; c < 4; c += 1) out[r + c] = a[r] * b[c] + a[r + 1] * b[4 + c] + a[r + 2] * b[8 + c] + (c === 3 ? a[r + 3] : 0);
+  }
+  return out;
+}
+
+/** A point of the pose's frame in the frame that the pose stands in. */
+export const apply = (t, [x, y, z]) => [t[0] * x + t[1] * y + t[2] * z + t[3], t[4] * x + t[5] * y + t[6] * z + t[7], t[8] * x + t[9] * y + t[10] * z + t[11]];
+/** A direction, likewise. */
+export const turn = (t, [x, y, z]) => [t[0] * x + t[1] * y + t[2] * z, t[4] * x + t[5] * y + t[6] * z, t[8] * x + t[9] * y + t[10] * z];
+/** The pose the other way round. */
+export function inverse(t) {
+  const back = [t[0], t[4], t[8], 0, t[1], t[5], t[9], 0, t[2], t[6], t[10], 0];
+  const moved = turn(back, [t[3], t[7], t[11]]);
+  return back.map((v, i) => (i % 4 === 3 ? -moved[(i - 3) / 4] : v));
+}
+export const origin = (t) => [t[3], t[7], t[11]];
+export const axisX = (t) => [t[0], t[4], t[8]];
+export const axisZ = (t) => [t[2], t[6], t[10]];
+
+/** The service's `{rotation, translation_mm}` as a pose. */
+export const poseOf = ({ rotation: r, translation_mm: p }) => [0, 1, 2].flatMap((i) => [...r[i], p[i]]);
+
+/** The model's joint values, rad (mm for a prismatic joint), from those of the controller, degrees: coupling · (sign ∘ q) + offset. */
+export function modelJoints(robot, q) {
+  const { sign, offset_deg: offset, coupling } = robot.joint_map ?? {};
+  const turned = q.map((v, i) => v * (sign?.[i] ?? 1));
+  const coupled = coupling ? coupling.map((row) => row.reduce((sum, c, i) => sum + c * turned[i], 0)) : turned;
+  return coupled.map((v, i) => (v + (offset?.[i] ?? 0)) * (robot.links[i]?.joint === "prismatic" ? 1 : RAD));
+}
+
+/** Link frame in the one before it: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d). */
+export function linkPose(link, q) {
+  const slides = link.joint === "prismatic";
+  const theta = (link.theta_offset_deg ?? 0) * RAD + (slides ? 0 : q);
+  const d = link.d_mm + (slides ? q : 0);
+  const [alpha, beta] = [link.alpha_deg * RAD, (link.beta_deg ?? 0) * RAD];
+  const [ca, sa, cb, sb, ct, st] = [Math.cos(alpha), Math.sin(alpha), Math.cos(beta), Math.sin(beta), Math.cos(theta), Math.sin(theta)];
+  const rx = [1, 0, 0, 0, 0, ca, -sa, 0, 0, sa, ca, 0];
+  const rest = [cb * ct, -cb * st, sb, link.a_mm + sb * d, st, ct, 0, 0, -sb * ct, sb * st, cb, cb * d];
+  return compose(rx, rest);
+}
+
+/** Base, each link, and the flange at last, in the base frame. `q` are the controller's joint values. */
+export function framesOf(robot, q) {
+  const values = modelJoints(robot, q);
+  const frames = [IDENTITY];
+  robot.links.forEach((link, i) => frames.push(compose(frames[i], linkPose(link, values[i]))));
+  return frames;
+}
+
+/** A point of the flange frame in the base frame. */
+export const positionOf = (robot, q, target = [0, 0, 0]) => apply(framesOf(robot, q).at(-1), target);
+
+/** Distance from joint to joint, summed: no point of the arm is further from its base. */
+export const reachOf = (robot) => robot.links.reduce((sum, link) => sum + Math.hypot(link.a_mm, link.d_mm), 0) || 1;
+
+/** Joint values at which the arm is drawn where nothing else is said: the middle of each joint's limits, if 0 is outside of them. */
+export function restOf(robot) {
+  return robot.links.map(({ joint_limits_deg: limits, joint_limits_mm: slide }) => {
+    const [low, high] = limits ?? slide ?? [-Infinity, Infinity];
+    return low <= 0 && high >= 0 ? 0 : (low + high) / 2;
+  });
+}

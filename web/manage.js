@@ -1,0 +1,73 @@
+// The policy of a robot's releases, going back to the set before, and the archive.
+
+import { get, post, put } from "./api.js";
+import { el, fill, problem, say } from "./dom.js";
+
+/** What can be done with a robot, folded. */
+export function manageCard(robot, sets, may, signal) {
+  const body = el("div", {});
+  let drawn = false;
+  const open = async (event) => {
+    if (!event.target.open || drawn) return;
+    drawn = true;
+    try {
+      const [policy, contract] = await Promise.all([get(`/v1/robots/${robot.id}/policy`, signal), get("/openapi.json", signal)]);
+      fill(body, policyForm(robot, policy, may), may("release") && rollback(robot, sets), archive(robot, contract, may));
+    } catch (error) {
+      if (error.name !== "AbortError") fill(body, problem(error));
+    }
+  };
+  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Policy of releases, rollback, archive"), body));
+}
+
+function policyForm(robot, policy, may) {
+  const out = el("div", {});
+  const locked = !may("admin");
+  const tolerance = el("input", { id: "policy-tolerance", type: "number", min: 0, step: "any", value: policy.tolerance_mm ?? "", placeholder: "none", disabled: locked });
+  const box = (checked) => el("input", { type: "checkbox", checked, disabled: locked });
+  const [session, person] = [box(policy.independent_session_required), box(policy.second_person_required)];
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      await put(`/v1/robots/${robot.id}/policy`, { ...policy, tolerance_mm: tolerance.value === "" ? null : Number(tolerance.value), independent_session_required: session.checked, second_person_required: person.checked });
+      fill(out, el("div.done", {}, el("p", {}, "Stored. It holds from the next release on.")));
+      say("Policy stored");
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  return el("form", { submit }, el("h3", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
+    el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance)),
+    el("label.choice", {}, session, "another measuring session must have verified it"), el("label.choice", {}, person, "who releases must not be who uploaded"),
+    out, locked ? el("p.note", {}, "Changing the policy takes a key with the scope admin.") : el("p", {}, el("button", { type: "submit" }, "Store the policy")));
+}
+
+function rollback(robot, sets) {
+  if (!sets.some((set) => set.status === "released") || !sets.some((set) => set.status === "superseded")) return false;
+  return reasoned({ title: "Rollback", note: "Takes the active set out of force and releases the one that was active before it.", label: "Why", button: "Roll back", kind: "button.danger", id: "rollback-reason",
+    send: (reason) => post(`/v1/robots/${robot.id}/parameter-sets/rollback`, JSON.stringify({ reason })) });
+}
+
+/** Only where this server has the route. */
+function archive(robot, contract, may) {
+  const away = robot.archived_at ? "restore" : "archive";
+  if (!contract.paths?.[`/v1/robots/{robot_id}/${away}`]) return false;
+  if (!may("upload")) return false;
+  return reasoned({ title: robot.archived_at ? "Restore" : "Archive", note: robot.archived_at ? "Lists the robot again." : "Takes the robot out of the lists. Nothing is deleted, and its released history stays.", label: "Why", button: robot.archived_at ? "Restore" : "Archive", kind: "button", id: "archive-reason",
+    send: (reason) => post(`/v1/robots/${robot.id}/${away}`, JSON.stringify({ reason })) });
+}
+
+function reasoned({ title, note, label, button, kind, id, send }) {
+  const out = el("div", {});
+  const reason = el("input", { id, required: true, maxlength: 2000 });
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      await send(reason.value);
+      location.reload();
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  return el("form", { submit }, el("h3.below", {}, title), el("p.note", {}, note), el("label", { for: id }, label), el("div.fields", {}, reason, el("div", {}, el(kind, { type: "submit" }, button))), out);
+}

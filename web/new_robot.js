@@ -1,0 +1,111 @@
+// Adds a robot: from its file, from a URDF, or from a table of its links; with the arm to look at before anything is stored.
+
+import { get, post } from "./api.js";
+import { armFigure } from "./arm.js";
+import { el, fill, problem } from "./dom.js";
+import { fixed } from "./format.js";
+import { framesOf, origin, restOf } from "./kinematics.js";
+import { selection } from "./selection.js";
+
+/** Most joints of a robot, as the service has it. */
+const MAX_JOINTS = 12;
+const COLUMNS = [["a_mm", "a, mm"], ["alpha_deg", "α, °"], ["d_mm", "d, mm"], ["theta_offset_deg", "θ offset, °"], ["low", "least, °"], ["high", "most, °"]];
+
+/** The card. */
+export function newRobot() {
+  const out = el("div", { "aria-live": "polite" });
+  const show = (robot, remark) => fill(out, remark && el("p.note", {}, remark), check(robot));
+  const failed = (error) => fill(out, problem(error));
+  return el("section.card", {}, el("h2", {}, "Add a robot"), el("p.note", {}, "Nothing is stored before you have seen the arm and confirmed it."),
+    library(show, failed), fileForm(show, failed), el("details", {}, el("summary", {}, "Or fill in a table of the links"), tableForm(show)), out);
+}
+
+/** Ready arms, where this server has a library of them. */
+function library(show, failed) {
+  const place = el("div", {});
+  const open = async () => {
+    try {
+      const { items } = await get("/v1/robot-models?limit=200");
+      const select = el("select", { id: "robot-model" }, items.map((model) => el("option", { value: model.id }, model.name)));
+      const use = async () => { try { const found = await get(`/v1/robot-models/${select.value}`); show(found.robot ?? found); } catch (error) { failed(error); } };
+      fill(place, el("label", { for: "robot-model" }, "Ready arms"), el("div.controls", {}, select, el("button", { type: "button", click: use }, "Look at it")));
+    } catch (error) {
+      fill(place, error.status === 404 ? el("p.note", {}, "This server has no library of ready arms.") : problem(error));
+    }
+  };
+  return el("details", { toggle: (event) => event.target.open && place.childNodes.length === 0 && open() }, el("summary", {}, "Choose from the library of ready arms"), place);
+}
+
+function fileForm(show, failed) {
+  const file = el("input", { id: "robot-file", type: "file", accept: ".json,.urdf,.xml,.csv,application/json,application/xml,text/csv" });
+  const convention = el("select", { id: "robot-convention" }, [["mdh", "modified (Craig)"], ["dh", "standard (distal)"]].map(([value, words]) => el("option", { value }, words)));
+  const asked = el("div", { hidden: true }, el("label", { for: "robot-convention" }, "Convention of the table"), convention);
+  const read = async () => {
+    if (file.files.length === 0) return;
+    const [chosen] = file.files;
+    const isTable = /\.csv$/i.test(chosen.name);
+    asked.hidden = !isTable;
+    try {
+      if (/\.json$/i.test(chosen.name)) return show(JSON.parse(await chosen.text()));
+      const query = new URLSearchParams({ format: isTable ? convention.value : "urdf", name: chosen.name.replace(/\.\w+$/, "").slice(0, 200) });
+      const found = await post(`/v1/robot-imports?${query}`, chosen, isTable ? "text/csv" : "application/xml");
+      show(found.robot, `Read with ${found.robot.links.length} joints; the links agree with the description to ${found.largest_difference_mm.toExponential(0)} mm.`);
+    } catch (error) {
+      failed(error instanceof SyntaxError ? { title: "This is no JSON", detail: error.message } : error);
+    }
+  };
+  file.addEventListener("change", read);
+  convention.addEventListener("change", read);
+  return el("form", { submit: (event) => event.preventDefault() }, el("label", { for: "robot-file" }, "Robot file: kincal's JSON, a URDF, or a CSV table of the links"), el("div.fields", {}, file, asked));
+}
+
+function tableForm(show) {
+  const name = el("input", { id: "robot-name", maxlength: 200, required: true });
+  const serial = el("input", { id: "robot-serial", maxlength: 200 });
+  const joints = el("input", { id: "robot-joints", type: "number", min: 1, max: MAX_JOINTS, value: 6 });
+  const body = el("tbody", {});
+  const cell = (i, [key, label]) => el("td", {}, el("input", { type: "number", step: "any", "data-key": key, "aria-label": `Link ${i + 1}, ${label}` }));
+  const grow = () => {
+    const n = Math.max(1, Math.min(MAX_JOINTS, Number(joints.value) || 1));
+    while (body.children.length > n) body.lastChild.remove();
+    while (body.children.length < n) { const i = body.children.length; body.append(el("tr", {}, el("th", { scope: "row" }, i + 1), COLUMNS.map((column) => cell(i, column)))); }
+  };
+  joints.addEventListener("input", grow);
+  grow();
+  const submit = (event) => {
+    event.preventDefault();
+    const links = [...body.children].map((row) => {
+      const values = Object.fromEntries([...row.querySelectorAll("input")].map((input) => [input.dataset.key, input.value]));
+      const limits = values.low !== "" && values.high !== "" ? { joint_limits_deg: [Number(values.low), Number(values.high)] } : {};
+      return { a_mm: Number(values.a_mm), alpha_deg: Number(values.alpha_deg), d_mm: Number(values.d_mm), theta_offset_deg: Number(values.theta_offset_deg), ...limits };
+    });
+    show({ name: name.value, ...serial.value ? { serial_number: serial.value } : {}, links });
+  };
+  return el("form", { submit }, el("p.note", {}, "Craig's convention: Rx(α) · Dx(a) · Rz(q + θ) · Dz(d) from each link to the next."),
+    el("div.fields", {}, el("div", {}, el("label", { for: "robot-name" }, "Name"), name), el("div", {}, el("label", { for: "robot-serial" }, "Serial number"), serial), el("div", {}, el("label", { for: "robot-joints" }, "Joints"), joints)),
+    el("div.scroll.links", { tabindex: 0, role: "region", "aria-label": "Links" }, el("table", {}, el("thead", {}, el("tr", {}, ["Link", ...COLUMNS.map(([, label]) => label)].map((h) => el("th", { scope: "col" }, h)))), body)),
+    el("div.actions", {}, el("button", { type: "submit" }, "Look at the arm")));
+}
+
+/** The arm in a posture to compare with the pendant, and the button that stores it. */
+function check(robot) {
+  if (!Array.isArray(robot.links) || robot.links.length === 0) return problem({ title: "No links", detail: "A robot has links; this file names none." });
+  const q = restOf(robot);
+  const out = el("div", {});
+  const flange = el("p", { role: "status" });
+  const drawn = armFigure({ title: `Is this ${robot.name || "your robot"}?`, caption: "Type the joint values that the pendant shows, and compare the flange with the pendant's position of tool 0.", robot, points: [], selected: selection(0), postures: () => q, rest: () => q });
+  const say = () => fill(flange, "Flange in the base frame: ", el("strong", {}, origin(framesOf(robot, q).at(-1)).map((v) => fixed(v, 2)).join(", ")), " mm");
+  const inputs = robot.links.map((_, i) => el("label.joint", {}, `J${i + 1}`, el("input", { type: "number", step: "any", value: q[i], "aria-label": `Joint ${i + 1}, degrees`, input: (event) => { q[i] = Number(event.target.value); say(); drawn.redraw(); } })));
+  const name = el("input", { id: "robot-stored-name", value: robot.name ?? "", maxlength: 200, required: true });
+  const store = async (event) => {
+    event.preventDefault();
+    try {
+      const stored = await post("/v1/robots", { ...robot, name: name.value });
+      location.hash = `#/robots/${stored.id}`;
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  say();
+  return el("form", { submit: store }, drawn.node, el("div.controls", {}, inputs), flange, el("label", { for: "robot-stored-name" }, "Name"), el("div.fields", {}, name), out, el("button.primary", { type: "submit" }, "Add robot"));
+}

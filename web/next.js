@@ -1,0 +1,80 @@
+// What to do next with a result: from the first fit to the release, one step after the other.
+
+import { get, post } from "./api.js";
+import { el, fill, problem } from "./dom.js";
+import { gateDetail, gateTitle, mm } from "./format.js";
+import { NO_USE } from "./words.js";
+
+/** The code of the warning that makes a result useless; undefined if it is of use. */
+export const uselessBy = (report) => Object.keys(NO_USE).find((known) => report.warnings.some((remark) => remark.code === known));
+
+/** The card. `verified` is the set that a verification scored. */
+export function nextSteps({ report, job, robot, set, parameterSet, verified }, { may, why }) {
+  const useless = uselessBy(report);
+  const card = (...content) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), ...content);
+  if (useless) return card(remedy(useless, { job, robot, set, may }), may("identify") ? false : why("identify", "start another calibration"));
+  if (job.kind === "verify") return card(afterVerification(report, robot, verified));
+  if (!parameterSet) return false;
+  return card(path(report, robot, parameterSet), advice(report, robot, parameterSet, may));
+}
+
+/** The three steps, and where this result stands. */
+function path(report, robot, { status }) {
+  const isOver = ["released", "superseded"].includes(status);
+  const isVerified = report.evidence === "independent_session";
+  const steps = [["Fit", true, report.verify ? `checked on ${report.verify.n_points} points that were not fitted` : "no point was kept aside"], ["Verify", isVerified, isVerified ? "on another session" : "on another session: not yet"], ["Release", isOver, { released: "the cell gets it", superseded: "was released once", withdrawn: "withdrawn" }[status] ?? "not yet"]];
+  const now = steps.findIndex(([, done]) => !done);
+  return el("ol.path", {}, steps.map(([name, done, said], i) => el(done ? "li.done-step" : i === now && status !== "withdrawn" ? "li.now" : "li", i === now ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said))));
+}
+
+function advice(report, robot, parameterSet, may) {
+  const robotLink = (text, part) => el("a.button", { href: `#/robots/${robot.id}${part ? `/${part}` : ""}` }, text);
+  const half = report.verify ?? report.identify;
+  if (parameterSet.status === "withdrawn") return el("p", {}, "This set was withdrawn. Calibrate anew, or release an older set.");
+  if (parameterSet.status === "released") return [el("p", {}, "It is in force. Load it into the controller, or correct a program with it. Verify it with a short session from time to time: the robot's page says when."),
+    el("div.actions", {}, robotLink("Correct a program", "correct"), robotLink("Verify with another session"))];
+  const better = half.after.mean_mm < half.before.mean_mm;
+  if (!better) return el("p", {}, "It is no better than the nominal robot. Look at the warnings below, leave out points that do not fit, or measure again.");
+  const gates = el("div", { "aria-live": "polite" });
+  get(`/v1/parameter-sets/${parameterSet.id}/gates`).then((found) => fill(gates, judged(found)), () => { /* the release itself says what is wrong */ });
+  return [el("p", {}, report.evidence === "independent_session" ? "The fit holds on another session. It can be released below."
+    : `The fit is good: ${mm(half.after.mean_mm)} on average instead of ${mm(half.before.mean_mm)}. Measure some 20 to 30 other poses in a session of their own, and verify it with them: only that shows a wrong tool, base or scale. Then release it.`),
+  gates, el("div.actions", {}, report.evidence !== "independent_session" && robotLink("Verify with another session"), robotLink("Plan the poses to measure", "plan"), may("release") && el("button", { type: "button", click: () => document.querySelector(".decision")?.scrollIntoView({ block: "center" }) }, "To the release"))];
+}
+
+function judged(found) {
+  const failed = found.gates.filter((gate) => !gate.passed);
+  if (failed.length === 0) return el("p.note", {}, "A release would be accepted now.");
+  return el("div.warning", {}, el("p", {}, el("strong", {}, "A release would be refused now:")), el("ul", {}, failed.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail)))));
+}
+
+function afterVerification(report, robot, verified) {
+  if (!verified) return el("p", {}, "The nominal robot was scored. Calibrate with these points to see what can be gained.");
+  const link = el("a.button", { href: `#/jobs/${verified.job_id}` }, "To that parameter set");
+  const better = report.identify.after.mean_mm < report.identify.before.mean_mm;
+  if (report.evidence !== "independent_session") return [el("p", {}, "These points are no independent session. Measure other poses at another time, and verify with them."), el("div.actions", {}, link)];
+  if (!better) return [el("p", {}, "The set is no better than the nominal robot on this session. Do not release it; calibrate anew with these points."), el("div.actions", {}, link)];
+  return [el("p", {}, { candidate: "The set holds on this session. It can be released on its page.", released: "The released set still holds on this session.", superseded: "The older set holds on this session.", withdrawn: "That set was withdrawn." }[verified.status] ?? ""), el("div.actions", {}, link)];
+}
+
+/** What to do about a result that is of no use; by one click where one is enough. */
+function remedy(code, { job, robot, set, may }) {
+  const out = el("div", {});
+  const again = (text, changes) => may("identify") && el("button.primary", { type: "button", click: async () => {
+    try {
+      const { request } = await get(`/v1/jobs/${job.id}`);
+      const next = await post(`/v1/robots/${robot.id}/jobs`, { ...request, measurement_set_id: set.id, ...changes });
+      location.hash = `#/jobs/${next.id}`;
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  } }, text);
+  const page = el("a.button", { href: `#/robots/${robot.id}` }, `To ${robot.name}`);
+  const known = {
+    model_too_small: [el("p", {}, "These points need a model with base and reflector, which the paper's model has not."), el("div.actions", {}, again("Calibrate again with the complete model", { model: "complete", frames_id: undefined, preset: "default" }))],
+    joint_map_suspect: [el("p", {}, "A joint is counted in another way than the robot's joint map says. The warning below names it. Correct the robot's joint map, then calibrate again."), el("div.actions", {}, page)],
+    set_far_off: [el("p", {}, "The robot is not as it was when this set was identified. Identify anew with these points."), el("div.actions", {}, again("Calibrate with these points", { kind: "identify", parameter_set_id: undefined }))],
+    no_better_than_nominal: [el("p", {}, "Leave out points that do not fit, or measure more poses that move every joint, and calibrate again."), el("div.actions", {}, el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure"))],
+  };
+  return [known[code] ?? [el("p", {}, "Check the file: is it of this robot, in this frame, with joints and positions of the same rows? Pick a point in the arm below and compare the posture with the cell. Then upload it again."), el("div.actions", {}, page)], out];
+}

@@ -1,0 +1,165 @@
+// The table of residuals: to sort, to filter, to download, and to calibrate again without some points. Only the rows in sight are elements, so
+// that 100,000 points stay usable.
+
+import { blob, get, post } from "./api.js";
+import { rowsOf } from "./csv.js";
+import { el, fill, problem, say } from "./dom.js";
+import { error, fixed } from "./format.js";
+import { saveText } from "./save.js";
+
+/** Height of a row, px; the style sheet has the same. */
+const ROW_PX = 30;
+/** Rows beyond the edges that are kept as elements. */
+const SPARE = 8;
+
+/** The table. `name(index)` is the row of the file; `leave` says whether points can be left out: {excluded: Set, again(reason)} or null. */
+export function residualTable(points, name, selected, leave) {
+  const state = { key: "row", up: true, filter: "all", least: null, order: [], joints: null };
+  const columns = () => [["row", "Row", (i) => name(i), (i) => i], ["configuration", "Configuration", (i) => points[i].configuration], ["target", "Target", (i) => points[i].target], ["subset", "Half", (i) => points[i].subset],
+    ["before", "Before, mm", (i) => error(points[i].before_mm), (i) => points[i].before_mm], ["after", "After, mm", (i) => error(points[i].after_mm), (i) => points[i].after_mm],
+    ...points[0]?.corrected_mm !== undefined ? [["corrected", "Corrected, mm", (i) => error(points[i].corrected_mm), (i) => points[i].corrected_mm]] : [],
+    ...["x", "y", "z"].map((axis, k) => [axis, `Δ${axis}, mm`, (i) => fixed(points[i].after_vector_mm?.[k], 3), (i) => points[i].after_vector_mm?.[k] ?? 0]),
+    ["note", "Remark", (i) => [points[i].outlier && "outlier", leave?.excluded.has(i) && "left out"].filter(Boolean).join(", ")]];
+  const head = el("tr", {});
+  const body = el("tbody", {});
+  const count = el("p.note", { role: "status" });
+  const box = el("div.scroll.residuals", { tabindex: 0, role: "region", "aria-label": "Residuals, row by row. Arrow keys select a row" },
+    el("table", { "aria-label": "Residuals" }, el("thead", {}, head), body));
+  const draw = () => rows(box, body, columns(), state, selected, leave);
+  const sort = () => {
+    const [, , text, number] = columns().find(([key]) => key === state.key);
+    const of = number ?? text;
+    state.order = points.map((_, i) => i).filter((i) => keeps(points[i], i, state, leave));
+    const compare = (a, b) => { const [x, y] = [of(a), of(b)]; return typeof x === "number" && typeof y === "number" ? x - y : String(x).localeCompare(String(y), "en", { numeric: true }); };
+    state.order.sort((a, b) => (state.up ? 1 : -1) * compare(a, b) || a - b);
+    fill(head, columns().map(([key, words]) => el(["th", kindOf(key)].filter(Boolean).join("."), { scope: "col", "aria-sort": key === state.key ? (state.up ? "ascending" : "descending") : "none" },
+      el("button.sort", { type: "button", click: () => { Object.assign(state, { up: key === state.key ? !state.up : !["before", "after", "corrected"].includes(key), key }); sort(); head.querySelector("[aria-sort$=ending] button").focus(); } }, words, key === state.key ? (state.up ? " ↑" : " ↓") : ""))));
+    fill(count, `${state.order.length.toLocaleString("en-GB")} of ${points.length.toLocaleString("en-GB")} points`);
+    draw();
+  };
+  const controls = filters(state, sort, () => download(points, name, state));
+  box.addEventListener("scroll", draw, { passive: true });
+  box.addEventListener("keydown", (event) => {
+    const by = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10 }[event.key];
+    if (!by || state.order.length === 0) return;
+    event.preventDefault();
+    const here = state.order.indexOf(selected.index);
+    selected.set(state.order[here < 0 ? 0 : Math.max(0, Math.min(state.order.length - 1, here + by))]);
+  });
+  selected.listen((index) => {
+    const at = state.order.indexOf(index);
+    if (at >= 0) {
+      const top = at * ROW_PX;
+      if (top < box.scrollTop) box.scrollTop = top;
+      else if (top + 2 * ROW_PX > box.scrollTop + box.clientHeight) box.scrollTop = top + 3 * ROW_PX - box.clientHeight;
+    }
+    draw();
+  });
+  new ResizeObserver(draw).observe(box);
+  const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
+  sort();
+  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; } };
+}
+
+function keeps(p, i, { filter, least }, leave) {
+  if (filter === "outlier" && !p.outlier) return false;
+  if (filter === "left" && !leave?.excluded.has(i)) return false;
+  if (["identify", "verify"].includes(filter) && p.subset !== filter) return false;
+  return least === null || p.after_mm >= least;
+}
+
+function filters(state, sort, save) {
+  const which = el("select", { id: "residual-half", change: (event) => { state.filter = event.target.value; sort(); } },
+    [["all", "all points"], ["identify", "identify half"], ["verify", "verify half"], ["outlier", "outliers"], ["left", "left out"]].map(([value, words]) => el("option", { value }, words)));
+  const least = el("input", { id: "residual-least", type: "number", min: 0, step: "any", inputmode: "decimal", input: (event) => { state.least = event.target.value === "" ? null : Number(event.target.value); sort(); } });
+  return el("div.controls", {}, el("label.inline", { for: "residual-half" }, "Show"), which, el("label.inline", { for: "residual-least" }, "after at least, mm"), least, el("button", { type: "button", click: save }, "Download as CSV"));
+}
+
+/** Columns that a narrow page leaves out. */
+const kindOf = (key) => (["x", "y", "z"].includes(key) ? "vector" : ["configuration", "target"].includes(key) ? "minor" : "");
+
+/** Elements for the rows in sight; those that stay are kept. */
+function rows(box, body, columns, { order }, selected, leave) {
+  const first = Math.max(0, Math.floor(box.scrollTop / ROW_PX) - SPARE);
+  const last = Math.min(order.length, Math.ceil((box.scrollTop + (box.clientHeight || 400)) / ROW_PX) + SPARE);
+  const spacer = (n) => n > 0 && el("tr.spacer", { "aria-hidden": "true" }, spaced(el("td", { colspan: columns.length }), n * ROW_PX));
+  fill(body, spacer(first), order.slice(first, last).map((i, k) => {
+    const chosen = i === selected.index;
+    const kinds = [chosen && "chosen", leave?.excluded.has(i) && "left"].filter(Boolean);
+    return el(["tr", ...kinds].join("."), { "aria-selected": chosen ? "true" : null, "aria-rowindex": first + k + 2, click: () => selected.set(i) }, columns.map(([key, , text]) => el(["td", ["row", "configuration", "subset", "note"].includes(key) ? "" : "n", kindOf(key)].filter(Boolean).join("."), {}, text(i))));
+  }), spacer(order.length - last));
+}
+
+function spaced(cell, height) {
+  cell.style.height = `${height}px`;
+  return cell;
+}
+
+function download(points, name, { order, joints }) {
+  const vectors = ["before", "after", "corrected"].filter((stage) => points[0]?.[`${stage}_mm`] !== undefined);
+  const header = ["row", "configuration", "target", "subset", "outlier", ...joints ? joints[0].map((_, k) => `q${k + 1}_deg`) : [], "x_mm", "y_mm", "z_mm", ...vectors.flatMap((stage) => [`${stage}_mm`, ...["x", "y", "z"].map((axis) => `${stage}_d${axis}_mm`)])];
+  const quoted = (cell) => (/[",\n\r]|^[=+@]/.test(String(cell)) ? `"${String(cell).replaceAll("\"", "\"\"")}"` : cell);
+  const lines = order.map((i) => {
+    const p = points[i];
+    return [quoted(name(i)), quoted(p.configuration), p.target, p.subset, p.outlier ? 1 : 0, ...joints ? joints[i] ?? joints[0].map(() => "") : [], ...p.position_mm ?? ["", "", ""], ...vectors.flatMap((stage) => [p[`${stage}_mm`], ...p[`${stage}_vector_mm`] ?? ["", "", ""]])].join(",");
+  });
+  saveText(`${header.join(",")}\n${lines.join("\n")}\n`, "residuals.csv", "text/csv");
+}
+
+/**
+ * Points to leave out, and the calibration without them: the file is uploaded once more without their rows, under a name that says which and
+ * why, so that both files are kept and nothing is hidden.
+ */
+export function leavingOut({ job, set, robot, may, name, changed }) {
+  if (job.kind === "verify" || !may("identify") || !may("upload")) return null;
+  const excluded = new Set();
+  const out = el("div", {});
+  const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });
+  const list = el("p", {});
+  const node = el("form.leave", { hidden: true, submit: async (event) => {
+    event.preventDefault();
+    try {
+      const rows = [...excluded].sort((a, b) => a - b);
+      const reduced = await uploadWithout(robot, set, rows, reason.value);
+      const { request } = await get(`/v1/jobs/${job.id}`);
+      const next = await post(`/v1/robots/${robot.id}/jobs`, { ...request, measurement_set_id: reduced.id });
+      location.hash = `#/jobs/${next.id}`;
+    } catch (refused) {
+      fill(out, problem(refused));
+    }
+  } }, list, el("label", { for: "exclude-reason" }, "Why they are left out; it is kept in the name of the new set"), reason, out, el("div.actions", {}, el("button.primary", { type: "submit" }, "Calibrate again without them")));
+  const toggle = (i) => {
+    if (!excluded.delete(i)) excluded.add(i);
+    node.hidden = excluded.size === 0;
+    fill(list, el("strong", {}, excluded.size === 1 ? "One point is" : `${excluded.size} points are`), ` to be left out: ${[...excluded].slice(0, 12).map(name).join(", ")}${excluded.size > 12 ? " …" : ""}.`);
+    say(excluded.has(i) ? `${name(i)} will be left out` : `${name(i)} stays`);
+    changed();
+  };
+  return { excluded, node, toggle, may: (i) => i < set.n_points };
+}
+
+/** Longest name of a set. */
+const MAX_NAME = 200;
+
+async function uploadWithout(robot, set, rows, reason) {
+  const file = await blob(`/v1/measurement-sets/${set.id}/points`);
+  const text = await file.text();
+  const isJson = file.type.startsWith("application/json");
+  const without = isJson ? JSON.stringify({ ...JSON.parse(text), points: JSON.parse(text).points.filter((_, i) => !rows.includes(i)) }) : withoutLines(text, rows);
+  const named = `${set.name ?? set.id} without ${rows.length === 1 ? "row" : "rows"} ${rows.join(", ")}: ${reason}`;
+  const query = new URLSearchParams({ frame: set.frame, name: named.length > MAX_NAME ? `${named.slice(0, MAX_NAME - 2)} …` : named });
+  return post(`/v1/robots/${robot.id}/measurement-sets?${query}`, without, isJson ? "application/json" : "text/csv");
+}
+
+/** A CSV without some data rows; every other line stays as it is. */
+export function withoutLines(text, left) {
+  const header = text.split(/\r\n|\n|\r/, 1)[0];
+  const [, ...rows] = rowsOf(text, header.includes(";") ? ";" : ",");
+  const lines = text.split(/\r\n|\n|\r/);
+  const gone = new Set();
+  for (const i of left) {
+    const end = rows[i + 1]?.line ?? lines.length + 1;
+    for (let line = rows[i].line; line < end; line += 1) gone.add(line);
+  }
+  return `${lines.filter((_, i) => !gone.has(i + 1)).join("\n").replace(/\n+$/, "")}\n`;
+}
