@@ -1,7 +1,7 @@
 //! Every route with its documentation.
 
 use crate::http::{
-    App, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
+    App, archive, compensate, dashboard, export, frames, history, index, job_events, jobs, me,
     measurement_sets, metrics, networks, parameter_sets, policies, pose_plans, predict, release,
     report_html, robots,
 };
@@ -25,6 +25,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .merge(history::router())
         .merge(pose_plans::router())
         .merge(networks::router())
+        .merge(archive::router())
         .merge(me::router())
         .merge(index::router())
         .merge(dashboard::router())

@@ -18,6 +18,12 @@ pub enum AuditEvent {
     RobotChecked,
     /// The release policy of a robot was set.
     RobotPolicyChanged,
+    /// A robot was edited.
+    RobotEdited,
+    /// A robot, measurement set, job, parameter set or network was archived.
+    Archived,
+    /// What was archived is in use again.
+    Restored,
     /// An upload was stored.
     MeasurementSetCreated,
     /// Sweeps were stored.
@@ -59,6 +65,9 @@ impl AuditEvent {
             Self::RobotFitsAgain => "robot_fits_again",
             Self::RobotChecked => "robot_checked",
             Self::RobotPolicyChanged => "robot_policy_changed",
+            Self::RobotEdited => "robot_edited",
+            Self::Archived => "archived",
+            Self::Restored => "restored",
             Self::MeasurementSetCreated => "measurement_set_created",
             Self::FramesCreated => "frames_created",
             Self::JobCreated => "job_created",

@@ -12,15 +12,18 @@ use super::{Engine, Error, Result, Store};
 /// Every table; a table comes after those that it references.
 pub const TABLES: &[&str] = &[
     "robot",
+    "robot_version",
     "robot_policy",
     "measurement_set",
     "frames",
     "job",
+    "job_robot_version",
     "report_summary",
     "network",
     "residual_network",
     "parameter_set",
     "verification",
+    "archived",
     "idempotency",
     "api_key",
     "audit",

@@ -111,6 +111,9 @@ pub struct SetSummary {
     /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insisted_on: Option<Insist>,
+    /// When it was archived: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub archived_at: Option<String>,
 }
 
 /// Parameter of a content type that declares decimal commas. It is stored with the upload, so that the stored bytes are parsed the same way again.

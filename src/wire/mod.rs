@@ -36,6 +36,7 @@ pub mod report;
 pub mod report_shape;
 pub mod report_summary;
 pub mod robot;
+pub mod robot_patch;
 pub mod safetensors;
 pub mod suspicion;
 mod target;

@@ -13,7 +13,7 @@ const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] =
     [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
 /// Routes without a robot in their path: the answer depends on the key.
-const OF_NO_ROBOT: [&str; 3] = ["/v1/robots", "/v1/me", "/v1/robot-imports"];
+const OF_NO_ROBOT: [&str; 4] = ["/v1/robots", "/v1/jobs", "/v1/me", "/v1/robot-imports"];
 
 /// A robot with one resource of each kind.
 struct Cell {
@@ -109,6 +109,7 @@ fn documented() -> Vec<(Method, String, Scope)> {
             (Method::POST, &item.post),
             (Method::PUT, &item.put),
             (Method::DELETE, &item.delete),
+            (Method::PATCH, &item.patch),
         ];
         for (method, _) in all
             .into_iter()

@@ -1,5 +1,6 @@
 //! The REST interface, driven over loopback as a cell PC drives it.
 
+mod archive;
 mod auth;
 
 mod bounds;
@@ -16,12 +17,14 @@ mod hostile_names;
 mod hosts;
 mod idempotency;
 mod jobs;
+mod lists;
 mod lost_connections;
 mod matrix;
 mod measurement_sets;
 mod metrics;
 mod misfits;
 mod parameter_sets;
+mod patch_robots;
 mod pose_plans;
 mod problems;
 mod release;
