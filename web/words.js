@@ -188,6 +188,8 @@ export const GATES = {
   verify_errors_improved: "The errors on them became smaller",
   final_fit_near_verified: "The delivered parameters are near the verified ones",
   verify_errors_within_tolerance: "Its errors are within the robot's tolerance",
+  archived: "The set and its robot are not archived",
+  joint_map_changed: "The robot has the joint map that the set was identified with",
   withdrawn: "It was not withdrawn",
 };
 

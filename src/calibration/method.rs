@@ -58,9 +58,10 @@ pub enum FinalFit {
 }
 
 /// What link parameters cannot say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum)]
 #[schema(as = Corrections)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 pub enum CorrectionsChoice {
     /// Links alone.
     Off,

@@ -1,4 +1,4 @@
-//! `kincal release|withdraw|checked|cancel`: decisions of people about a parameter set, a robot or a job.
+//! `kincal release|withdraw|rollback|checked|cancel`: decisions of people about a parameter set, a robot or a job.
 
 use super::client::{Client, ServerArguments};
 use super::runtime::block_on;
@@ -42,9 +42,24 @@ pub struct WithdrawArguments {
 pub struct CheckedArguments {
     #[command(flatten)]
     server: ServerArguments,
-    /// The robot, as `kincal robots` lists it.
-    #[arg(value_name = "ID")]
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
     id: String,
+    /// Reason; it is kept with the decision.
+    #[arg(long, value_name = "TEXT")]
+    reason: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Withdraw the active parameter set, and make the one that it superseded active again.
+#[derive(Debug, clap::Args)]
+pub struct RollbackArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
     /// Reason; it is kept with the decision.
     #[arg(long, value_name = "TEXT")]
     reason: String,
@@ -129,16 +144,34 @@ async fn post_decision(
 
 /// `kincal checked`.
 pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
-    let path = format!("/v1/robots/{}/checked", arguments.id);
     let body = serde_json::to_vec(&json!({"reason": arguments.reason}))?;
     let robot = block_on(async {
         let client = arguments.server.client()?;
+        let id = client.robot_id(&arguments.id).await?;
+        let path = format!("/v1/robots/{id}/checked");
         client.create(&path, "application/json", body).await
     })?;
     arguments.output.print(&robot, || {
         format!(
             "{} is no longer in the state check_robot: sets can be released again",
             arguments.id
+        )
+    })
+}
+
+/// `kincal rollback`.
+pub fn roll_back(arguments: &RollbackArguments) -> anyhow::Result<()> {
+    let body = serde_json::to_vec(&json!({"reason": arguments.reason}))?;
+    let set = block_on(async {
+        let client = arguments.server.client()?;
+        let robot = client.robot_id(&arguments.robot).await?;
+        let path = format!("/v1/robots/{robot}/parameter-sets/rollback");
+        client.create(&path, "application/json", body).await
+    })?;
+    arguments.output.print(&set, || {
+        format!(
+            "{} is active again: the cell gets it from now on",
+            set["id"].as_str().unwrap_or_default()
         )
     })
 }

@@ -3,6 +3,7 @@
 use super::files::{cannot_be_used, fault, read_json};
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SetOptions};
+use super::robots::Mounted;
 use super::table;
 use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
@@ -51,6 +52,14 @@ pub struct Arguments {
     /// Refine the swarm's result with least squares [default: true, false in preset paper].
     #[arg(long, env = "KINCAL_REFINE")]
     refine: Option<bool>,
+    /// Mounting instead of the robot file's: floor, wall, ceiling, or the direction of gravity in the base frame, X,Y,Z or X,Y,Z,STD_DEG.
+    #[arg(
+        long,
+        env = "KINCAL_MOUNTING",
+        value_name = "MOUNTING",
+        allow_hyphen_values = true
+    )]
+    mounting: Option<Mounted>,
     #[command(flatten)]
     output: Output,
     /// Also write the report as a printable HTML page into this file.
@@ -64,7 +73,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = "bpnn_pso starts from a network, and networks are kept by a server: kincal submit --method bpnn_pso";
         return Err(Usage(text.into()).into());
     }
-    let robot_body = read_robot_body(&arguments.robot)?;
+    let mut robot_body = read_robot_body(&arguments.robot)?;
+    if let Some(Mounted(mounting)) = arguments.mounting {
+        robot_body.mounting = Some(mounting);
+    }
     let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = arguments.set_options.frame;

@@ -131,6 +131,14 @@ impl Client {
         Ok(String::from_utf8_lossy(&self.read(path).await?).into_owned())
     }
 
+    /// GET with an answer in any format.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn get_bytes(&self, path: &str) -> anyhow::Result<Vec<u8>> {
+        self.read(path).await
+    }
+
     /// GET, repeated while the server is busy. An unreachable server is an error immediately, because a person is waiting.
     async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut attempt = 0;
@@ -175,21 +183,11 @@ impl Client {
         if named.starts_with("rob_") {
             return Ok(named.into());
         }
-        let mut matching = Vec::new();
-        let mut cursor = String::new();
-        for _ in 0..MAX_PAGES {
-            let page = self.get(&format!("/v1/robots?limit=200{cursor}")).await?;
-            let items = page["items"].as_array().into_iter().flatten();
-            let matches = items.filter(|robot| {
-                [&robot["name"], &robot["serial_number"]]
-                    .into_iter()
-                    .any(|field| field == named)
-            });
-            matching.extend(matches.filter_map(|robot| robot["id"].as_str().map(String::from)));
-            match page["next_cursor"].as_str() {
-                Some(next) => cursor = format!("&cursor={next}"),
-                None => break,
-            }
+        let mut matching = self.robots_called(named, "").await?;
+        if matching.is_empty() {
+            // An older server has no archive, and refuses the question.
+            let archived = self.robots_called(named, "&archived=true").await;
+            matching = archived.unwrap_or_default();
         }
         match matching.as_slice() {
             [id] => Ok(id.clone()),
@@ -205,6 +203,29 @@ impl Client {
         }
     }
 
+    /// Ids of the robots with this name or serial number.
+    async fn robots_called(&self, named: &str, filter: &str) -> anyhow::Result<Vec<String>> {
+        let mut matching = Vec::new();
+        let mut cursor = String::new();
+        for _ in 0..MAX_PAGES {
+            let page = self
+                .get(&format!("/v1/robots?limit=200{filter}{cursor}"))
+                .await?;
+            let items = page["items"].as_array().into_iter().flatten();
+            let matches = items.filter(|robot| {
+                [&robot["name"], &robot["serial_number"]]
+                    .into_iter()
+                    .any(|field| field == named)
+            });
+            matching.extend(matches.filter_map(|robot| robot["id"].as_str().map(String::from)));
+            match page["next_cursor"].as_str() {
+                Some(next) => cursor = format!("&cursor={next}"),
+                None => break,
+            }
+        }
+        Ok(matching)
+    }
+
     /// POST of a body with this content type and a JSON answer.
     ///
     /// # Errors
@@ -215,12 +236,25 @@ impl Client {
         content_type: &str,
         body: Vec<u8>,
     ) -> anyhow::Result<Value> {
+        json(&self.post_for_bytes(path, content_type, body).await?)
+    }
+
+    /// POST with an answer in any format.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn post_for_bytes(
+        &self,
+        path: &str,
+        content_type: &str,
+        body: Vec<u8>,
+    ) -> anyhow::Result<Vec<u8>> {
         let request = self
             .http
             .post(format!("{}{path}", self.url))
             .header("content-type", content_type)
             .body(body);
-        json(&self.answer(request).await?)
+        Ok(self.answer(request).await?)
     }
 
     /// POST that creates something. It is repeated under one `Idempotency-Key`, so it takes effect once.
@@ -233,11 +267,37 @@ impl Client {
         content_type: &str,
         body: Vec<u8>,
     ) -> anyhow::Result<Value> {
+        self.write(reqwest::Method::POST, path, content_type, body)
+            .await
+    }
+
+    /// A change by JSON, which takes effect once as with [`Self::create`].
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn send(
+        &self,
+        method: reqwest::Method,
+        path: &str,
+        body: Vec<u8>,
+    ) -> anyhow::Result<Value> {
+        self.write(method, path, "application/json", body).await
+    }
+
+    async fn write(
+        &self,
+        method: reqwest::Method,
+        path: &str,
+        content_type: &str,
+        body: Vec<u8>,
+    ) -> anyhow::Result<Value> {
         let key = uuid::Uuid::now_v7().simple().to_string();
         let mut attempt = 0;
         loop {
             attempt += 1;
-            let request = self.http.post(format!("{}{path}", self.url));
+            let request = self
+                .http
+                .request(method.clone(), format!("{}{path}", self.url));
             let request = request
                 .header("content-type", content_type)
                 .header("idempotency-key", &key)

@@ -1,11 +1,13 @@
-//! `kincal robots|sets|jobs|params`: lists what a server has, or shows one item.
+//! `kincal robots|sets|jobs|params|networks`: lists what a server has, or shows one item.
 
 use super::client::ServerArguments;
-use super::robots_library::{self, LibraryCommand};
 use super::runtime::block_on;
 use super::terminal;
 use super::terminal::{Output, in_commands, plain};
+use crate::wire::page::{ArchivedFilter, Sort};
+use anyhow::Context;
 use serde_json::Value;
+use std::path::{Path, PathBuf};
 
 /// Most rows of a list; the newest come first.
 const MAX_ROWS: usize = 100;
@@ -55,6 +57,27 @@ const JOBS: Listing = Listing {
     ],
     empty: "this robot has no job yet; next: kincal submit --robot ID SET.csv --wait",
 };
+const ALL_JOBS: Listing = Listing {
+    list: |_| "/v1/jobs".into(),
+    one: "/v1/jobs",
+    columns: &[
+        "id",
+        "robot_id",
+        "kind",
+        "method",
+        "status",
+        "parameter_set_id",
+        "created_at",
+        "finished_at",
+    ],
+    empty: "there is no job yet; next: kincal submit --robot ID SET.csv --wait",
+};
+const NETWORKS: Listing = Listing {
+    list: |robot| format!("/v1/robots/{robot}/networks"),
+    one: "/v1/networks",
+    columns: &["id", "kind", "job_id", "model", "preset", "created_at"],
+    empty: "this robot has no network yet; next: kincal submit --robot ID SET.csv --method pso --wait",
+};
 const PARAMETER_SETS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/parameter-sets"),
     one: "/v1/parameter-sets",
@@ -62,31 +85,74 @@ const PARAMETER_SETS: Listing = Listing {
     empty: "nothing was identified for this robot yet; next: kincal submit --robot ID SET.csv --wait",
 };
 
+/// Choice and order of a list's items.
+#[derive(Debug, clap::Args)]
+struct ListOptions {
+    /// List what is in use, what was archived, or all.
+    #[arg(
+        long,
+        env = "KINCAL_ARCHIVED",
+        value_enum,
+        default_value = "false",
+        value_name = "false|true|all",
+        hide_possible_values = true
+    )]
+    archived: ArchivedFilter,
+    /// Order: created_at or name, with - before it for the last first [default: -created_at].
+    #[arg(
+        long,
+        env = "KINCAL_SORT",
+        value_enum,
+        value_name = "ORDER",
+        allow_hyphen_values = true,
+        hide_possible_values = true
+    )]
+    sort: Option<Sort>,
+}
+
+/// Fields of the query.
+type ListQuery = Vec<(&'static str, String)>;
+
+impl ListOptions {
+    fn query(&self) -> ListQuery {
+        let mut query = Vec::new();
+        if self.archived != ArchivedFilter::False {
+            query.push(("archived", self.archived.as_str().to_owned()));
+        }
+        if let Some(sort) = self.sort {
+            query.push(("sort", name_of(sort)));
+        }
+        query
+    }
+}
+
+/// Name of a value on the command line, which is that in a query.
+fn name_of(value: impl clap::ValueEnum) -> String {
+    value
+        .to_possible_value()
+        .map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
 /// Robots of a server.
 #[derive(Debug, clap::Args)]
-#[command(args_conflicts_with_subcommands = true)]
 pub struct RobotArguments {
-    #[command(subcommand)]
-    command: Option<RobotCommand>,
     #[command(flatten)]
     server: ServerArguments,
     /// Show this one in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
+    /// Only robots whose name or serial number contains this text.
+    #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
+    search: Option<String>,
+    #[command(flatten)]
+    options: ListOptions,
     #[command(flatten)]
     output: Output,
 }
 
-/// What else is done with robots.
-#[derive(Debug, clap::Subcommand)]
-enum RobotCommand {
-    #[command(flatten)]
-    Library(LibraryCommand),
-}
-
 /// A list of one robot, or one item by its own id.
 #[derive(Debug, clap::Args)]
-pub struct RobotListArguments {
+pub struct SetArguments {
     #[command(flatten)]
     server: ServerArguments,
     /// The robot: its id, name or serial number.
@@ -100,32 +166,151 @@ pub struct RobotListArguments {
     /// Show this one in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
+    /// Print the uploaded file, byte for byte.
+    #[arg(
+        long, env = "KINCAL_POINTS", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    points: bool,
+    /// Only sets whose name contains this text.
+    #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
+    search: Option<String>,
+    #[command(flatten)]
+    options: ListOptions,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Jobs of all robots or of one, or one job by its id.
+#[derive(Debug, clap::Args)]
+pub struct JobArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number [default: all that the key may see].
+    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT")]
+    robot: Option<String>,
+    /// Show this one in full.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
+    /// Show the smallest cost at each iteration.
+    #[arg(
+        long, env = "KINCAL_CONVERGENCE", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    convergence: bool,
+    /// Only jobs with this status: queued, running, succeeded, failed or cancelled.
+    #[arg(long, env = "KINCAL_STATUS", value_name = "STATUS")]
+    status: Option<String>,
+    /// Only jobs of this kind: identify or verify.
+    #[arg(long, env = "KINCAL_KIND", value_name = "KIND")]
+    kind: Option<String>,
+    #[command(flatten)]
+    options: ListOptions,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Networks of one robot, or one of them.
+#[derive(Debug, clap::Args)]
+pub struct NetworkArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(
+        long,
+        env = "KINCAL_ROBOT",
+        value_name = "ROBOT",
+        required_unless_present = "id"
+    )]
+    robot: Option<String>,
+    /// Show this one in full.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
+    /// Write its weights (safetensors) into this file.
+    #[arg(long, env = "KINCAL_WEIGHTS", value_name = "FILE", requires = "id")]
+    weights: Option<PathBuf>,
+    #[command(flatten)]
+    options: ListOptions,
     #[command(flatten)]
     output: Output,
 }
 
 /// `kincal robots`.
 pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
-    if let Some(RobotCommand::Library(command)) = &arguments.command {
-        return robots_library::run(command);
-    }
-    list_or_show(
-        &arguments.server,
-        &ROBOTS,
-        "",
-        arguments.id.as_deref(),
-        &arguments.output,
-    )
+    let mut query = arguments.options.query();
+    query.extend(arguments.search.clone().map(|text| ("search", text)));
+    let shown = Shown {
+        kind: &ROBOTS,
+        robot: "",
+        id: arguments.id.as_deref(),
+        query,
+    };
+    list_or_show(&arguments.server, shown, &arguments.output)
 }
 
 /// `kincal sets`.
-pub fn sets(arguments: &RobotListArguments) -> anyhow::Result<()> {
-    list_of_robot(arguments, &SETS)
+pub fn sets(arguments: &SetArguments) -> anyhow::Result<()> {
+    if let (Some(id), true) = (&arguments.id, arguments.points) {
+        let path = format!("{}/{id}/points", SETS.one);
+        terminal::raw(block_on(async {
+            arguments.server.client()?.get_bytes(&path).await
+        })?);
+        return Ok(());
+    }
+    let mut query = arguments.options.query();
+    query.extend(arguments.search.clone().map(|text| ("search", text)));
+    let shown = Shown {
+        kind: &SETS,
+        robot: arguments.robot.as_deref().unwrap_or_default(),
+        id: arguments.id.as_deref(),
+        query,
+    };
+    list_or_show(&arguments.server, shown, &arguments.output)
 }
 
 /// `kincal jobs`.
-pub fn jobs(arguments: &RobotListArguments) -> anyhow::Result<()> {
-    list_of_robot(arguments, &JOBS)
+pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
+    if let (Some(id), true) = (&arguments.id, arguments.convergence) {
+        let path = format!("{}/{id}/convergence", JOBS.one);
+        let curve = block_on(async { arguments.server.client()?.get(&path).await })?;
+        say!("{}", serde_json::to_string_pretty(&curve)?);
+        return Ok(());
+    }
+    let mut query = arguments.options.query();
+    query.extend(arguments.status.clone().map(|status| ("status", status)));
+    query.extend(arguments.kind.clone().map(|kind| ("kind", kind)));
+    let shown = Shown {
+        kind: if arguments.robot.is_some() {
+            &JOBS
+        } else {
+            &ALL_JOBS
+        },
+        robot: arguments.robot.as_deref().unwrap_or_default(),
+        id: arguments.id.as_deref(),
+        query,
+    };
+    list_or_show(&arguments.server, shown, &arguments.output)
+}
+
+/// `kincal networks`.
+pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
+    if let (Some(id), Some(file)) = (&arguments.id, &arguments.weights) {
+        return download(
+            &arguments.server,
+            &format!("{}/{id}/weights", NETWORKS.one),
+            file,
+        );
+    }
+    let shown = Shown {
+        kind: &NETWORKS,
+        robot: arguments.robot.as_deref().unwrap_or_default(),
+        id: arguments.id.as_deref(),
+        query: arguments.options.query(),
+    };
+    list_or_show(&arguments.server, shown, &arguments.output)
+}
+
+fn download(server: &ServerArguments, path: &str, file: &Path) -> anyhow::Result<()> {
+    let bytes = block_on(async { server.client()?.get_bytes(path).await })?;
+    std::fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// Parameter sets of one robot, or one of them.
@@ -144,29 +329,76 @@ pub struct ParameterSetArguments {
         long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
     )]
     gates: bool,
+    /// Show the robot's active set.
+    #[arg(
+        long, env = "KINCAL_ACTIVE", conflicts_with = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    active: bool,
+    /// Print the identified parameters alone, exactly as the set's sha256 covers them.
+    #[arg(
+        long, env = "KINCAL_CONTENT", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    content: bool,
+    /// Only sets with this status: candidate, released, superseded or withdrawn.
+    #[arg(long, env = "KINCAL_STATUS", value_name = "STATUS")]
+    status: Option<String>,
+    #[command(flatten)]
+    options: ListOptions,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// What each gate of a release of a parameter set would find now.
+#[derive(Debug, clap::Args)]
+pub struct GatesArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The parameter set, as `kincal params` lists it.
+    #[arg(value_name = "ID")]
+    id: String,
     #[command(flatten)]
     output: Output,
 }
 
 /// `kincal params`.
 pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
-    let ParameterSetArguments {
-        server,
-        robot,
-        id,
-        gates,
-        output,
-    } = arguments;
-    match id {
-        Some(id) if *gates => self::gates(server, id, output),
-        _ => list_or_show(
-            server,
-            &PARAMETER_SETS,
-            robot.as_deref().unwrap_or_default(),
-            id.as_deref(),
-            output,
-        ),
+    let server = &arguments.server;
+    let robot = arguments.robot.as_deref().unwrap_or_default();
+    if let Some(id) = &arguments.id {
+        if arguments.gates {
+            return self::gates(server, id, &arguments.output);
+        }
+        if arguments.content {
+            let path = format!("{}/{id}/content", PARAMETER_SETS.one);
+            terminal::raw(block_on(async { server.client()?.get_bytes(&path).await })?);
+            return Ok(());
+        }
     }
+    if arguments.active {
+        let set = block_on(async {
+            let client = server.client()?;
+            let robot = client.robot_id(robot).await?;
+            client
+                .get(&format!("/v1/robots/{robot}/parameter-sets/active"))
+                .await
+        })?;
+        say!("{}", serde_json::to_string_pretty(&set)?);
+        return Ok(());
+    }
+    let mut query = arguments.options.query();
+    query.extend(arguments.status.clone().map(|status| ("status", status)));
+    let shown = Shown {
+        kind: &PARAMETER_SETS,
+        robot,
+        id: arguments.id.as_deref(),
+        query,
+    };
+    list_or_show(server, shown, &arguments.output)
+}
+
+/// `kincal gates`.
+pub fn gates_of(arguments: &GatesArguments) -> anyhow::Result<()> {
+    gates(&arguments.server, &arguments.id, &arguments.output)
 }
 
 fn gates(server: &ServerArguments, id: &str, output: &Output) -> anyhow::Result<()> {
@@ -208,23 +440,23 @@ fn gate_lines(found: &Value) -> String {
         .collect()
 }
 
-fn list_of_robot(arguments: &RobotListArguments, kind: &Listing) -> anyhow::Result<()> {
-    list_or_show(
-        &arguments.server,
-        kind,
-        arguments.robot.as_deref().unwrap_or_default(),
-        arguments.id.as_deref(),
-        &arguments.output,
-    )
+/// What is listed or shown.
+struct Shown<'a> {
+    kind: &'static Listing,
+    /// The robot's id, name or serial number; empty for a list of all robots.
+    robot: &'a str,
+    /// The item to show.
+    id: Option<&'a str>,
+    query: ListQuery,
 }
 
-fn list_or_show(
-    server: &ServerArguments,
-    kind: &Listing,
-    robot: &str,
-    id: Option<&str>,
-    output: &Output,
-) -> anyhow::Result<()> {
+fn list_or_show(server: &ServerArguments, shown: Shown<'_>, output: &Output) -> anyhow::Result<()> {
+    let Shown {
+        kind,
+        robot,
+        id,
+        mut query,
+    } = shown;
     block_on(async {
         let client = server.client()?;
         if let Some(id) = id {
@@ -237,8 +469,15 @@ fn list_or_show(
         } else {
             client.robot_id(robot).await?
         };
+        let is_filtered = !query.is_empty();
+        query.push(("limit", MAX_ROWS.to_string()));
+        let url = reqwest::Url::parse_with_params("http://query/", query)?;
         let page = client
-            .get(&format!("{}?limit={MAX_ROWS}", (kind.list)(&robot)))
+            .get(&format!(
+                "{}?{}",
+                (kind.list)(&robot),
+                url.query().unwrap_or_default()
+            ))
             .await?;
         if output.json {
             say!("{}", serde_json::to_string_pretty(&page)?);
@@ -251,12 +490,18 @@ fn list_or_show(
             .map(|item| cells(item, kind.columns))
             .collect();
         if rows.is_empty() {
-            say!("{}", kind.empty);
+            match is_filtered {
+                true => say!("nothing is like that"),
+                false => say!("{}", kind.empty),
+            }
             return Ok(());
         }
         terminal::raw(columns(kind.columns, &rows));
         if !page["next_cursor"].is_null() {
-            eprintln!("the newest {MAX_ROWS} are shown; there are more");
+            eprintln!(
+                "the first {MAX_ROWS} of {} are shown: choose by --search, --status or --archived",
+                page["total"]
+            );
         }
         Ok(())
     })

@@ -4,6 +4,7 @@
 mod terminal;
 
 mod actions;
+mod archive;
 mod backup;
 mod calibrate;
 mod client;
@@ -11,8 +12,11 @@ mod compensate;
 mod completions;
 mod copy_store;
 mod demo;
+mod export;
 mod failure;
 mod files;
+mod frames;
+mod history;
 mod import;
 mod key;
 mod list;
@@ -20,7 +24,10 @@ mod measured;
 mod openapi;
 mod options;
 mod plan;
+mod policy;
+mod predict;
 mod report;
+mod robots;
 mod robots_library;
 mod runtime;
 mod serve;
@@ -36,7 +43,7 @@ use std::process::ExitCode;
 const EXIT_CODES: &str = "\
 Exit codes: 0 success, 1 failure (the server, the network, the job), 2 wrong usage (an option, a file: correct it and try again).
 Each long option has an environment variable, KINCAL_…; --help of a command names them. Options of a single call have none: --reason,
---change-reason, and the options of `kincal key` (--name, --scope, --robot).
+--change-reason, and the options of `kincal key`, `kincal robots edit` and `kincal policy set`.
 
 First steps:
   kincal serve --no-auth                       a server on this machine, http://127.0.0.1:8080/
@@ -86,20 +93,42 @@ enum Command {
     Plan(plan::Arguments),
     /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
     Import(import::Arguments),
-    /// List a server's robots, show one, find ready arms, add a robot, check a posture.
-    Robots(list::RobotArguments),
+    /// List a server's robots, show, add, edit, archive or restore one, find ready arms, check a posture.
+    Robots(robots::Arguments),
     /// List a robot's measurement sets, or show one.
-    Sets(list::RobotListArguments),
-    /// List a robot's jobs, or show one.
-    Jobs(list::RobotListArguments),
+    Sets(list::SetArguments),
+    /// List the jobs of all robots or of one, or show one.
+    Jobs(list::JobArguments),
+    /// List a robot's networks, or show one.
+    Networks(list::NetworkArguments),
     /// List a robot's parameter sets, or show one.
     Params(list::ParameterSetArguments),
     /// Show the report of a job, or write it as a printable page.
     Report(report::Arguments),
+    /// Find base and tool frame from sweeps of single joints.
+    Frames(frames::Arguments),
+    /// Show what each gate of a release would find now; exit code 1 if the release would be refused.
+    Gates(list::GatesArguments),
+    /// Show or set what a robot asks of a release.
+    Policy(policy::Arguments),
+    /// Show what moved between a robot's identifications.
+    History(history::HistoryArguments),
+    /// Show the differences between two parameter sets.
+    Compare(history::CompareArguments),
+    /// Print a parameter set in a format of other software or of a controller.
+    Export(export::Arguments),
+    /// Print the tool's position by an identified robot, for joint values.
+    Predict(predict::Arguments),
+    /// Archive robots, measurement sets, jobs, candidates or networks: they leave the lists.
+    Archive(archive::Arguments),
+    /// Restore what was archived.
+    Restore(archive::Arguments),
     /// Make a parameter set the robot's active one.
     Release(actions::ReleaseArguments),
     /// Withdraw a parameter set: the cell no longer gets it.
     Withdraw(actions::WithdrawArguments),
+    /// Withdraw the active parameter set, and make the one that it superseded active again.
+    Rollback(actions::RollbackArguments),
     /// State why a robot is in order although a session did not fit it.
     Checked(actions::CheckedArguments),
     /// Cancel a job.
@@ -128,9 +157,20 @@ pub fn main() -> ExitCode {
         Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
-        Command::Robots(arguments) => list::robots(&arguments),
+        Command::Robots(arguments) => robots::run(&arguments),
         Command::Sets(arguments) => list::sets(&arguments),
         Command::Jobs(arguments) => list::jobs(&arguments),
+        Command::Networks(arguments) => list::networks(&arguments),
+        Command::Frames(arguments) => frames::run(&arguments),
+        Command::Gates(arguments) => list::gates_of(&arguments),
+        Command::Policy(arguments) => policy::run(&arguments),
+        Command::History(arguments) => history::history(&arguments),
+        Command::Compare(arguments) => history::compare(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Predict(arguments) => predict::run(&arguments),
+        Command::Archive(arguments) => archive::run(&arguments, archive::Action::Archive),
+        Command::Restore(arguments) => archive::run(&arguments, archive::Action::Restore),
+        Command::Rollback(arguments) => actions::roll_back(&arguments),
         Command::Params(arguments) => list::parameter_sets(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Release(arguments) => actions::release(&arguments),

@@ -1,6 +1,10 @@
 //! Options that several commands share.
 
-use crate::wire::job::{FinalFit, JobRequestBody, Method, Model, Preset};
+use crate::wire::corrections::PayloadBody;
+use crate::wire::job::{
+    CorrectionsChoice, FinalFit, JobRequestBody, Method, Model, ParametersBody, Preset, Prior,
+    VerifyBody,
+};
 use crate::wire::measurement::Frame;
 use crate::wire::suspicion::Insist;
 
@@ -33,6 +37,76 @@ pub struct IdentifyOptions {
     /// Seed of every random number.
     #[arg(long, env = "KINCAL_SEED", default_value_t = 0)]
     pub seed: u64,
+    /// Parameters to hold at nominal, with commas, e.g. a_1,theta_offset_3.
+    #[arg(
+        long,
+        env = "KINCAL_HOLD",
+        value_name = "NAMES",
+        value_delimiter = ',',
+        conflicts_with = "only"
+    )]
+    pub hold: Vec<String>,
+    /// The only parameters to identify, with commas.
+    #[arg(
+        id = "only",
+        long = "identify",
+        env = "KINCAL_IDENTIFY",
+        value_name = "NAMES",
+        value_delimiter = ','
+    )]
+    pub only: Vec<String>,
+    /// Prior of a parameter, in mm or degrees: NAME=STD, and optionally :mean=X, :min=X and :max=X, e.g. a_2=0.1:mean=0.3:max=1. Once per parameter.
+    #[arg(long, env = "KINCAL_PRIOR", value_name = "PRIOR", value_parser = prior, value_delimiter = ',', allow_hyphen_values = true)]
+    pub prior: Vec<Prior>,
+    /// Corrections beyond link parameters [default: auto; off with preset paper].
+    #[arg(long, env = "KINCAL_CORRECTIONS", value_enum)]
+    pub corrections: Option<CorrectionsChoice>,
+    /// Mass on the flange while it was measured, and optionally its centre in the flange frame: KG or KG,X,Y,Z with mm.
+    #[arg(long, env = "KINCAL_PAYLOAD", value_name = "KG,X,Y,Z", value_parser = payload, allow_hyphen_values = true)]
+    pub payload: Option<PayloadBody>,
+    /// Share of the configurations to hold out for the verification, between 0 and 1 [default: the subset column, else 0.5].
+    #[arg(long, env = "KINCAL_VERIFY_FRACTION", value_name = "SHARE")]
+    pub verify_fraction: Option<f64>,
+}
+
+/// Parses a prior: its name and standard deviation, then other fields.
+fn prior(text: &str) -> Result<Prior, String> {
+    let wrong = || "NAME=STD, and optionally :mean=X, :min=X and :max=X".to_owned();
+    let mut parts = text.split(':');
+    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| wrong());
+    let (name, std) = parts
+        .next()
+        .and_then(|first| first.split_once('='))
+        .ok_or_else(wrong)?;
+    let mut prior = Prior {
+        name: name.trim().into(),
+        std: number(std)?,
+        mean: None,
+        min: None,
+        max: None,
+    };
+    for part in parts {
+        let (field, value) = part.split_once('=').ok_or_else(wrong)?;
+        let value = Some(number(value)?);
+        match field.trim() {
+            "mean" => prior.mean = value,
+            "min" => prior.min = value,
+            "max" => prior.max = value,
+            _ => return Err(wrong()),
+        }
+    }
+    Ok(prior)
+}
+
+/// Parses a payload: its mass, and optionally its centre.
+fn payload(text: &str) -> Result<PayloadBody, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    let (mass_kg, centre_mm) = match numbers.as_deref() {
+        Ok([mass_kg]) => (*mass_kg, [0.0; 3]),
+        Ok([mass_kg, x, y, z]) => (*mass_kg, [*x, *y, *z]),
+        _ => return Err("a mass in kg, or KG,X,Y,Z with the centre in mm".into()),
+    };
+    Ok(PayloadBody { mass_kg, centre_mm })
 }
 
 impl IdentifyOptions {
@@ -44,7 +118,47 @@ impl IdentifyOptions {
             preset: self.preset,
             final_fit: self.final_fit,
             seed: self.seed,
+            parameters: self.parameters(),
+            corrections: self.corrections,
+            payload: self.payload,
+            verify: self
+                .verify_fraction
+                .map(|fraction| VerifyBody::Fraction { fraction }),
             ..JobRequestBody::for_set(measurement_set_id)
         }
+    }
+
+    fn parameters(&self) -> Option<ParametersBody> {
+        fn given<T: Clone>(list: &[T]) -> Option<Vec<T>> {
+            (!list.is_empty()).then(|| list.to_vec())
+        }
+        let parameters = ParametersBody {
+            hold: given(&self.hold),
+            identify: given(&self.only),
+            rest: None,
+            priors: given(&self.prior),
+        };
+        (parameters != ParametersBody::default()).then_some(parameters)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{payload, prior};
+
+    #[test]
+    fn priors_and_payloads_are_read_as_they_are_written() {
+        let read = prior("a_2=0.1:mean=-0.3:max=1").unwrap();
+        assert_eq!((read.name.as_str(), read.std), ("a_2", 0.1));
+        assert_eq!(
+            (read.mean, read.min, read.max),
+            (Some(-0.3), None, Some(1.0))
+        );
+        for wrong in ["a_2", "a_2=x", "a_2=1:mode=2", "a_2=1:mean"] {
+            assert!(prior(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(payload("12.5").unwrap().centre_mm, [0.0; 3]);
+        assert_eq!(payload("5,0,-10,80").unwrap().centre_mm, [0.0, -10.0, 80.0]);
+        assert!(payload("5,1").is_err());
     }
 }

@@ -42,7 +42,7 @@ pub struct Arguments {
     /// Identify nothing; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
-        conflicts_with_all = ["method", "model", "preset", "seed"]
+        conflicts_with_all = ["method", "model", "preset", "seed", "hold", "only", "prior", "corrections", "verify_fraction"]
     )]
     verify: bool,
     /// With --verify: the parameter set to score [default: the active one, else the nominal robot].
@@ -50,6 +50,12 @@ pub struct Arguments {
     parameters: Option<String>,
     #[command(flatten)]
     identify: IdentifyOptions,
+    /// Upload the set and post no job.
+    #[arg(
+        long, env = "KINCAL_UPLOAD_ONLY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
+        conflicts_with_all = ["verify", "wait"]
+    )]
+    upload_only: bool,
     /// Wait for the result; shows a progress bar on a terminal.
     #[arg(long, env = "KINCAL_WAIT", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     wait: bool,
@@ -68,6 +74,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let client = arguments.server.client()?;
         let robot = client.robot_id(&arguments.robot).await?;
         let set = upload(&client, arguments, &robot, files).await?;
+        if arguments.upload_only {
+            if arguments.output.json {
+                say!("{}", serde_json::to_string_pretty(&set)?);
+            }
+            return Ok(());
+        }
         let request = serde_json::to_value(request(arguments, text(&set, "id")?))?;
         let posted = client
             .create(

@@ -74,7 +74,7 @@ pub fn plain(text: &str) -> String {
 }
 
 /// Texts of remedies in the HTTP interface, and their replacements with commands and options.
-const COMMANDS: [(&str, &str); 8] = [
+const COMMANDS: [(&str, &str); 13] = [
     (
         "post a job of kind verify with parameter_set_id ",
         "kincal submit --verify --robot ROBOT SET.csv --parameters ",
@@ -87,6 +87,14 @@ const COMMANDS: [(&str, &str); 8] = [
         "POST /v1/parameter-sets/{id}/release",
         "kincal release ID --reason TEXT",
     ),
+    (
+        "with POST /v1/robots/{robot_id}/restore",
+        "with kincal restore ID",
+    ),
+    ("POST /v1/robots/", "kincal restore "),
+    ("POST /v1/measurement-sets/", "kincal restore "),
+    ("POST /v1/parameter-sets/", "kincal restore "),
+    ("POST /v1/networks/", "kincal restore "),
     ("?decimal=comma", "--decimal-comma"),
     ("?frame=", "--frame "),
     ("?insist=", "--insist "),

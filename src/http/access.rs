@@ -17,6 +17,40 @@ pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Err
         .map_err(|error| absent(error, "robot"))
 }
 
+/// Refuses an archived robot.
+pub fn require_in_use(robot: &RobotRow) -> Result<(), Error> {
+    match robot.archived_at_ms {
+        Some(_) => Err(archived("robot", "robots", &robot.id)),
+        None => Ok(()),
+    }
+}
+
+/// The refusal of what is archived, with its remedy.
+pub fn archived(what: &str, path: &str, id: &str) -> Error {
+    Error::Conflict {
+        code: "archived",
+        detail: format!(
+            "the {what} {id} is archived: restore it first, with POST /v1/{path}/{id}/restore"
+        ),
+        errors: vec![],
+    }
+}
+
+/// The robot of a parameter set: the model that the set was identified with, and today's joint limits.
+pub async fn robot_of_set(
+    app: &App,
+    caller: &Caller,
+    set: &ParameterSetRow,
+) -> Result<RobotBody, Error> {
+    let row = robot(app, caller, &set.robot_id).await?;
+    let now = robot_body(&row)?;
+    if row.version == set.robot_version {
+        return Ok(now);
+    }
+    let then = robots::at_version(&app.store, &set.robot_id, set.robot_version).await?;
+    Ok(robot_body(&then)?.with_limits_of(&now))
+}
+
 /// Fails with 404 if this key may not see that robot. Does not check that the robot exists.
 pub fn visible_robot(caller: &Caller, id: &str) -> Result<(), Error> {
     plausible(id, "robot")?;

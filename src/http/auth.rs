@@ -49,6 +49,9 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
     route(Method::GET, "/v1/robots", Scope::Read),
     route(Method::GET, "/v1/overview", Scope::Read),
     route(Method::GET, "/v1/robots/{robot_id}", Scope::Read),
+    route(Method::PATCH, "/v1/robots/{robot_id}", Scope::Upload),
+    route(Method::POST, "/v1/robots/{robot_id}/archive", Scope::Upload),
+    route(Method::POST, "/v1/robots/{robot_id}/restore", Scope::Upload),
     route(
         Method::POST,
         "/v1/robots/{robot_id}/measurement-sets",
@@ -77,11 +80,24 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
     ),
     route(Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
     route(Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
+    route(
+        Method::POST,
+        "/v1/measurement-sets/{id}/archive",
+        Scope::Upload,
+    ),
+    route(
+        Method::POST,
+        "/v1/measurement-sets/{id}/restore",
+        Scope::Upload,
+    ),
     route(Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),
     route(Method::GET, "/v1/frames/{id}", Scope::Read),
     route(Method::POST, "/v1/robots/{robot_id}/jobs", Scope::Identify),
     route(Method::GET, "/v1/robots/{robot_id}/jobs", Scope::Read),
+    route(Method::GET, "/v1/jobs", Scope::Read),
     route(Method::GET, "/v1/jobs/{id}", Scope::Read),
+    route(Method::POST, "/v1/jobs/{id}/archive", Scope::Identify),
+    route(Method::POST, "/v1/jobs/{id}/restore", Scope::Identify),
     route(Method::GET, "/v1/jobs/{id}/events", Scope::Read),
     route(Method::POST, "/v1/jobs/{id}/cancel", Scope::Identify),
     route(Method::GET, "/v1/jobs/{id}/report", Scope::Read),
@@ -122,6 +138,16 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
         "/v1/parameter-sets/{id}/withdraw",
         Scope::Release,
     ),
+    route(
+        Method::POST,
+        "/v1/parameter-sets/{id}/archive",
+        Scope::Release,
+    ),
+    route(
+        Method::POST,
+        "/v1/parameter-sets/{id}/restore",
+        Scope::Release,
+    ),
     route(Method::POST, "/v1/parameter-sets/{id}/predict", Scope::Read),
     route(
         Method::POST,
@@ -144,6 +170,8 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
     route(Method::GET, "/v1/robots/{robot_id}/networks", Scope::Read),
     route(Method::GET, "/v1/networks/{id}", Scope::Read),
     route(Method::GET, "/v1/networks/{id}/weights", Scope::Read),
+    route(Method::POST, "/v1/networks/{id}/archive", Scope::Identify),
+    route(Method::POST, "/v1/networks/{id}/restore", Scope::Identify),
 ];
 
 /// Routes that need no key.

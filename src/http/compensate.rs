@@ -31,9 +31,9 @@ async fn compensate(
     request: Request,
 ) -> Result<Json<CompensateAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let robot = access::robot(&app, &caller, &row.robot_id).await?;
+    let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
-    let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
+    let content = parameter_sets::content(&row)?;
     let permit = app.limits.compute(RequestClass::Calculation).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let answer = permit.run(move || {

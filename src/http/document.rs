@@ -1,6 +1,7 @@
 //! The OpenAPI document: the documentation of each route, and what all routes have in common.
 
 use crate::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES};
+use crate::http::document_examples;
 use crate::http::routes::routes;
 use crate::wire::problem::PROBLEM_JSON;
 use crate::wire::{Problem, bounds};
@@ -11,6 +12,8 @@ use utoipa::openapi::header::Header;
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn, PathItem};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::server::ServerBuilder;
+use utoipa::openapi::tag::TagBuilder;
 use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 
 /// Operations without a body that may answer 422, because of their query.
@@ -29,9 +32,25 @@ const IDEMPOTENT: &[&str] = &[
     "withdrawParameterSet",
     "rollBackParameterSet",
     "putPolicy",
+    "editRobot",
+    "archiveRobot",
+    "restoreRobot",
+    "archiveMeasurementSet",
+    "restoreMeasurementSet",
+    "archiveJob",
+    "restoreJob",
+    "archiveParameterSet",
+    "restoreParameterSet",
+    "archiveNetwork",
+    "restoreNetwork",
 ];
 /// Operations that may answer 409.
 const CONFLICTS: &[&str] = &[
+    "createMeasurementSet",
+    "createFrames",
+    "editRobot",
+    "archiveJob",
+    "archiveParameterSet",
     "createJob",
     "getReport",
     "getReportPage",
@@ -41,8 +60,28 @@ const CONFLICTS: &[&str] = &[
     "rollBackParameterSet",
 ];
 
+/// The server that `kincal serve` starts.
+const SERVER: &str = "http://127.0.0.1:8080";
+/// Groups of operations.
+const TAGS: &[(&str, &str)] = &[
+    ("robots", "Nominal robots, their edits, states and policies"),
+    ("measurement sets", "Uploads, kept byte for byte"),
+    ("frames", "Base and tool frame from sweeps of single joints"),
+    (
+        "jobs",
+        "Identifications and verifications, and their reports",
+    ),
+    (
+        "parameter sets",
+        "Identified parameters: release, use, export and comparison",
+    ),
+    ("networks", "Networks that later jobs start from"),
+    ("pose plans", "Which poses to measure next"),
+    ("service", "State of the server, its contract and its pages"),
+];
+
 const DESCRIPTION: &str = "Calibrates industrial robots: upload measured poses, post a job, fetch the compensated parameters. \
-    Every answer that is not a success is a problem (RFC 9457) with a stable `code`. Lists are paged by `limit` and `cursor`, newest first. \
+    Every answer that is not a success is a problem (RFC 9457) with a stable `code`. Lists are paged by `limit` and `cursor`, newest first unless `sort` says otherwise. \
     Times are RFC 3339 UTC, identifiers opaque; lengths are millimetres, angles degrees.";
 
 #[derive(OpenApi)]
@@ -91,10 +130,27 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
         .build();
     let components = document.components.get_or_insert_default();
     components.add_security_scheme(KEY_SCHEME, SecurityScheme::Http(scheme));
+    document.servers = Some(vec![
+        ServerBuilder::new()
+            .url(SERVER)
+            .description(Some("`kincal serve` on this machine"))
+            .build(),
+    ]);
+    document.tags = Some(
+        TAGS.iter()
+            .map(|(name, description)| {
+                TagBuilder::new()
+                    .name(*name)
+                    .description(Some(*description))
+                    .build()
+            })
+            .collect(),
+    );
+    document_examples::write(&mut document);
     document
 }
 
-fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
+pub(super) fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
     let methods = [
         Method::GET,
         Method::POST,
@@ -127,9 +183,22 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
             .or_insert_with(|| RefOr::T(problem(status, description)));
     };
     add("500", "Internal error; the log has the cause");
+    let summary = operation.summary.clone();
+    operation.description = operation.description.take().or(summary);
     if PUBLIC_ROUTES.contains(&path) {
+        let refused = problem("400", "The Host header cannot be read");
+        let answers = &mut operation.responses.responses;
+        answers.entry("400".into()).or_insert(RefOr::T(refused));
+        operation.security = Some(Vec::new());
         return;
     }
+    let mut add = |status: &str, description: &str| {
+        operation
+            .responses
+            .responses
+            .entry(status.into())
+            .or_insert_with(|| RefOr::T(problem(status, description)));
+    };
     add("400", "Path, query, header or body cannot be read");
     add("401", "A key is needed");
     add("403", "The key lacks the scope");

@@ -218,6 +218,24 @@ fn from_store(error: &store::Error) -> Problem {
         E::Conflict(Conflict::RefusedBySchema { .. }) => {
             (409, "release_refused", format!("{error}: see its gates"))
         }
+        E::Conflict(Conflict::RobotArchived) => (
+            409,
+            "archived",
+            format!("{error}: restore it first, with POST /v1/robots/{{robot_id}}/restore"),
+        ),
+        E::Conflict(Conflict::NotArchivable { .. }) => (409, "not_archivable", error.to_string()),
+        E::Conflict(Conflict::RobotChanged) => (
+            409,
+            "robot_changed",
+            format!("{error}: read it again, then try again"),
+        ),
+        E::Conflict(Conflict::JointMapReleased) => (
+            409,
+            "joint_map_released",
+            format!(
+                "{error}, and cells rely on it: store a new robot with the other joint map, and archive this one"
+            ),
+        ),
         E::Conflict(Conflict::NothingToRollBackTo) => {
             (409, "nothing_to_roll_back_to", error.to_string())
         }

@@ -192,7 +192,7 @@ async fn stored(
     id: &str,
 ) -> Result<ExportRows, Error> {
     let row = access::parameter_set(app, caller, id).await?;
-    let body = access::robot_body(&access::robot(app, caller, &row.robot_id).await?)?;
+    let body = access::robot_of_set(app, caller, &row).await?;
     let content = parameter_sets::content(&row)?;
     let provenance = parameter_sets::provenance(app, permit, &row).await?;
     Ok(ExportRows {

@@ -5,20 +5,16 @@ use crate::http::auth::Caller;
 use crate::http::limits::{
     BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S, RequestClass,
 };
-use crate::store::{Cursor, PageRequest};
-use crate::wire::page::{DEFAULT_PAGE, MAX_PAGE};
 use crate::wire::{id, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequestParts, Path, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, header};
 use http_body_util::BodyExt;
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::time::Duration;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, timeout_at};
-use utoipa::IntoParams;
 
 /// Largest JSON document that is parsed without a permit to compute. Measurement sets may be larger and are parsed with one.
 pub const MAX_JSON_BYTES: usize = 4 * 1024 * 1024;
@@ -73,37 +69,6 @@ impl<S: Send + Sync> FromRequestParts<S> for Caller {
             .get::<Self>()
             .cloned()
             .ok_or_else(|| Error::Internal("a route without authorisation".into()))
-    }
-}
-
-/// Query of every list.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct ListQuery {
-    /// Items on the page.
-    #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
-impl ListQuery {
-    /// Converts it to the store's request.
-    pub fn page(self) -> Result<PageRequest, Error> {
-        let limit = self.limit.unwrap_or(DEFAULT_PAGE);
-        if !(1..=MAX_PAGE).contains(&limit) {
-            return Err(Error::BadRequest {
-                code: "invalid_query",
-                detail: format!("limit is {limit}; 1 to {MAX_PAGE} is allowed"),
-            });
-        }
-        let cursor = self.cursor.map(|text| text.parse::<Cursor>()).transpose();
-        let cursor = cursor.map_err(|e| Error::BadRequest {
-            code: "invalid_cursor",
-            detail: format!("{e}: pass next_cursor on as it is"),
-        })?;
-        Ok(PageRequest { limit, cursor })
     }
 }
 

@@ -38,6 +38,7 @@ async fn create(
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
+    access::require_in_use(&robot)?;
     if submission.media_type != "text/csv" {
         return Err(submission.unsupported("text/csv"));
     }

@@ -1,8 +1,9 @@
 //! A robot's parameters over time, and the comparison of two parameter sets.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, Query};
 use crate::http::limits::RequestClass;
+use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::execution::request_of;
@@ -39,17 +40,18 @@ struct CompareQuery {
 /// The robot's identifications, the changes between sessions in units of their own uncertainty, and when to calibrate next.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/history", tag = "parameter sets", operation_id = "getHistory",
-    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
     responses((status = 200, description = "One page, newest first", body = HistoryAnswer))
 )]
 async fn history(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<PlainListQuery>,
 ) -> Result<Json<HistoryAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
+    let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
+    let (page, total) = (found.page, found.total);
     let permit = app.limits.compute(RequestClass::CostlyRead).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
@@ -73,6 +75,7 @@ async fn history(
     Ok(Json(HistoryAnswer {
         items,
         next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+        total,
         trend,
     }))
 }

@@ -38,6 +38,8 @@ impl TryFrom<&JobRow> for JobAnswer {
             created_at: rfc3339(row.created_at_ms),
             started_at: row.started_at_ms.map(rfc3339),
             finished_at: row.finished_at_ms.map(rfc3339),
+            robot_version: (row.robot_version > 1).then_some(row.robot_version),
+            archived_at: row.archived_at_ms.map(rfc3339),
         })
     }
 }

@@ -88,6 +88,7 @@ fn parse_request(submission: &Submission) -> Result<JobRequestBody, Error> {
 fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<NewJob, Error> {
     Ok(NewJob {
         robot_id: sources.robot.id.clone(),
+        robot_version: sources.robot.version,
         measurement_set_id: request.measurement_set_id.clone(),
         verify_set_id: sources.verify_set.as_ref().map(|set| set.row.id.clone()),
         frames_id: request.frames_id.clone(),

@@ -1,5 +1,6 @@
 //! The stored documents that a posted job refers to.
 
+use crate::calibration;
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
 use crate::jobs::MeasurementSetInput;
@@ -80,9 +81,19 @@ pub async fn load(
     );
     let (robot, set, verify_set, frames, parameter_set) =
         (robot?, set?, verify_set?, frames?, parameter_set?);
+    access::require_in_use(&robot)?;
+    for set in std::iter::once(&set).chain(&verify_set) {
+        if set.row.archived_at_ms.is_some() {
+            let (what, path) = ("measurement set", "measurement-sets");
+            return Err(access::archived(what, path, &set.row.id));
+        }
+    }
+    if let Some(set) = &parameter_set {
+        check_parameter_set(set, &robot)?;
+    }
     let (networks, residual_networks, scored_frame) = tokio::join!(
-        networks(app, robot_id, request, &set.row),
-        residual_networks(app, robot_id, request, &set.row),
+        networks(app, &robot, request, &set.row),
+        residual_networks(app, &robot, request, &set.row),
         scored_frame(app, request, parameter_set.as_ref())
     );
     Ok(Sources {
@@ -168,6 +179,42 @@ async fn parameter_set(
     })
 }
 
+/// Refuses a parameter set that is archived, or whose joint values meant something else.
+fn check_parameter_set(set: &ParameterSetRow, robot: &RobotRow) -> Result<(), Error> {
+    if set.archived_at_ms.is_some() {
+        return Err(access::archived("parameter set", "parameter-sets", &set.id));
+    }
+    if set.joint_map_version != robot.joint_map_version {
+        return Err(Error::Conflict {
+            code: "joint_map_changed",
+            detail: format!(
+                "the parameter set {} was identified with a joint map that the robot no longer has: identify anew from its upload",
+                set.id
+            ),
+            errors: vec![],
+        });
+    }
+    Ok(())
+}
+
+/// Refuses a network that is archived, or that was trained with another joint map.
+fn check_network(network: &NetworkRow, robot: &RobotRow) -> Result<(), Error> {
+    if network.archived_at_ms.is_some() {
+        return Err(access::archived("network", "networks", &network.id));
+    }
+    if network.joint_map_version != robot.joint_map_version {
+        return Err(calibration::Error::Unusable {
+            code: "network_mismatch",
+            detail: format!(
+                "the network {} was trained with a joint map that the robot no longer has: leave it out, or train another one by a pso job",
+                network.id
+            ),
+        }
+        .into());
+    }
+    Ok(())
+}
+
 /// The frame of the upload that a verify job's parameter set was identified from.
 async fn scored_frame(
     app: &App,
@@ -185,17 +232,18 @@ async fn scored_frame(
 /// The networks that the job may start from: the one that the request names, or for `bpnn_pso` and `auto` the newest.
 async fn networks(
     app: &App,
-    robot_id: &str,
+    robot: &RobotRow,
     request: &JobRequestBody,
     set: &MeasurementSetRow,
 ) -> Result<Vec<NetworkWeights>, Error> {
     if let Some(id) = &request.network_id {
         let row = require_own(
             networks::get(&app.store, id).await,
-            |row| is_of(row, robot_id, NetworkKind::LinkParameters),
+            |row| is_of(row, &robot.id, NetworkKind::LinkParameters),
             "/network_id",
             "network",
         )?;
+        check_network(&row, robot)?;
         return Ok(vec![NetworkWeights {
             weights: networks::weights(&app.store, &row.id).await?,
             id: row.id,
@@ -205,13 +253,13 @@ async fn networks(
         return Ok(vec![]);
     }
     let model = request.model_for(set.frame);
-    Ok(networks::newest(&app.store, robot_id, model, request.preset, MAX_NETWORKS).await?)
+    Ok(networks::newest(&app.store, &robot.id, model, request.preset, MAX_NETWORKS).await?)
 }
 
 /// The residual networks from which training may continue, with the points that they were trained on.
 async fn residual_networks(
     app: &App,
-    robot_id: &str,
+    robot: &RobotRow,
     request: &JobRequestBody,
     set: &MeasurementSetRow,
 ) -> Result<Vec<ResidualSource>, Error> {
@@ -220,13 +268,14 @@ async fn residual_networks(
     }
     let found = match &request.residual_network_id {
         Some(id) => {
-            let is_own = |row: &NetworkRow| is_of(row, robot_id, NetworkKind::Residual);
+            let is_own = |row: &NetworkRow| is_of(row, &robot.id, NetworkKind::Residual);
             let row = require_own(
                 networks::get(&app.store, id).await,
                 is_own,
                 "/residual_network_id",
                 "residual network",
             )?;
+            check_network(&row, robot)?;
             let job = stored::get(&app.store, &row.job_id).await?;
             vec![ResidualWeights {
                 id: row.id,
@@ -235,7 +284,7 @@ async fn residual_networks(
             }]
         }
         None => {
-            networks::newest_residual(&app.store, robot_id, &set.sha256, MAX_RESIDUAL_NETWORKS)
+            networks::newest_residual(&app.store, &robot.id, &set.sha256, MAX_RESIDUAL_NETWORKS)
                 .await?
         }
     };

@@ -1,8 +1,9 @@
 //! Jobs: status, report, cancellation.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, Query};
 use crate::http::limits::RequestClass;
+use crate::http::list_query::{AllJobsQuery, JobListQuery};
 use crate::http::{App, Error, access, job_posting};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
@@ -25,6 +26,7 @@ const MAX_WAIT_S: u64 = 30;
 pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(job_posting::create, list))
+        .routes(routes!(list_all))
         .routes(routes!(get))
         .routes(routes!(cancel))
         .routes(routes!(report))
@@ -41,21 +43,43 @@ struct WaitQuery {
     wait_s: Option<u64>,
 }
 
-/// A robot's jobs, newest first.
+/// A robot's jobs.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "listJobs",
-    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    params(("robot_id" = String, Path, description = "The robot"), JobListQuery),
     responses((status = 200, description = "One page", body = Page<JobAnswer>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<JobListQuery>,
 ) -> Result<Json<Page<JobAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let page = jobs::list(&app.store, &robot_id, &query.page()?).await?;
-    Ok(Json(page.into_answer(|row| JobAnswer::try_from(&row))?))
+    let found = jobs::search(&app.store, &robot_id, &query.request()?).await?;
+    let convert = |row| JobAnswer::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
+}
+
+/// The jobs of all robots that the key may see.
+#[utoipa::path(
+    get, path = "/v1/jobs", tag = "jobs", operation_id = "listAllJobs", params(AllJobsQuery),
+    responses((status = 200, description = "One page", body = Page<JobAnswer>))
+)]
+async fn list_all(
+    State(app): State<App>,
+    caller: Caller,
+    Query(mut query): Query<AllJobsQuery>,
+) -> Result<Json<Page<JobAnswer>>, Error> {
+    let found = match query.robot_id.take() {
+        Some(robot_id) => {
+            access::robot(&app, &caller, &robot_id).await?;
+            jobs::search(&app.store, &robot_id, &query.request()?).await?
+        }
+        None => jobs::search_all(&app.store, caller.robots.as_deref(), &query.request()?).await?,
+    };
+    let convert = |row| JobAnswer::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// A job. With `wait_s` it answers when the status changes or the job has ended, at the latest after that time.

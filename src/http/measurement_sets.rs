@@ -3,8 +3,9 @@
 use crate::calibration::upload_checks;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, Query};
 use crate::http::limits::RequestClass;
+use crate::http::list_query::NamedListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
@@ -102,6 +103,7 @@ async fn create(
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
+    access::require_in_use(&robot)?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let content_type = content_type(&submission, query.decimal);
@@ -256,21 +258,22 @@ fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Er
     }
 }
 
-/// A robot's measurement sets, newest first.
+/// A robot's measurement sets.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "listMeasurementSets",
-    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    params(("robot_id" = String, Path, description = "The robot"), NamedListQuery),
     responses((status = 200, description = "One page", body = Page<SetSummary>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<SetSummary>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let page = measurement_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    Ok(Json(page.into_answer(|row| SetSummary::try_from(&row))?))
+    let found = measurement_sets::search(&app.store, &robot_id, &query.request()?).await?;
+    let convert = |row| SetSummary::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// A measurement set.
@@ -325,6 +328,7 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             insisted_on: row.insisted_on.as_deref().and_then(Insist::parse),
             understood: reading.understood,
             joined: reading.joined,
+            archived_at: row.archived_at_ms.map(rfc3339),
         })
     }
 }

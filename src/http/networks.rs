@@ -1,8 +1,9 @@
 //! Trained networks.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, Query};
 use crate::http::limits::RequestClass;
+use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access};
 use crate::store::{NetworkRow, networks};
 use crate::wire::network::NetworkAnswer;
@@ -23,21 +24,22 @@ pub fn router() -> OpenApiRouter<App> {
         .routes(routes!(weights))
 }
 
-/// A robot's networks, newest first.
+/// A robot's networks.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/networks", tag = "networks", operation_id = "listNetworks",
-    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
     responses((status = 200, description = "One page", body = Page<NetworkAnswer>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<PlainListQuery>,
 ) -> Result<Json<Page<NetworkAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let page = networks::list(&app.store, &robot_id, &query.page()?).await?;
-    Ok(Json(page.into_answer(NetworkAnswer::try_from)?))
+    let found = networks::search(&app.store, &robot_id, &query.request()?).await?;
+    let convert = NetworkAnswer::try_from;
+    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// Metadata of a network.
@@ -95,6 +97,7 @@ impl TryFrom<NetworkRow> for NetworkAnswer {
             validation_error,
             sha256: row.weights_sha256,
             created_at: rfc3339(row.created_at_ms),
+            archived_at: row.archived_at_ms.map(rfc3339),
         })
     }
 }

@@ -1,8 +1,9 @@
 //! Parameter sets: the identified parameters for the controller.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, Query};
 use crate::http::limits::ComputePermit;
+use crate::http::list_query::ParameterSetListQuery;
 use crate::http::{App, Error, access};
 use crate::release;
 use crate::store::{ParameterSetRow, jobs, measurement_sets, parameter_sets, report_summaries};
@@ -26,21 +27,22 @@ pub fn router() -> OpenApiRouter<App> {
         .routes(routes!(covered))
 }
 
-/// A robot's parameter sets, newest first.
+/// A robot's parameter sets.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/parameter-sets", tag = "parameter sets", operation_id = "listParameterSets",
-    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    params(("robot_id" = String, Path, description = "The robot"), ParameterSetListQuery),
     responses((status = 200, description = "One page", body = Page<ParameterSetAnswer>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<ParameterSetListQuery>,
 ) -> Result<Json<Page<ParameterSetAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let page = parameter_sets::list(&app.store, &robot_id, &query.page()?).await?;
-    Ok(Json(page.into_answer(ParameterSetAnswer::try_from)?))
+    let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
+    let convert = ParameterSetAnswer::try_from;
+    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// One parameter set.
@@ -175,6 +177,7 @@ impl TryFrom<ParameterSetRow> for ParameterSetAnswer {
                 .as_deref()
                 .map(serde_json::from_str)
                 .transpose()?,
+            archived_at: row.archived_at_ms.map(rfc3339),
         })
     }
 }

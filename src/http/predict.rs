@@ -30,9 +30,9 @@ async fn predict(
     request: Request,
 ) -> Result<Json<PredictAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let robot = access::robot(&app, &caller, &row.robot_id).await?;
+    let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
-    let (robot, content) = (access::robot_body(&robot)?, parameter_sets::content(&row)?);
+    let content = parameter_sets::content(&row)?;
     let answer = app.compute(RequestClass::Calculation, move || {
         let body: PredictBody = json::parse(&bytes)?;
         let robot = Robot::try_from(&robot)?;

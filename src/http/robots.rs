@@ -2,12 +2,14 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
-use crate::http::extract::{Id, ListQuery, Query};
+use crate::http::extract::{Id, Query};
+use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error, access};
-use crate::store::{NewRobot, RobotRow, Tx, robots};
+use crate::store::{NewRobot, RobotEdit, RobotRow, Tx, robot_versions, robots};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ReasonBody;
 use crate::wire::robot::{CheckedAnswer, Robot, RobotAnswer, RobotBody, RobotState};
+use crate::wire::robot_patch::{EditedRobot, RobotPatchBody};
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
@@ -19,7 +21,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(create, list))
-        .routes(routes!(get))
+        .routes(routes!(get, edit))
         .routes(routes!(checked))
 }
 
@@ -54,18 +56,19 @@ async fn create(State(app): State<App>, submission: Submission) -> Result<Respon
     submission.create(&app.store, effect).await
 }
 
-/// Robots, newest first.
+/// Robots.
 #[utoipa::path(
-    get, path = "/v1/robots", tag = "robots", operation_id = "listRobots", params(ListQuery),
+    get, path = "/v1/robots", tag = "robots", operation_id = "listRobots", params(NamedListQuery),
     responses((status = 200, description = "One page", body = Page<RobotAnswer>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<RobotAnswer>>, Error> {
-    let page = robots::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
-    Ok(Json(page.into_answer(|row| RobotAnswer::try_from(&row))?))
+    let found = robots::search(&app.store, caller.robots.as_deref(), &query.request()?).await?;
+    let convert = |row| RobotAnswer::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// One robot.
@@ -81,6 +84,65 @@ async fn get(
     Ok(Json(RobotAnswer::try_from(
         &access::robot(&app, &caller, &robot_id).await?,
     )?))
+}
+
+/// Edits a robot: name, serial number, description, mounting, joint limits, and the joint map as long as nothing was released. The nominal links stay.
+/// Results that were computed before keep the robot as it was then; jobs that wait, too.
+#[utoipa::path(
+    patch, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "editRobot",
+    params(("robot_id" = String, Path, description = "The robot")), request_body = RobotPatchBody,
+    responses((status = 200, description = "The robot, edited", body = RobotAnswer))
+)]
+async fn edit(
+    State(app): State<App>,
+    Id(robot_id): Id,
+    submission: Submission,
+) -> Result<Response, Error> {
+    let row = access::robot(&app, &submission.caller, &robot_id).await?;
+    if let Some(answer) = submission.replay(&app.store).await? {
+        return Ok(answer);
+    }
+    access::require_in_use(&row)?;
+    let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
+    let EditedRobot {
+        body,
+        changed,
+        changes_joint_map,
+    } = patch.apply(&access::robot_body(&row)?)?;
+    let edit = RobotEdit {
+        edited_version: row.version,
+        name: body.name.clone(),
+        body_json: serde_json::to_string(&body)?,
+        changes_joint_map,
+        changed,
+    };
+    let by = &submission.caller.holder;
+    let effect = async |tx: &mut Tx| {
+        let edited = match edit.changed.is_empty() {
+            true => row.clone(),
+            false => robot_versions::edit(tx, &robot_id, &edit, by).await?,
+        };
+        stored_json(200, None, &RobotAnswer::try_from(&edited)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+/// Says what to do where the links are to be edited.
+fn links_stay(error: Error) -> Error {
+    match error {
+        Error::Invalid(mut invalid) => {
+            let of_links = invalid.issues.iter_mut().filter(|issue| {
+                let pointer = issue.pointer.as_deref().unwrap_or_default();
+                pointer.starts_with("/links") || issue.detail.contains("`links`")
+            });
+            of_links.for_each(|issue| {
+                "the nominal links are not edited, because everything that was identified is relative to them: store a new robot with POST /v1/robots, and archive this one"
+                    .clone_into(&mut issue.detail);
+            });
+            Error::Invalid(invalid)
+        }
+        other => other,
+    }
 }
 
 /// States a reason why the robot is in order although a session did not fit it, and ends the state `check_robot`.
@@ -119,6 +181,8 @@ impl TryFrom<&RobotRow> for RobotAnswer {
                 by: row.checked_by.clone().unwrap_or_default(),
                 at: rfc3339(at_ms),
             }),
+            version: row.version,
+            archived_at: row.archived_at_ms.map(rfc3339),
         };
         Ok(Self::new(
             row.id.clone(),

@@ -1,7 +1,9 @@
 //! Every route with its documentation.
 
 use crate::http::{
-    App, columns, compensate, dashboard, export, frames, history, index, job_events, jobs, me, measurement_sets, metrics, networks, overview, parameter_sets, policies, pose_plans, pp, predict, release, report_html, robot_models, robots, session,
+    App, archive, columns, compensate, dashboard, export, frames, history, index, job_events, jobs,
+    me, measurement_sets, metrics, networks, overview, parameter_sets, policies, pose_plans,
+    predict, release, report_html, robot_models, robots, session,
 };
 use utoipa_axum::router::OpenApiRouter;
 
@@ -26,6 +28,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .merge(overview::router())
         .merge(pose_plans::router())
         .merge(networks::router())
+        .merge(archive::router())
         .merge(me::router())
         .merge(session::router())
         .merge(index::router())

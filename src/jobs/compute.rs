@@ -161,7 +161,7 @@ impl JobInputs {
     pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
         // Reads concurrently; each read takes its own connection.
         let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
-            robots::get(store, &job.robot_id),
+            robots::at_version(store, &job.robot_id, job.robot_version),
             MeasurementSetInput::read(store, &job.measurement_set_id),
             load(
                 job.verify_set_id.as_deref(),

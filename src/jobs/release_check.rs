@@ -3,6 +3,7 @@
 use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::PointsToCompare;
+use crate::release::facts::ArchivedItem;
 use crate::release::{Comparison, Decision, Facts, decide};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
@@ -227,6 +228,12 @@ fn run_gates(
         active: parsed.active.as_ref(),
         sessions: &parsed.sessions,
         comparisons,
+        archived: match (request.set.archived_at_ms, robot.archived_at_ms) {
+            (Some(_), _) => Some(ArchivedItem::ParameterSet),
+            (None, Some(_)) => Some(ArchivedItem::Robot),
+            (None, None) => None,
+        },
+        has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
         is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),

@@ -47,6 +47,15 @@ pub struct LastCheck {
     pub job_id: String,
 }
 
+/// An archived item that a release needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArchivedItem {
+    /// The set itself.
+    ParameterSet,
+    /// Its robot.
+    Robot,
+}
+
 /// All inputs of the gates.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
@@ -74,6 +83,10 @@ pub struct Facts<'a> {
     pub sessions: &'a [Session],
     /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
+    /// What is archived, if the set cannot be released because of that.
+    pub archived: Option<ArchivedItem>,
+    /// Whether the set was identified with a joint map that the robot no longer has.
+    pub has_other_joint_map: bool,
     /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.

@@ -1,7 +1,7 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
 use crate::release::comparison::ComparedRms;
-use crate::release::facts::{Facts, MIN_VERIFY_POINTS};
+use crate::release::facts::{ArchivedItem, Facts, MIN_VERIFY_POINTS};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, sessions_fit,
@@ -51,6 +51,29 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
         orientation(facts),
         second_person(facts),
     ]);
+    // A rollback brings a cell back to a set that it knows, also on an archived robot.
+    let archived = facts
+        .archived
+        .filter(|archived| !(facts.is_rollback && *archived == ArchivedItem::Robot));
+    if let Some(archived) = archived {
+        let detail = match archived {
+            ArchivedItem::ParameterSet => {
+                "the set is archived: restore it first (`kincal restore`)"
+            }
+            ArchivedItem::Robot => "the robot is archived: restore it first (`kincal restore`)",
+        };
+        gates.insert(0, Gate::new("archived", false, detail));
+    }
+    if facts.has_other_joint_map {
+        gates.insert(
+            0,
+            Gate::new(
+                "joint_map_changed",
+                false,
+                "the set was identified with a joint map that the robot no longer has: identify anew from its upload",
+            ),
+        );
+    }
     if facts.is_withdrawn {
         gates.insert(
             0,

@@ -20,6 +20,12 @@ pub enum AuditEvent {
     RobotPolicyChanged,
     /// A mapping of columns was stored.
     ColumnMappingCreated,
+    /// A robot was edited.
+    RobotEdited,
+    /// A robot, measurement set, job, parameter set or network was archived.
+    Archived,
+    /// What was archived is in use again.
+    Restored,
     /// An upload was stored.
     MeasurementSetCreated,
     /// Sweeps were stored.
@@ -62,6 +68,9 @@ impl AuditEvent {
             Self::RobotChecked => "robot_checked",
             Self::RobotPolicyChanged => "robot_policy_changed",
             Self::ColumnMappingCreated => "column_mapping_created",
+            Self::RobotEdited => "robot_edited",
+            Self::Archived => "archived",
+            Self::Restored => "restored",
             Self::MeasurementSetCreated => "measurement_set_created",
             Self::FramesCreated => "frames_created",
             Self::JobCreated => "job_created",

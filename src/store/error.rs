@@ -66,6 +66,21 @@ pub enum Conflict {
         /// Message of the trigger.
         why: String,
     },
+    /// The robot is archived.
+    #[error("the robot is archived")]
+    RobotArchived,
+    /// What is to be archived must stay in use.
+    #[error("{why}")]
+    NotArchivable {
+        /// Message of the trigger.
+        why: String,
+    },
+    /// The robot was edited by somebody else in the meantime.
+    #[error("the robot was edited in the meantime")]
+    RobotChanged,
+    /// A parameter set was released with the joint map that is to be changed.
+    #[error("a parameter set was released with the joint map of this robot")]
+    JointMapReleased,
     /// The robot has no set to go back to.
     #[error("the robot has no superseded parameter set to go back to")]
     NothingToRollBackTo,
@@ -168,16 +183,21 @@ const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 impl Error {
     /// Converts a trigger's refusal of a release to [`Conflict`]; other errors stay.
     pub(super) fn from_release(error: sqlx::Error) -> Self {
+        Self::from_trigger(error, |why| Conflict::RefusedBySchema { why })
+    }
+
+    /// Converts a trigger's refusal, with its message; other errors stay.
+    pub(super) fn from_trigger(
+        error: sqlx::Error,
+        conflict: impl FnOnce(String) -> Conflict,
+    ) -> Self {
         match error.as_database_error() {
             Some(refusal)
                 if refusal
                     .code()
                     .is_some_and(|code| BY_TRIGGER.contains(&&*code)) =>
             {
-                Conflict::RefusedBySchema {
-                    why: refusal.message().to_owned(),
-                }
-                .into()
+                conflict(refusal.message().to_owned()).into()
             }
             _ => error.into(),
         }

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Hashed, Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Conflict, Error, Hashed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// Frames found from one upload of sweeps.
@@ -99,7 +99,10 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(new.body.content().as_slice())
         .bind(&new.result_json);
     tx.needs_room()?;
-    let row: FramesRow = query.fetch_one(tx.connection()).await?;
+    let row: FramesRow = query
+        .fetch_one(tx.connection())
+        .await
+        .map_err(|error| Error::from_trigger(error, |_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::FramesCreated, &row.id, as_created(&row));
     tx.audit_field("sha256", new.body.sha256().into());
     Ok(row)

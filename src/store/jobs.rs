@@ -5,7 +5,10 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Conflict, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::{
+    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
+};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::JobStatus;
@@ -65,9 +68,23 @@ pub struct JobRow {
     pub started_at_ms: Option<i64>,
     /// When it ended.
     pub finished_at_ms: Option<i64>,
+    /// Version of the robot that it computes with, chosen when it was posted.
+    pub robot_version: i64,
+    /// When it was archived.
+    pub archived_at_ms: Option<i64>,
 }
 
-from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms } parsed { status, kind });
+from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
+
+impl ListRow for JobRow {
+    fn key(&self) -> ListKey<'_> {
+        ListKey {
+            created_at_ms: self.created_at_ms,
+            name: "",
+            id: &self.id,
+        }
+    }
+}
 
 impl JobRow {
     /// Whether status, attempt or progress differ from an earlier state of the job.
@@ -90,6 +107,8 @@ from_row!(DocumentRow { document } parsed { status });
 pub struct NewJob {
     /// Its robot.
     pub robot_id: String,
+    /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
+    pub robot_version: i64,
     /// The set to identify from, or to verify on.
     pub measurement_set_id: String,
     /// Another set to verify on.
@@ -121,7 +140,9 @@ macro_rules! columns {
          progress_json, error_json, result_sha256, created_at_ms, started_at_ms, finished_at_ms,
          (select p.id from parameter_set p where p.job_id = job.id) as parameter_set_id,
          (select n.id from network n where n.job_id = job.id) as network_id,
-         (select r.id from residual_network r where r.job_id = job.id) as residual_network_id"
+         (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
+         coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
+         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms"
     };
 }
 
@@ -129,8 +150,8 @@ pub(super) use columns;
 
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
+    INSERT_VERSION,
     GET,
-    LIST,
     REPORT,
     CONVERGENCE,
     ANY_QUEUED,
@@ -160,13 +181,35 @@ const INSERT: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
-const LIST: &str = concat!(
-    "select ",
+const INSERT_VERSION: &str = "insert into job_robot_version (job_id, version) values ($1, $2)";
+
+macro_rules! filter {
+    ($robots:literal) => {
+        concat!(
+            $robots,
+            " and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = job.id))
+             and ($3 = '' or status = $3) and ($4 = '' or kind = $4)"
+        )
+    };
+}
+
+pub(super) const OF_ROBOT: ListQueries = list_queries!(
     columns!(),
-    " from job
-     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
-     order by created_at_ms desc, id desc
-     limit cast($4 as bigint)"
+    "job",
+    filter!("robot_id = $1"),
+    "$5",
+    "$6",
+    "$7"
+);
+
+// $1 is a comma-separated list of robots; '' for all, as in the list of robots.
+pub(super) const OF_ROBOTS: ListQueries = list_queries!(
+    columns!(),
+    "job",
+    filter!("($1 = '' or replace($1, robot_id, '') <> $1)"),
+    "$5",
+    "$6",
+    "$7"
 );
 
 const REPORT: &str = "select status, report_json as document from job where id = $1";
@@ -204,6 +247,7 @@ pub(super) struct JobWithClient {
 from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
+    // Entries that are older than edits of robots do not have `robot_version`.
     let rest = json!([
         row.kind,
         row.method,
@@ -214,7 +258,7 @@ fn as_created(row: &JobRow, client: &str) -> Value {
     json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
         "frames_id": row.frames_id, "network_input_id": row.network_input_id, "residual_network_input_id": row.residual_network_input_id,
         "parameter_set_input_id": row.parameter_set_input_id, "request_sha256": canonical::sha256_hex(row.request_json.as_bytes()),
-        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())})
+        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version})
 }
 
 pub(super) fn as_failed(error_json: &str) -> Value {
@@ -253,7 +297,7 @@ impl Audited for JobWithClient {
 /// limit by one job each. Everything that the job names must be committed already, because workers read it as soon as they have the job.
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], [`super::Error::NotFound`] if something that it names does not exist, [`super::Error::Database`].
+/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`super::Error::NotFound`] if something that it names does not exist, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.needs_room()?;
     let id = new_id("job");
@@ -272,10 +316,21 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         .bind(new.priority)
         .bind(&new.client)
         .bind(limit);
-    let row: Option<JobRow> = query.fetch_optional(tx.connection()).await?;
-    let row = row.ok_or(Conflict::QueueFull {
+    let row: Option<JobRow> = query
+        .fetch_optional(tx.connection())
+        .await
+        .map_err(|error| Error::from_trigger(error, |_| Conflict::RobotArchived))?;
+    let mut row = row.ok_or(Conflict::QueueFull {
         limit: limit.unwrap_or_default(),
     })?;
+    if new.robot_version > 1 {
+        sqlx::query(INSERT_VERSION)
+            .bind(&id)
+            .bind(new.robot_version)
+            .execute(tx.connection())
+            .await?;
+        row.robot_version = new.robot_version;
+    }
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)
 }
@@ -307,14 +362,43 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(robot_id)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<JobRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    Ok(search(store, robot_id, &ListRequest::all(request))
+        .await?
+        .page)
+}
+
+/// A robot's jobs by status, kind and whether they are archived.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn search(
+    store: &Store,
+    robot_id: &str,
+    request: &ListRequest,
+) -> Result<Listed<JobRow>> {
+    listing::list(store, &OF_ROBOT, &filters(robot_id, request), request).await
+}
+
+/// The jobs of all robots, or with `only` of just those, as [`search`].
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn search_all(
+    store: &Store,
+    only: Option<&[String]>,
+    request: &ListRequest,
+) -> Result<Listed<JobRow>> {
+    let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
+    listing::list(store, &OF_ROBOTS, &filters(&only, request), request).await
+}
+
+fn filters<'a>(robots: &'a str, request: &'a ListRequest) -> [&'a str; 4] {
+    [
+        robots,
+        request.archived.as_str(),
+        request.status,
+        request.kind,
+    ]
 }
 
 /// The report of a job that succeeded.

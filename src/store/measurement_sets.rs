@@ -5,7 +5,10 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::{
+    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
+};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
@@ -42,6 +45,10 @@ pub struct MeasurementSetRow {
     pub insisted_on: Option<String>,
     /// How the bytes were read (`wire::understood::Reading`); none for JSON and for older sets.
     pub reading_json: Option<String>,
+    /// When it was archived.
+    pub archived_at_ms: Option<i64>,
+    /// Its name as lists are ordered by it.
+    pub sort_name: String,
 }
 
 from_row!(MeasurementSetRow {
@@ -58,8 +65,20 @@ from_row!(MeasurementSetRow {
     uploaded_by,
     serial_number,
     insisted_on,
-    reading_json
+    reading_json,
+    archived_at_ms,
+    sort_name
 } parsed { frame });
+
+impl ListRow for MeasurementSetRow {
+    fn key(&self) -> ListKey<'_> {
+        ListKey {
+            created_at_ms: self.created_at_ms,
+            name: &self.sort_name,
+            id: &self.id,
+        }
+    }
+}
 
 /// A measurement set to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,11 +116,12 @@ pub struct NewMeasurementSet {
 macro_rules! columns {
     () => {
         "id, robot_id, name, frame, content_type, sha256, n_points, n_configurations, n_targets, warnings_json, created_at_ms,
-         uploaded_by, serial_number, insisted_on, reading_json"
+         uploaded_by, serial_number, insisted_on, reading_json, (select a.archived_at_ms from archived a where a.id = measurement_set.id) as archived_at_ms,
+         lower(coalesce(name, '')) as sort_name"
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -116,13 +136,17 @@ const GET: &str = concat!("select ", columns!(), " from measurement_set where id
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
-const LIST: &str = concat!(
-    "select ",
+pub(super) const LIST: ListQueries = list_queries!(
     columns!(),
-    " from measurement_set
-     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
-     order by created_at_ms desc, id desc
-     limit cast($4 as bigint)"
+    "measurement_set",
+    "robot_id = $1
+        and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = measurement_set.id))
+        and ($3 = '%' or lower(name) like lower($3) escape '!')",
+    "$4",
+    "$5",
+    "$6",
+    "lower(coalesce(name, ''))",
+    "$7"
 );
 
 const BY_ID: &str = concat!(
@@ -177,7 +201,7 @@ impl Audited for MeasurementSetRow {
 /// Stores a measurement set.
 ///
 /// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
+/// [`Error::NotFound`] if there is no such robot, [`Conflict::RobotArchived`], [`Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementSetRow> {
     let query = sqlx::query_as(INSERT)
         .bind(new_id("set"))
@@ -196,7 +220,10 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.insisted_on.as_deref())
         .bind(new.reading_json.as_deref());
     tx.needs_room()?;
-    let row: MeasurementSetRow = query.fetch_one(tx.connection()).await?;
+    let row: MeasurementSetRow = query
+        .fetch_one(tx.connection())
+        .await
+        .map_err(|error| Error::from_trigger(error, |_| Conflict::RobotArchived))?;
     tx.audit(AuditEvent::MeasurementSetCreated, &row.id, as_created(&row));
     Ok(row)
 }
@@ -204,7 +231,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 /// One measurement set.
 ///
 /// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
+/// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
@@ -215,7 +242,7 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 /// The uploaded bytes of one measurement set.
 ///
 /// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
+/// [`Error::NotFound`], [`Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     Ok(sqlx::query_scalar(BODY)
         .bind(id)
@@ -226,18 +253,26 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
 /// A robot's measurement sets, newest first.
 ///
 /// # Errors
-/// [`super::Error::Database`].
+/// [`Error::Database`].
 pub async fn list(
     store: &Store,
     robot_id: &str,
     request: &PageRequest,
 ) -> Result<Page<MeasurementSetRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(robot_id)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<MeasurementSetRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    Ok(search(store, robot_id, &ListRequest::all(request))
+        .await?
+        .page)
+}
+
+/// A robot's measurement sets by name and whether they are archived.
+///
+/// # Errors
+/// [`Error::Database`].
+pub async fn search(
+    store: &Store,
+    robot_id: &str,
+    request: &ListRequest,
+) -> Result<Listed<MeasurementSetRow>> {
+    let filters = [robot_id, request.archived.as_str(), &request.pattern()];
+    listing::list(store, &LIST, &filters, request).await
 }

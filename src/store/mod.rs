@@ -9,6 +9,7 @@
 //! `limit cast($1 as bigint)`: with a bare `limit $1` SQLite plans the query anew at each use, because the plan depends on the value.
 
 pub mod api_keys;
+pub mod archive;
 pub mod audit;
 mod audit_chain;
 mod audit_event;
@@ -24,6 +25,7 @@ mod hashed;
 mod idempotency;
 pub mod jobs;
 pub mod leases;
+mod listing;
 pub mod measurement_sets;
 mod migration;
 pub mod networks;
@@ -34,6 +36,7 @@ mod page;
 pub mod parameter_sets;
 pub mod policies;
 pub mod report_summaries;
+pub mod robot_versions;
 pub mod robots;
 pub mod statistics;
 pub mod stuck;
@@ -42,6 +45,7 @@ pub mod verify;
 mod write_progress;
 
 pub use api_keys::{ApiKeyRow, NewApiKey};
+pub use archive::{Archivable, ArchivedRow};
 pub use audit_chain::{AuditEntryId, AuditHead, AuditRow, NoAuditEntryId};
 pub use audit_event::AuditEvent;
 pub use column_mappings::ColumnMappingRow;
@@ -53,12 +57,14 @@ pub use hashed::Hashed;
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
 pub use jobs::{JobRow, NewJob};
 pub use leases::{Expired, Heartbeat, JobResult, Lease};
+pub use listing::{ListRequest, Listed};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
 pub use policies::PolicyRow;
+pub use robot_versions::RobotEdit;
 pub use robots::{NewRobot, RobotCheck, RobotRow};
 pub use verifications::VerificationRow;
 
@@ -91,17 +97,25 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
         column_mappings::ALL_QUERIES,
+        archive::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         jobs::ALL_QUERIES,
+        &jobs::OF_ROBOT.texts(),
+        &jobs::OF_ROBOTS.texts(),
         leases::ALL_QUERIES,
         measurement_sets::ALL_QUERIES,
+        &measurement_sets::LIST.texts(),
         networks::ALL_QUERIES,
         overview::ALL_QUERIES,
+        &networks::LIST.texts(),
         parameter_sets::ALL_QUERIES,
+        &parameter_sets::LIST.texts(),
         policies::ALL_QUERIES,
         report_summaries::ALL_QUERIES,
+        robot_versions::ALL_QUERIES,
         robots::ALL_QUERIES,
+        &robots::LIST.texts(),
         statistics::ALL_QUERIES,
         verifications::ALL_QUERIES,
         verify::ALL_QUERIES,

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Hashed, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::{AuditEvent, Hashed, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
@@ -29,6 +30,10 @@ pub struct NetworkRow {
     pub weights_sha256: String,
     /// When it was stored.
     pub created_at_ms: i64,
+    /// When it was archived.
+    pub archived_at_ms: Option<i64>,
+    /// The version of its robot's joint map that it was trained with.
+    pub joint_map_version: i64,
 }
 
 from_row!(NetworkRow {
@@ -39,8 +44,20 @@ from_row!(NetworkRow {
     preset,
     metadata_json,
     weights_sha256,
-    created_at_ms
+    created_at_ms,
+    archived_at_ms,
+    joint_map_version
 });
+
+impl ListRow for NetworkRow {
+    fn key(&self) -> ListKey<'_> {
+        ListKey {
+            created_at_ms: self.created_at_ms,
+            name: "",
+            id: &self.id,
+        }
+    }
+}
 
 /// A network of link parameters and its weights.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,8 +117,25 @@ impl TryFrom<StoredNetwork> for NewNetwork {
 }
 
 macro_rules! columns {
-    () => {
-        "id, robot_id, job_id, model, preset, metadata_json, weights_sha256, created_at_ms"
+    ($table:literal) => {
+        concat!(
+            "id, robot_id, job_id, model, preset, metadata_json, weights_sha256, created_at_ms,
+             (select a.archived_at_ms from archived a where a.id = ", $table, ".id) as archived_at_ms,
+             coalesce((select v.joint_map_version from job_robot_version w join robot_version v on v.version = w.version
+                 where w.job_id = ", $table, ".job_id and v.robot_id = ", $table, ".robot_id), 1) as joint_map_version"
+        )
+    };
+}
+
+// Networks that jobs may choose: those in use that were trained with the robot's joint map.
+macro_rules! is_usable {
+    ($table:literal) => {
+        concat!(
+            "not exists (select 1 from archived a where a.id = ", $table, ".id)
+             and coalesce((select v.joint_map_version from job_robot_version w join robot_version v on v.version = w.version
+                 where w.job_id = ", $table, ".job_id and v.robot_id = ", $table, ".robot_id), 1)
+                 = (select r.joint_map_version from robot_now r where r.id = ", $table, ".robot_id)"
+        )
     };
 }
 
@@ -112,7 +146,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     WEIGHTS,
     NEWEST,
     NEWEST_RESIDUAL,
-    LIST,
     BY_ID,
 ];
 
@@ -120,57 +153,57 @@ const INSERT: &str = concat!(
     "insert into network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
      values ($1, (select robot_id from job where id = $2), $2, $3, $4, $5, $6, $7, (select now_ms from clock))
      returning ",
-    columns!()
+    columns!("network")
 );
 
 const INSERT_RESIDUAL: &str = concat!(
     "insert into residual_network (id, robot_id, job_id, model, preset, metadata_json, weights, weights_sha256, created_at_ms)
      values ($1, (select robot_id from job where id = $2), $2, $3, $4, $5, $6, $7, (select now_ms from clock))
      returning ",
-    columns!()
+    columns!("residual_network")
 );
 
 const GET: &str = concat!(
     "select ",
-    columns!(),
+    columns!("network"),
     " from network where id = $1 union all select ",
-    columns!(),
+    columns!("residual_network"),
     " from residual_network where id = $1"
 );
 
 const WEIGHTS: &str = "select weights from network where id = $1 union all select weights from residual_network where id = $1";
 
-const NEWEST: &str = "select id, weights from network
-     where robot_id = $1 and model = $2 and preset = $3
+const NEWEST: &str = concat!("select id, weights from network
+     where robot_id = $1 and model = $2 and preset = $3 and ", is_usable!("network"), "
      order by coalesce((select v.seq from verification v where v.job_id = network.job_id), 0) desc, id desc
-     limit cast($4 as bigint)";
+     limit cast($4 as bigint)");
 
-const NEWEST_RESIDUAL: &str = "select n.id as id, n.weights as weights, j.measurement_set_id as measurement_set_id from residual_network n
+const NEWEST_RESIDUAL: &str = concat!("select n.id as id, n.weights as weights, j.measurement_set_id as measurement_set_id from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
-     where n.robot_id = $1 and m.sha256 <> $2
+     where n.robot_id = $1 and m.sha256 <> $2 and ", is_usable!("n"), "
      order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
-     limit cast($3 as bigint)";
+     limit cast($3 as bigint)");
 
-const LIST: &str = concat!(
-    "select ",
-    columns!(),
-    " from (select ",
-    columns!(),
-    " from network where robot_id = $1 union all select ",
-    columns!(),
-    " from residual_network where robot_id = $1) as both_kinds
-     where (created_at_ms, id) < ($2, $3)
-     order by created_at_ms desc, id desc
-     limit cast($4 as bigint)"
+pub(super) const LIST: ListQueries = list_queries!(
+    "*",
+    concat!(
+        "(select ",
+        columns!("network"),
+        " from network where robot_id = $1 union all select ",
+        columns!("residual_network"),
+        " from residual_network where robot_id = $1) as both_kinds"
+    ),
+    "($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))",
+    "$3",
+    "$4",
+    "$5"
 );
 
 const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from (select ",
-    columns!(),
+    "select * from (select ",
+    columns!("network"),
     " from network union all select ",
-    columns!(),
+    columns!("residual_network"),
     " from residual_network) as both_kinds
      where id > $1 order by id limit cast($2 as bigint)"
 );
@@ -303,12 +336,20 @@ pub async fn list(
     robot_id: &str,
     request: &PageRequest,
 ) -> Result<Page<NetworkRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(robot_id)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<NetworkRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    Ok(search(store, robot_id, &ListRequest::all(request))
+        .await?
+        .page)
+}
+
+/// A robot's networks of both kinds by whether they are archived.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn search(
+    store: &Store,
+    robot_id: &str,
+    request: &ListRequest,
+) -> Result<Listed<NetworkRow>> {
+    let filters = [robot_id, request.archived.as_str()];
+    listing::list(store, &LIST, &filters, request).await
 }

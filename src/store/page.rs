@@ -1,6 +1,7 @@
 //! Pages of lists, newest first. Items that existed at the first page appear exactly once, even if others are added meanwhile.
 
-use crate::wire::page::{self, MAX_PAGE};
+use crate::wire::canonical::hex;
+use crate::wire::page::{self, MAX_PAGE, Sort};
 
 /// Request for a page of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,12 +22,13 @@ pub struct Page<T> {
 }
 
 impl<T> Page<T> {
-    /// The page as an answer.
+    /// The page as an answer, with the number of items on all pages.
     ///
     /// # Errors
     /// Those of `convert`.
     pub fn into_answer<U, E>(
         self,
+        total: i64,
         convert: impl FnMut(T) -> Result<U, E>,
     ) -> Result<page::Page<U>, E> {
         Ok(page::Page {
@@ -36,15 +38,24 @@ impl<T> Page<T> {
                 .map(convert)
                 .collect::<Result<_, _>>()?,
             next_cursor: self.next_cursor.map(|cursor| cursor.to_string()),
+            total,
         })
     }
 }
 
-/// The last item of a page. Clients get its text and send it back unread.
+/// The last item of a page, in the order of the list. Clients get its text and send it back unread.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
-    created_at_ms: i64,
-    id: String,
+    pub(super) sort: Sort,
+    pub(super) key: CursorKey,
+    pub(super) id: String,
+}
+
+/// What a list is ordered by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum CursorKey {
+    CreatedAtMs(i64),
+    Name(String),
 }
 
 /// The text is not a cursor of this service.
@@ -52,9 +63,25 @@ pub struct Cursor {
 #[error("this is not a cursor of this service")]
 pub struct InvalidCursor;
 
+/// Longest name in a cursor, bytes: a name has at most 200 characters of four bytes.
+const MAX_NAME_BYTES: usize = 800;
+
+/// First letter of a cursor's text, by its order; none for the newest first.
+const LETTERS: [(Sort, &str); 3] = [
+    (Sort::Oldest, "a"),
+    (Sort::Name, "n"),
+    (Sort::NameDescending, "m"),
+];
+
 impl std::fmt::Display for Cursor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}-{}", self.created_at_ms, self.id)
+        if let Some((_, letter)) = LETTERS.iter().find(|(sort, _)| *sort == self.sort) {
+            f.write_str(letter)?;
+        }
+        match &self.key {
+            CursorKey::CreatedAtMs(at_ms) => write!(f, "{at_ms}-{}", self.id),
+            CursorKey::Name(name) => write!(f, "{}-{}", hex(name.as_bytes()), self.id),
+        }
     }
 }
 
@@ -62,16 +89,36 @@ impl std::str::FromStr for Cursor {
     type Err = InvalidCursor;
 
     fn from_str(text: &str) -> Result<Self, InvalidCursor> {
-        let (created_at_ms, id) = text.split_once('-').ok_or(InvalidCursor)?;
+        let found = LETTERS
+            .iter()
+            .find_map(|(sort, letter)| Some((*sort, text.strip_prefix(letter)?)));
+        let (sort, rest) = found.unwrap_or((Sort::Newest, text));
+        let (key, id) = rest.split_once('-').ok_or(InvalidCursor)?;
         let is_id = !id.is_empty() && id.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
-        match created_at_ms.parse() {
-            Ok(created_at_ms) if is_id => Ok(Cursor {
-                created_at_ms,
+        let key = match sort.is_by_name() {
+            false => key.parse().ok().map(CursorKey::CreatedAtMs),
+            true => unhex(key).map(CursorKey::Name),
+        };
+        match key {
+            Some(key) if is_id => Ok(Cursor {
+                sort,
+                key,
                 id: id.to_owned(),
             }),
             _ => Err(InvalidCursor),
         }
     }
+}
+
+/// The text of hexadecimal digits.
+fn unhex(digits: &str) -> Option<String> {
+    if digits.len() > 2 * MAX_NAME_BYTES || !digits.len().is_multiple_of(2) || !digits.is_ascii() {
+        return None;
+    }
+    let bytes: Option<Vec<u8>> = (0..digits.len() / 2)
+        .map(|i| u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).ok())
+        .collect();
+    String::from_utf8(bytes?).ok()
 }
 
 impl Default for PageRequest {
@@ -91,19 +138,23 @@ pub(crate) struct Keyset {
 }
 
 impl PageRequest {
-    fn limit(&self) -> usize {
+    pub(super) fn limit(&self) -> usize {
         self.limit.clamp(1, MAX_PAGE) as usize
     }
 
     pub(crate) fn keyset(&self) -> Keyset {
         let limit = self.limit() as i64 + 1;
         match self.cursor.clone() {
-            Some(Cursor { created_at_ms, id }) => Keyset {
+            Some(Cursor {
+                key: CursorKey::CreatedAtMs(created_at_ms),
+                id,
+                ..
+            }) => Keyset {
                 created_at_ms,
                 id,
                 limit,
             },
-            None => Keyset {
+            _ => Keyset {
                 created_at_ms: i64::MAX,
                 id: String::new(),
                 limit,
@@ -118,7 +169,8 @@ impl PageRequest {
         let next_cursor = rows.last().filter(|_| more).map(|last| {
             let (created_at_ms, id) = key(last);
             Cursor {
-                created_at_ms,
+                sort: Sort::Newest,
+                key: CursorKey::CreatedAtMs(created_at_ms),
                 id: id.to_owned(),
             }
         });

@@ -6,11 +6,12 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
+use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    AuditEvent, Conflict, Error, Page, PageRequest, Result, Store, Tx, policies, robots,
-    verifications,
+    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
+    policies, robots, verifications,
 };
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -60,9 +61,25 @@ pub struct ParameterSetRow {
     pub release_seq: Option<i64>,
     /// The set that its last release superseded.
     pub supersedes_id: Option<String>,
+    /// When it was archived.
+    pub archived_at_ms: Option<i64>,
+    /// Version of its robot that it was identified with.
+    pub robot_version: i64,
+    /// The version of its robot's joint map that it was identified with.
+    pub joint_map_version: i64,
 }
 
-from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_uncertainty_mm, release_seq, supersedes_id } parsed { status } optional { release_evidence });
+from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
+
+impl ListRow for ParameterSetRow {
+    fn key(&self) -> ListKey<'_> {
+        ListKey {
+            created_at_ms: self.created_at_ms,
+            name: "",
+            id: &self.id,
+        }
+    }
+}
 
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
@@ -109,11 +126,21 @@ pub struct CheckedState {
     pub robot: RobotCheck,
 }
 
+// The version of the robot's joint map that a set was identified with.
+macro_rules! joint_map_version {
+    () => {
+        "coalesce((select v.joint_map_version from job_robot_version j join robot_version v on v.version = j.version
+            where j.job_id = parameter_set.job_id and v.robot_id = parameter_set.robot_id), 1)"
+    };
+}
+
 macro_rules! columns {
     () => {
-        "id, robot_id, job_id, status, body_json, sha256, created_at_ms,
+        concat!("id, robot_id, job_id, status, body_json, sha256, created_at_ms,
          released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by,
-         release_evidence, release_uncertainty_mm, release_seq, supersedes_id"
+         release_evidence, release_uncertainty_mm, release_seq, supersedes_id,
+         (select a.archived_at_ms from archived a where a.id = parameter_set.id) as archived_at_ms,
+         coalesce((select v.version from job_robot_version v where v.job_id = parameter_set.job_id), 1) as robot_version, ", joint_map_version!(), " as joint_map_version")
     };
 }
 
@@ -123,7 +150,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     ACTIVE,
     BEFORE_ACTIVE,
     OF_ANOTHER_UPLOAD,
-    LIST,
     LOCK_ROBOT,
     SUPERSEDE,
     RELEASE,
@@ -166,17 +192,21 @@ const OF_ANOTHER_UPLOAD: &str = concat!(
          select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
          where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
          and not exists (select 1 from verification v where v.job_id = parameter_set.job_id and v.fit = $3)
+         and not exists (select 1 from archived a where a.id = parameter_set.id)
+         and ", joint_map_version!(), " = (select r.joint_map_version from robot_now r where r.id = $1)
      order by coalesce((select v.seq from verification v where v.job_id = parameter_set.job_id), 0) desc, id desc
      limit 1"
 );
 
-const LIST: &str = concat!(
-    "select ",
+pub(super) const LIST: ListQueries = list_queries!(
     columns!(),
-    " from parameter_set
-     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
-     order by created_at_ms desc, id desc
-     limit cast($4 as bigint)"
+    "parameter_set",
+    "robot_id = $1
+        and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = parameter_set.id))
+        and ($3 = '' or status = $3)",
+    "$4",
+    "$5",
+    "$6"
 );
 
 // Changes nothing. It locks the robot's row, so that releases and withdrawals of a robot run one after the other.
@@ -335,14 +365,22 @@ pub async fn list(
     robot_id: &str,
     request: &PageRequest,
 ) -> Result<Page<ParameterSetRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(robot_id)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<ParameterSetRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    Ok(search(store, robot_id, &ListRequest::all(request))
+        .await?
+        .page)
+}
+
+/// A robot's parameter sets by status and whether they are archived.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn search(
+    store: &Store,
+    robot_id: &str,
+    request: &ListRequest,
+) -> Result<Listed<ParameterSetRow>> {
+    let filters = [robot_id, request.archived.as_str(), request.status];
+    listing::list(store, &LIST, &filters, request).await
 }
 
 /// Makes a candidate or superseded set the active one; the active one before becomes superseded.

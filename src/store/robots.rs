@@ -5,10 +5,13 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::{
+    AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx, robot_versions,
+};
 use crate::wire::canonical;
 
-/// A robot.
+/// A robot as it is now.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotRow {
     /// `rob_…`
@@ -31,6 +34,14 @@ pub struct RobotRow {
     pub checked_by: Option<String>,
     /// When `checked` was called.
     pub checked_at_ms: Option<i64>,
+    /// Number of its last edit; 1 for a robot as it was created.
+    pub version: i64,
+    /// The version in which its joint map last changed.
+    pub joint_map_version: i64,
+    /// When it was archived.
+    pub archived_at_ms: Option<i64>,
+    /// Its name as lists are ordered by it.
+    pub sort_name: String,
 }
 
 from_row!(RobotRow {
@@ -43,8 +54,22 @@ from_row!(RobotRow {
     checked_seq,
     checked_reason,
     checked_by,
-    checked_at_ms
+    checked_at_ms,
+    version,
+    joint_map_version,
+    archived_at_ms,
+    sort_name
 });
+
+impl ListRow for RobotRow {
+    fn key(&self) -> ListKey<'_> {
+        ListKey {
+            created_at_ms: self.created_at_ms,
+            name: &self.sort_name,
+            id: &self.id,
+        }
+    }
+}
 
 impl RobotRow {
     /// The part of the row that a release depends on: see [`super::CheckedState`].
@@ -79,14 +104,22 @@ pub struct NewRobot {
 
 macro_rules! columns {
     () => {
-        "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms"
+        "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version, joint_map_version,
+         archived_at_ms, sort_name"
+    };
+}
+
+// The robot's own row, with the document as it was created. No robot is archived when it is created.
+macro_rules! own_columns {
+    () => {
+        "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version,
+         cast(1 as bigint) as joint_map_version, cast(null as bigint) as archived_at_ms, lower(name) as sort_name"
     };
 }
 
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     GET,
-    LIST,
     LOCK,
     LOCK_OF_JOB,
     BY_ID,
@@ -99,19 +132,23 @@ const INSERT: &str = concat!(
     "insert into robot (id, name, body_json, created_at_ms)
      values ($1, $2, $3, (select now_ms from clock))
      returning ",
-    columns!()
+    own_columns!()
 );
 
-const GET: &str = concat!("select ", columns!(), " from robot where id = $1");
+const GET: &str = concat!("select ", columns!(), " from robot_now where id = $1");
 
 // $1 is a comma-separated list of ids; '' for all. No id contains another one, so removing an id changes the list exactly if the list has it.
-const LIST: &str = concat!(
-    "select ",
+pub(super) const LIST: ListQueries = list_queries!(
     columns!(),
-    " from robot
-     where ($1 = '' or replace($1, id, '') <> $1) and (created_at_ms, id) < ($2, $3)
-     order by created_at_ms desc, id desc
-     limit cast($4 as bigint)"
+    "robot_now",
+    "($1 = '' or replace($1, id, '') <> $1)
+        and ($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))
+        and ($3 = '%' or sort_name like lower($3) escape '!' or lower(serial_number) like lower($3) escape '!')",
+    "$4",
+    "$5",
+    "$6",
+    "sort_name",
+    "$7"
 );
 
 // Changes nothing. It locks the robot's row, so that releases, policies and scores of a robot are written one after the other.
@@ -122,7 +159,7 @@ const LOCK_OF_JOB: &str =
 
 const BY_ID: &str = concat!(
     "select ",
-    columns!(),
+    own_columns!(),
     " from robot where id > $1 order by id limit cast($2 as bigint)"
 );
 
@@ -131,17 +168,24 @@ const ASK_FOR_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 
 const FITS_AGAIN: &str =
     "update robot set check_job_id = null where id = $1 and check_job_id is not null";
 
-const CHECKED_NOW: &str = concat!(
-    "update robot set check_job_id = null, checked_reason = $2, checked_by = $3, checked_at_ms = (select now_ms from clock),
-         checked_seq = (select coalesce(max(v.seq), 0) from verification v where v.robot_id = robot.id)
-     where id = $1
-     returning ",
-    columns!()
-);
+const CHECKED_NOW: &str = "
+    update robot set check_job_id = null, checked_reason = $2, checked_by = $3, checked_at_ms = (select now_ms from clock),
+        checked_seq = (select coalesce(max(v.seq), 0) from verification v where v.robot_id = robot.id)
+    where id = $1";
 
+/// Of the robot's own row, which has the document as it was created. An edited robot has another name; the entry of the edit has that.
 fn as_created(row: &RobotRow) -> Value {
     let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
-    json!({"sha256": sha256, "name": row.name, "created_at_ms": row.created_at_ms})
+    let mut created = json!({"sha256": sha256, "created_at_ms": row.created_at_ms});
+    if row.version == 1 {
+        created["name"] = json!(row.name);
+    }
+    created
+}
+
+fn as_edited(row: &RobotRow) -> Option<(i64, Value)> {
+    let detail = json!({"version": row.version, "name": row.name});
+    (row.version > 1).then_some((i64::MAX, detail))
 }
 
 fn as_checked(row: &RobotRow) -> Value {
@@ -167,6 +211,11 @@ impl Audited for RobotRow {
                 event: AuditEvent::RobotChecked,
                 now: checked,
                 by: Some("checked_by"),
+            },
+            ExpectedEntry {
+                event: AuditEvent::RobotEdited,
+                now: as_edited(self),
+                by: None,
             },
         ]
     }
@@ -227,8 +276,9 @@ pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<RobotRow> {
     lock(tx, id).await?;
-    let query = sqlx::query_as(CHECKED_NOW).bind(id).bind(reason).bind(by);
-    let row: RobotRow = query.fetch_one(tx.connection()).await?;
+    let query = sqlx::query(CHECKED_NOW).bind(id).bind(reason).bind(by);
+    query.execute(tx.connection()).await?;
+    let row = get_in(tx, id).await?;
     tx.audit(AuditEvent::RobotChecked, id, as_checked(&row));
     Ok(row)
 }
@@ -259,6 +309,19 @@ pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
         .await?)
 }
 
+/// The robot with the document of an earlier version.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn at_version(store: &Store, id: &str, version: i64) -> Result<RobotRow> {
+    let mut row = get(store, id).await?;
+    if row.version != version {
+        row.body_json = robot_versions::body(store, id, version).await?;
+        row.version = version;
+    }
+    Ok(row)
+}
+
 pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
     Ok(sqlx::query_as(GET)
         .bind(id)
@@ -275,13 +338,19 @@ pub async fn list(
     only: Option<&[String]>,
     request: &PageRequest,
 ) -> Result<Page<RobotRow>> {
+    Ok(search(store, only, &ListRequest::all(request)).await?.page)
+}
+
+/// Robots by name, serial number and whether they are archived; with `only`, just those.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn search(
+    store: &Store,
+    only: Option<&[String]>,
+    request: &ListRequest,
+) -> Result<Listed<RobotRow>> {
     let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(only)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<RobotRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    let filters = [only.as_str(), request.archived.as_str(), &request.pattern()];
+    listing::list(store, &LIST, &filters, request).await
 }

@@ -60,6 +60,11 @@ fn bounded() -> Vec<Bounded> {
             "gravity_in_base",
             three(1.0 + GRAVITY_TOLERANCE),
         ),
+        (
+            "RobotPatchBody",
+            "joint_limits_deg",
+            vec![joints(), Items(2, 2), plus_minus(MAX_JOINT_DEG)],
+        ),
         ("JointMapBody", "sign", vec![joints(), plus_minus(1.0)]),
         (
             "JointMapBody",

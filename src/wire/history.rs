@@ -17,6 +17,10 @@ pub struct HistoryAnswer {
     /// For the next page, if there is one.
     #[schema(required)]
     pub next_cursor: Option<String>,
+    /// Number of identifications on all pages.
+    #[serde(default)]
+    #[schema(minimum = 0, required)]
+    pub total: i64,
     /// Growth of the released set's error, and when to calibrate next.
     pub trend: Trend,
 }

@@ -199,6 +199,12 @@ pub struct JobAnswer {
     /// RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finished_at: Option<String>,
+    /// Version of the robot that it computes with, if the robot had been edited.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot_version: Option<i64>,
+    /// When it was archived: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub archived_at: Option<String>,
 }
 
 /// One server-sent event of a job.

@@ -122,6 +122,8 @@ pub struct SetSummary {
     /// How two files were understood and joined.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joined: Option<JoinedFiles>,
+    /// When it was archived: RFC 3339, UTC.
+    pub archived_at: Option<String>,
 }
 
 /// Parameter of a content type that declares decimal commas. It is stored with the upload, so that the stored bytes are parsed the same way again.

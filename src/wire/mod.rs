@@ -41,6 +41,7 @@ pub mod report_shape;
 pub mod report_summary;
 pub mod robot;
 pub mod robot_model;
+pub mod robot_patch;
 pub mod safetensors;
 pub mod suspicion;
 pub mod table_preview;

@@ -42,4 +42,7 @@ pub struct NetworkAnswer {
     pub sha256: String,
     /// When it was trained: RFC 3339, UTC.
     pub created_at: String,
+    /// When it was archived: RFC 3339, UTC. No job chooses it then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub archived_at: Option<String>,
 }

@@ -142,6 +142,9 @@ pub struct ParameterSetAnswer {
     /// The gates of the last release and their results; look at those with `warning`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub release_checks: Option<Vec<Gate>>,
+    /// When it was archived: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub archived_at: Option<String>,
 }
 
 impl From<&CalibrationReport> for ParameterSetContent {

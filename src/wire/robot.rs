@@ -148,8 +148,20 @@ pub struct RobotAnswer {
     /// The last reason why it is in order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checked: Option<CheckedAnswer>,
+    /// 1 for a robot as it was created; each edit adds 1.
+    #[serde(default = "first_version")]
+    #[schema(minimum = 1, required)]
+    pub version: i64,
+    /// When it was archived: RFC 3339, UTC. It then takes no uploads, jobs and releases.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub archived_at: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
+}
+
+/// Version of the robots of a server that has no edits.
+fn first_version() -> i64 {
+    1
 }
 
 /// Whether sets of a robot can be released.
@@ -180,6 +192,10 @@ pub struct RobotState {
     pub check_job_id: Option<String>,
     /// The last reason why it is in order.
     pub checked: Option<CheckedAnswer>,
+    /// Number of its last edit.
+    pub version: i64,
+    /// When it was archived: RFC 3339, UTC.
+    pub archived_at: Option<String>,
 }
 
 impl RobotAnswer {
@@ -207,6 +223,8 @@ impl RobotAnswer {
             },
             check_job_id: state.check_job_id,
             checked: state.checked,
+            version: state.version,
+            archived_at: state.archived_at,
             created_at,
         }
     }

@@ -23,7 +23,8 @@ pub(super) const CONVERGENCES: &str = "
 pub(super) const JOBS: &str = "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, '') as verify_set_id, coalesce(frames_id, '') as frames_id,
         coalesce(network_input_id, '') as network_input_id, coalesce(residual_network_input_id, '') as residual_network_input_id,
-        coalesce(parameter_set_input_id, '') as parameter_set_input_id, request_json, report_json, coalesce(result_sha256, '') as result_sha256
+        coalesce(parameter_set_input_id, '') as parameter_set_input_id, request_json, report_json, coalesce(result_sha256, '') as result_sha256,
+        coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version
     from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
@@ -319,6 +320,7 @@ struct SucceededJob {
     request_json: String,
     report_json: String,
     result_sha256: String,
+    robot_version: i64,
 }
 
 from_row!(SucceededJob {
@@ -332,7 +334,8 @@ from_row!(SucceededJob {
     parameter_set_input_id,
     request_json,
     report_json,
-    result_sha256
+    result_sha256,
+    robot_version
 });
 
 /// The fields of a report that I5 compares. The rest is passed over as it is read.
@@ -374,6 +377,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
             compare_with_entry(&mut check, chain, &id, field, &result_sha256);
             let inputs = serde_json::json!([
                 job.robot_id,
+                job.robot_version,
                 job.measurement_set_id,
                 job.verify_set_id,
                 job.frames_id,

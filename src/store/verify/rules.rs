@@ -9,8 +9,8 @@ use crate::store::jobs::JobWithClient;
 use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
-    ApiKeyRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow, NetworkRow,
-    ParameterSetStatus, Result, RobotRow, Store, VerificationRow,
+    ApiKeyRow, ArchivedRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow, NetworkRow,
+    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, robot_versions,
 };
 use crate::wire::canonical;
 
@@ -37,6 +37,7 @@ const STATUS_AFTER_EVENT: &[(AuditEvent, ParameterSetStatus)] = &[
 /// Compares every kind of row that has entries in the chain.
 pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     each(check, store, chain, |check, row| robot(check, chain, row)).await?;
+    robot_versions(check, store, chain).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
     each(check, store, chain, |_, _: &ColumnMappingRow| ()).await?;
     each(check, store, chain, |_, _: &FramesRow| ()).await?;
@@ -56,7 +57,15 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
         verifications.insert(row.subject().to_owned());
     })
     .await?;
+    let mut archived = BTreeSet::new();
+    each(check, store, chain, |_, row: &ArchivedRow| {
+        archived.insert(row.subject().to_owned());
+    })
+    .await?;
     for id in chain.events.keys() {
+        check.require(was_archived(chain, id) == archived.contains(id), || {
+            format!("{id}: whether it is archived is not what the audit chain says")
+        });
         for (event, found, what) in [
             (AuditEvent::RobotPolicyChanged, &policies, "its policy"),
             (
@@ -68,6 +77,54 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
             let was_noted = chain.newest(id, event).is_some();
             check.require(!was_noted || found.contains(id), || {
                 format!("{id}: {what} was acknowledged and is gone")
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Whether the newest entry about it says that it is archived.
+fn was_archived(chain: &Chain, id: &str) -> bool {
+    let entries = chain.events.get(id).map_or(&[][..], Vec::as_slice);
+    let mut about = entries.iter().rev().filter_map(|entry| {
+        [(AuditEvent::Archived, true), (AuditEvent::Restored, false)]
+            .into_iter()
+            .find(|(event, _)| event.as_str() == entry.event)
+    });
+    about.next().is_some_and(|(_, is_archived)| is_archived)
+}
+
+/// Compares each version of a robot with the entry of its edit, and each of these entries with its version.
+async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
+    let mut found = BTreeSet::new();
+    let mut after = (String::new(), 0);
+    loop {
+        let rows = robot_versions::after(store, (&after.0, after.1), BATCH).await?;
+        let Some(last) = rows.last() else { break };
+        after = (last.robot_id.clone(), last.version);
+        for row in rows {
+            check.n_examined += 1;
+            let mut entries = chain.entries(&row.robot_id, AuditEvent::RobotEdited);
+            let then = entries.find(|entry| entry.detail["version"] == row.version);
+            let now = robot_versions::as_edited(&row);
+            let is_so = then.is_some_and(|then| {
+                let mut fields = now.as_object().into_iter().flatten();
+                fields.all(|(field, now)| then.detail.get(field) == Some(now))
+            });
+            check.require(is_so, || {
+                format!(
+                    "{}: its version {} is not what the audit chain says",
+                    row.robot_id, row.version
+                )
+            });
+            found.insert((row.robot_id.clone(), row.version));
+        }
+    }
+    for id in chain.events.keys() {
+        for entry in chain.entries(id, AuditEvent::RobotEdited) {
+            let version = entry.detail["version"].as_i64().unwrap_or_default();
+            check.require(found.contains(&(id.clone(), version)), || {
+                format!("{id}: its version {version} was acknowledged and is gone")
             });
         }
     }

@@ -113,6 +113,7 @@ async fn every_documented_route_has_a_policy() {
             (Method::POST, &item.post),
             (Method::PUT, &item.put),
             (Method::DELETE, &item.delete),
+            (Method::PATCH, &item.patch),
         ];
         for (method, _) in documented
             .into_iter()

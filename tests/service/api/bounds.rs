@@ -176,6 +176,7 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
     }
     body["links"][0]["beta_deg"] = json!(0.0);
     body["links"][0]["joint_limits_deg"] = json!([-170, 170]);
+    let patch = json!({"name": "r", "serial_number": "A-1", "description": "an arm", "mounting": body["mounting"]});
     let q = vec![10.0; n];
     let payload = json!({"mass_kg": 5, "centre_mm": [0, 0, 50]});
     let point = json!({"q_deg": q, "position_mm": [1000, 100, 800], "configuration": "1", "target": 0, "subset": "identify", "std_mm": 0.05,
@@ -209,6 +210,7 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
     let post = |path: String, template, body| (Method::POST, path, template, body);
     let mut all = vec![
         post("/v1/robots".into(), "/v1/robots", body),
+        (Method::PATCH, robot.clone(), "/v1/robots/{robot_id}", patch),
         post(
             format!("{robot}/measurement-sets"),
             "/v1/robots/{robot_id}/measurement-sets",

@@ -13,8 +13,9 @@ const SCOPES: [&str; 5] = ["read", "upload", "identify", "release", "admin"];
 const NOT_FOR_LIMITED_KEYS: [(Method, &str); 2] =
     [(Method::POST, "/v1/robots"), (Method::GET, "/metrics")];
 /// Routes without a robot in their path: the answer depends on the key.
-const OF_NO_ROBOT: [&str; 7] = [
+const OF_NO_ROBOT: [&str; 8] = [
     "/v1/robots",
+    "/v1/jobs",
     "/v1/me",
     "/v1/robot-imports",
     "/v1/robot-models",
@@ -125,6 +126,7 @@ fn documented() -> Vec<(Method, String, Scope)> {
             (Method::POST, &item.post),
             (Method::PUT, &item.put),
             (Method::DELETE, &item.delete),
+            (Method::PATCH, &item.patch),
         ];
         for (method, _) in all
             .into_iter()

@@ -1,5 +1,6 @@
 //! The REST interface, driven over loopback as a cell PC drives it.
 
+mod archive;
 mod auth;
 
 mod bounds;
@@ -16,6 +17,7 @@ mod hostile_names;
 mod hosts;
 mod idempotency;
 mod jobs;
+mod lists;
 mod lost_connections;
 mod matrix;
 mod measurement_sets;
@@ -23,6 +25,7 @@ mod metrics;
 mod misfits;
 mod overview;
 mod parameter_sets;
+mod patch_robots;
 mod pose_plans;
 mod problems;
 mod release;

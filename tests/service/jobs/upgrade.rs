@@ -3,7 +3,8 @@
 use kincal::jobs::backfill::backfill_missing;
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
-    CheckedState, Engine, Release, Store, StoreLocation, parameter_sets, report_summaries, robots,
+    Archivable, CheckedState, Conflict, Engine, Error, ListRequest, Release, RobotEdit, Store,
+    StoreLocation, archive, jobs, parameter_sets, report_summaries, robot_versions, robots,
     verifications,
 };
 use kincal::wire::report_shape::Evidence;
@@ -14,7 +15,7 @@ use sqlx::migrate::Migrator;
 use sqlx::{AnyPool, AssertSqlSafe};
 use std::path::Path;
 
-use crate::engines::for_each_engine;
+use crate::engines::{TestDatabase, for_each_engine};
 use crate::fixtures::in_transaction;
 
 const MADE: &str = include_str!("../../data/d61237a.json");
@@ -118,30 +119,35 @@ async fn n_summaries_like_their_reports(store: &Store) -> usize {
     rows.len()
 }
 
+/// A database of that commit, separate from the test's, which has the current version.
+async fn old_database(database: &TestDatabase, made: &Value) -> StoreLocation {
+    let engine = database.store.engine();
+    let (location, url) = match &database.location {
+        StoreLocation::Sqlite { data_dir } => {
+            let data_dir = data_dir.parent().unwrap().join("of_d61237a");
+            std::fs::create_dir(&data_dir).unwrap();
+            let url = format!("sqlite://{}/kincal.sqlite?mode=rwc", data_dir.display());
+            (StoreLocation::Sqlite { data_dir }, url)
+        }
+        StoreLocation::Postgres { url } => {
+            let sql = "drop schema public cascade; create schema public";
+            sqlx::raw_sql(sql)
+                .execute(database.store.readers())
+                .await
+                .unwrap();
+            (StoreLocation::Postgres { url: url.clone() }, url.clone())
+        }
+    };
+    create_old_database(engine, &url, made).await;
+    location
+}
+
 #[test]
 fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
     let made: Value = serde_json::from_str(MADE).unwrap();
     let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
     for_each_engine(async |database| {
-        let engine = database.store.engine();
-        // This database is separate from the test's, which has the current version.
-        let (location, url) = match &database.location {
-            StoreLocation::Sqlite { data_dir } => {
-                let data_dir = data_dir.parent().unwrap().join("of_d61237a");
-                std::fs::create_dir(&data_dir).unwrap();
-                let url = format!("sqlite://{}/kincal.sqlite?mode=rwc", data_dir.display());
-                (StoreLocation::Sqlite { data_dir }, url)
-            }
-            StoreLocation::Postgres { url } => {
-                let sql = "drop schema public cascade; create schema public";
-                sqlx::raw_sql(sql)
-                    .execute(database.store.readers())
-                    .await
-                    .unwrap();
-                (StoreLocation::Postgres { url: url.clone() }, url.clone())
-            }
-        };
-        create_old_database(engine, &url, &made).await;
+        let location = old_database(database, &made).await;
         let store = Store::open(location).await.unwrap();
         assert!(store.schema_version().await.unwrap() > VERSION);
         backfill_missing(&store).await.unwrap();
@@ -211,6 +217,68 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
             parameter_sets::release(tx, &release).await
         })
         .await;
+        store.close().await;
+    });
+}
+
+#[test]
+fn robots_and_results_of_d61237a_are_edited_and_archived_as_new_ones_are() {
+    let made: Value = serde_json::from_str(MADE).unwrap();
+    let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
+    let released = made["scenes"]["clock"]["a_b_c"][2].as_str().unwrap();
+    for_each_engine(async |database| {
+        let location = old_database(database, &made).await;
+        let store = Store::open(location).await.unwrap();
+        backfill_missing(&store).await.unwrap();
+        let robot = robots::get(&store, &id("clock", "robot_id")).await.unwrap();
+        assert_eq!((robot.version, robot.joint_map_version), (1, 1));
+        let edit = |changes_joint_map| RobotEdit {
+            edited_version: 1,
+            name: "mended".into(),
+            body_json: robot.body_json.replace(&robot.name, "mended"),
+            changes_joint_map,
+            changed: vec!["name"],
+        };
+        // Sets of this robot were released before there were edits.
+        let mut tx = store.begin().await.unwrap();
+        let refused = robot_versions::edit(&mut tx, &robot.id, &edit(true), "key_1").await;
+        assert!(
+            matches!(refused, Err(Error::Conflict(Conflict::JointMapReleased))),
+            "{refused:?}"
+        );
+        tx.rollback().await.unwrap();
+        let edited = in_transaction(&store, async |tx| {
+            robot_versions::edit(tx, &robot.id, &edit(false), "key_1").await
+        })
+        .await;
+        assert_eq!((edited.name.as_str(), edited.version), ("mended", 2));
+
+        let mut tx = store.begin().await.unwrap();
+        let kind = Archivable::ParameterSet;
+        let refused = archive::archive(&mut tx, kind, released, &robot.id, "key_1").await;
+        assert!(
+            matches!(
+                refused,
+                Err(Error::Conflict(Conflict::NotArchivable { .. }))
+            ),
+            "{refused:?}"
+        );
+        tx.rollback().await.unwrap();
+        let all = ListRequest::default();
+        let before = jobs::search(&store, &robot.id, &all).await.unwrap();
+        let job = &before.page.items[0];
+        assert_eq!((job.robot_version, job.archived_at_ms), (1, None));
+        in_transaction(&store, async |tx| {
+            archive::archive(tx, Archivable::Job, &job.id, &robot.id, "key_1").await
+        })
+        .await;
+        let after = jobs::search(&store, &robot.id, &all).await.unwrap();
+        assert_eq!(after.total, before.total - 1);
+        let everywhere = jobs::search_all(&store, None, &all).await.unwrap();
+        assert!(everywhere.total > after.total);
+        for check in verify(&store, &Options::default()).await.unwrap() {
+            assert_eq!(check.violations, [""; 0], "{}", check.id);
+        }
         store.close().await;
     });
 }

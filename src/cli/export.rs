@@ -1,0 +1,109 @@
+//! `kincal export`: a parameter set in a format of other software or of a controller.
+
+use super::client::ServerArguments;
+use super::files::read;
+use super::runtime::block_on;
+use super::terminal;
+use anyhow::Context;
+use clap::ValueEnum;
+use std::path::PathBuf;
+
+/// Format of an export.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
+enum Format {
+    /// The nominal robot and the identified parameters; `kincal compensate` reads it.
+    Json,
+    /// The same document in YAML.
+    Yaml,
+    /// One row per link.
+    Csv,
+    /// A description for simulation and planning.
+    Urdf,
+    /// Joint origins as the drivers of Universal Robots read them.
+    UrKinematics,
+    /// Joint offsets for controllers that accept nothing else.
+    Mastering,
+}
+
+/// A parameter set in a format of other software or of a controller.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The parameter set, as `kincal params` lists it.
+    #[arg(value_name = "ID")]
+    id: String,
+    /// Format of the export.
+    #[arg(
+        long,
+        env = "KINCAL_FORMAT",
+        value_enum,
+        default_value = "json",
+        conflicts_with = "patch"
+    )]
+    format: Format,
+    /// Links with beta 0 that are nearest over the workspace, for controllers without beta.
+    #[arg(
+        long, env = "KINCAL_REFIT_BETA", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    refit_beta: bool,
+    /// A URDF of the nominal robot, which is returned with the joint origins of the identified one; nothing else changes.
+    #[arg(long, env = "KINCAL_PATCH", value_name = "URDF")]
+    patch: Option<PathBuf>,
+    /// With --patch: the link at the end of the robot, if there are several.
+    #[arg(long, env = "KINCAL_TIP", value_name = "LINK", requires = "patch")]
+    tip: Option<String>,
+    /// Write it into this file instead of standard output.
+    #[arg(short, long, env = "KINCAL_OUTPUT", value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// The same as --format json.
+    #[arg(
+        long, env = "KINCAL_JSON", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
+    )]
+    json: bool,
+}
+
+/// Prints the export, or writes it into a file.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let patch = arguments.patch.as_deref().map(read).transpose()?;
+    let format = arguments.format.to_possible_value();
+    let format = match (&format, arguments.json) {
+        (Some(format), false) => format.get_name().to_owned(),
+        _ => "json".to_owned(),
+    };
+    let mut query = vec![(
+        "format",
+        if patch.is_some() {
+            "urdf".to_owned()
+        } else {
+            format
+        },
+    )];
+    if arguments.refit_beta {
+        query.push(("beta", "refit".into()));
+    }
+    query.extend(arguments.tip.clone().map(|tip| ("tip", tip)));
+    let url = reqwest::Url::parse_with_params("http://query/", query)?;
+    let path = format!(
+        "/v1/parameter-sets/{}/export?{}",
+        arguments.id,
+        url.query().unwrap_or_default()
+    );
+    let text = block_on(async {
+        let client = arguments.server.client()?;
+        match patch {
+            Some(urdf) => client.post_for_bytes(&path, "application/xml", urdf).await,
+            None => client.get_bytes(&path).await,
+        }
+    })?;
+    match &arguments.output {
+        Some(file) => {
+            std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+        }
+        None => {
+            terminal::raw(text);
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! `kincal history|compare`: parameters over time, and the difference of two sets.
+
+use super::client::ServerArguments;
+use super::list::{cells, columns};
+use super::runtime::block_on;
+use super::terminal;
+use super::terminal::Output;
+use crate::wire::history::{CompareAnswer, HistoryAnswer};
+use anyhow::Context;
+use serde_json::{Value, json};
+
+/// Most identifications that are shown; the newest come first.
+const MAX_ROWS: usize = 100;
+
+/// What moved between identifications, in units of its own uncertainty.
+#[derive(Debug, clap::Args)]
+pub struct HistoryArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Differences between two parameter sets of one robot.
+#[derive(Debug, clap::Args)]
+pub struct CompareArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// A parameter set, as `kincal params` lists it.
+    #[arg(value_name = "ID")]
+    id: String,
+    /// The one to compare it with.
+    #[arg(value_name = "WITH")]
+    with: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// `kincal history`.
+pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
+    let answer = block_on(async {
+        let client = arguments.server.client()?;
+        let robot = client.robot_id(&arguments.robot).await?;
+        client
+            .get(&format!("/v1/robots/{robot}/history?limit={MAX_ROWS}"))
+            .await
+    })?;
+    let parsed: HistoryAnswer = serde_json::from_value(answer.clone())
+        .context("the server's history is of another version of kincal")?;
+    if arguments.output.json {
+        say!("{}", serde_json::to_string_pretty(&answer)?);
+        return Ok(());
+    }
+    if parsed.items.is_empty() {
+        say!(
+            "nothing was identified for this robot yet; next: kincal submit --robot ROBOT SET.csv --wait"
+        );
+        return Ok(());
+    }
+    let names = [
+        "parameter_set_id",
+        "created_at",
+        "status",
+        "verify_rms_mm",
+        "changed",
+    ];
+    let rows: Vec<Vec<String>> = parsed
+        .items
+        .iter()
+        .map(|item| {
+            let changed: Vec<String> = item
+                .changed
+                .iter()
+                .map(|change| format!("{} {:+.4} ({:.1} σ)", change.name, change.delta, change.sigmas))
+                .collect();
+            let row = json!({"parameter_set_id": item.parameter_set_id, "created_at": item.created_at, "status": item.status,
+                "verify_rms_mm": item.verify_rms_mm.map(|mm| format!("{mm:.4}")),
+                "changed": if changed.is_empty() { Value::Null } else { json!(changed.join("; ")) }});
+            cells(&row, &names)
+        })
+        .collect();
+    terminal::raw(columns(&names, &rows));
+    Ok(())
+}
+
+/// `kincal compare`.
+pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
+    let CompareArguments {
+        server,
+        id,
+        with,
+        output,
+    } = arguments;
+    let answer = block_on(async {
+        let path = format!("/v1/parameter-sets/{id}/compare?with={with}");
+        server.client()?.get(&path).await
+    })?;
+    let parsed: CompareAnswer = serde_json::from_value(answer.clone())
+        .context("the server's comparison is of another version of kincal")?;
+    output.print(&answer, || {
+        let sessions = match &answer["sessions"] {
+            Value::Null => "the sessions cannot be compared: both sets come from one upload, or one session is too small".to_owned(),
+            sessions => format!("test of the sessions: {sessions}"),
+        };
+        format!(
+            "the tool by {id} is {:.4} mm on average and at most {:.4} mm from the tool by {with}, over {} configurations\n{sessions}",
+            parsed.mean_mm,
+            parsed.max_mm,
+            parsed.map.len()
+        )
+    })
+}

@@ -1,0 +1,104 @@
+//! `kincal policy`: shows or sets what a robot asks of a release.
+
+use super::client::ServerArguments;
+use super::runtime::block_on;
+use super::terminal::Output;
+use crate::wire::policy::PolicyBody;
+use anyhow::Context;
+
+/// What a robot asks of a release.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: PolicyCommand,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum PolicyCommand {
+    /// Show what a robot asks of a release.
+    Show(ShowArguments),
+    /// Set what a robot asks of a release; what is not given stays.
+    Set(SetArguments),
+}
+
+/// The robot.
+#[derive(Debug, clap::Args)]
+struct ShowArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// The robot and its policy.
+#[derive(Debug, clap::Args)]
+struct SetArguments {
+    #[command(flatten)]
+    shown: ShowArguments,
+    /// Largest uncertainty and largest error on verify points, mm; `none` for no tolerance.
+    #[arg(long, value_name = "MM", value_parser = tolerance)]
+    tolerance_mm: Option<Tolerance>,
+    /// Whether another measuring session must have verified the set.
+    #[arg(long, value_name = "true|false")]
+    independent_session: Option<bool>,
+    /// Whether the key that releases must not be the one that uploaded.
+    #[arg(long, value_name = "true|false")]
+    second_person: Option<bool>,
+}
+
+/// A tolerance, or none.
+#[derive(Clone, Copy, Debug)]
+struct Tolerance(Option<f64>);
+
+fn tolerance(text: &str) -> Result<Tolerance, String> {
+    if text == "none" {
+        return Ok(Tolerance(None));
+    }
+    let mm = text.parse().map_err(|_| "a length in mm, or none")?;
+    Ok(Tolerance(Some(mm)))
+}
+
+/// Shows the policy, or sets it.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let (shown, changes) = match &arguments.command {
+        PolicyCommand::Show(shown) => (shown, None),
+        PolicyCommand::Set(changes) => (&changes.shown, Some(changes)),
+    };
+    let policy = block_on(async {
+        let client = shown.server.client()?;
+        let robot = client.robot_id(&shown.robot).await?;
+        let path = format!("/v1/robots/{robot}/policy");
+        let now = client.get(&path).await?;
+        let mut policy: PolicyBody = serde_json::from_value(now)
+            .context("the server's policy is of another version of kincal")?;
+        let Some(changes) = changes else {
+            return Ok(policy);
+        };
+        if let Some(Tolerance(tolerance_mm)) = changes.tolerance_mm {
+            policy.tolerance_mm = tolerance_mm;
+        }
+        if let Some(required) = changes.independent_session {
+            policy.independent_session_required = required;
+        }
+        if let Some(required) = changes.second_person {
+            policy.second_person_required = required;
+        }
+        let body = serde_json::to_vec(&policy)?;
+        client.send(reqwest::Method::PUT, &path, body).await?;
+        anyhow::Ok(policy)
+    })?;
+    shown.output.print(&policy, || {
+        let tolerance = policy
+            .tolerance_mm
+            .map_or("none".into(), |mm| format!("{mm} mm"));
+        let yes = |required| if required { "yes" } else { "no" };
+        format!(
+            "tolerance: {tolerance}\nanother session must have verified the set: {}\nanother key must release it: {}",
+            yes(policy.independent_session_required),
+            yes(policy.second_person_required)
+        )
+    })
+}

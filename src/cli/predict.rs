@@ -1,0 +1,65 @@
+//! `kincal predict`: the tool's position by an identified robot.
+
+use super::client::ServerArguments;
+use super::runtime::block_on;
+use super::terminal::Output;
+use serde_json::{Value, json};
+
+/// The tool's position by an identified robot.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The parameter set, as `kincal params` lists it.
+    #[arg(value_name = "ID")]
+    id: String,
+    /// The controller's joint values in degrees, with commas; several poses one after the other.
+    #[arg(value_name = "Q1,Q2,…", required = true, allow_hyphen_values = true, value_parser = pose)]
+    poses: Vec<Pose>,
+    /// The reflector (0-based) [default: 0].
+    #[arg(long, env = "KINCAL_TARGET")]
+    target: Option<usize>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Joint values of one pose, degrees.
+#[derive(Clone, Debug)]
+struct Pose(Vec<f64>);
+
+fn pose(text: &str) -> Result<Pose, String> {
+    let q_deg: Result<Vec<f64>, _> = text.split(',').map(|q| q.trim().parse()).collect();
+    q_deg
+        .map(Pose)
+        .map_err(|_| "numbers with commas between them, such as 10,-20,30,0,45,0".into())
+}
+
+/// Prints one position per pose.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let q_deg: Vec<&Vec<f64>> = arguments.poses.iter().map(|pose| &pose.0).collect();
+    let mut body = json!({"q_deg": q_deg});
+    if let Some(target) = arguments.target {
+        body["target"] = json!(target);
+    }
+    let path = format!("/v1/parameter-sets/{}/predict", arguments.id);
+    let answer = block_on(async { arguments.server.client()?.post_json(&path, &body).await })?;
+    arguments.output.print(&answer, || {
+        let extrapolated = &answer["extrapolated"];
+        let positions = answer["position_mm"].as_array().into_iter().flatten();
+        let line = |(i, position): (usize, &Value)| {
+            let mm: Vec<String> = position
+                .as_array()
+                .into_iter()
+                .flatten()
+                .map(|mm| format!("{:.4}", mm.as_f64().unwrap_or(f64::NAN)))
+                .collect();
+            let note = match extrapolated[i] == true {
+                true => ",extrapolated",
+                false => ",",
+            };
+            format!("{}{note}", mm.join(","))
+        };
+        let lines: Vec<String> = positions.enumerate().map(line).collect();
+        format!("x_mm,y_mm,z_mm,note\n{}", lines.join("\n"))
+    })
+}

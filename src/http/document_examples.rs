@@ -1,0 +1,291 @@
+//! Examples in the OpenAPI document: one for each body of each operation. They follow from the schemas, so a new field is in them without a change
+//! here; names of fields have the values that a reader expects.
+
+use serde_json::{Map, Value, json};
+use utoipa::openapi::{OpenApi, RefOr};
+
+/// Deepest nesting of an example.
+const MAX_DEPTH: usize = 12;
+
+/// A measurement file of the smallest kind.
+const CSV: &str = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n10,-20,30,0,45,0,812.4031,141.9925,655.1808\n";
+const XML: &str = "<?xml version=\"1.0\"?>\n<robot name=\"cell_4\"/>\n";
+
+/// Whole examples of shapes whose fields are all optional, or that need values that fit together.
+fn of_shape(name: &str) -> Option<Value> {
+    Some(match name {
+        "RobotPatchBody" => json!({"name": "Cell 4, left", "serial_number": "ER20-0117"}),
+        "ReleaseBody" | "ReasonBody" => json!({"reason": "verified on a second session"}),
+        "PolicyBody" => {
+            json!({"tolerance_mm": 0.3, "independent_session_required": true, "second_person_required": false})
+        }
+        "MeasurementSetBody" => {
+            json!({"frame": "base", "points": [{"q_deg": [10.0, -20.0, 30.0, 0.0, 45.0, 0.0], "position_mm": [812.4031, 141.9925, 655.1808]}]})
+        }
+        _ => return None,
+    })
+}
+
+/// Beginnings of ids, by the shape that has them.
+const IDS: [(&str, &str); 6] = [
+    ("Robot", "rob_"),
+    ("Set", "set_"),
+    ("Job", "job_"),
+    ("ParameterSet", "par_"),
+    ("Network", "net_"),
+    ("Frames", "frm_"),
+];
+
+/// Example of a text, by the name of its field and the shape that has it.
+fn text(field: &str, shape: &str) -> Value {
+    let id = |prefix: &str| Value::from(format!("{prefix}0199b6a4c1d27a10b5e43c7f9d2e6a81"));
+    match field {
+        "id" => {
+            let found = IDS.iter().rev().find(|(start, _)| shape.starts_with(start));
+            id(found.map_or("key_", |(_, prefix)| prefix))
+        }
+        "robot_id" => id("rob_"),
+        "measurement_set_id" => id("set_"),
+        "frames_id" => id("frm_"),
+        "parameter_set_id" | "with" | "parameter_set_from" => id("par_"),
+        "job_id" | "check_job_id" => id("job_"),
+        "network_id" => id("net_"),
+        "by" | "released_by" | "withdrawn_by" => id("key_"),
+        "sha256" | "result_sha256" => {
+            "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into()
+        }
+        "name" if shape.starts_with("Robot") => "Cell 4".into(),
+        "name" if shape.starts_with("Set") => "Monday".into(),
+        "name" | "parameter" => "theta_offset_3".into(),
+        "unit" => "deg".into(),
+        "version" => "0.1.0".into(),
+        "reason" => "verified on a second session".into(),
+        _ if field.ends_with("_at") || field == "at" => "2026-03-01T08:15:30Z".into(),
+        _ => field.into(),
+    }
+}
+
+/// Schemas of the document by name.
+struct Schemas(Map<String, Value>);
+
+impl Schemas {
+    fn example(&self, schema: &Value, field: &str, shape: &str, depth: usize) -> Value {
+        if depth > MAX_DEPTH {
+            return Value::Null;
+        }
+        if let Some(name) = schema["$ref"]
+            .as_str()
+            .and_then(|path| path.rsplit('/').next())
+        {
+            let found = self.0.get(name).unwrap_or(&Value::Null);
+            return of_shape(name).unwrap_or_else(|| self.example(found, field, name, depth + 1));
+        }
+        for choice in ["oneOf", "anyOf"] {
+            if let Some(variants) = schema[choice].as_array() {
+                let first = variants.iter().find(|variant| variant["type"] != "null");
+                return self.example(first.unwrap_or(&Value::Null), field, shape, depth + 1);
+            }
+        }
+        if let Some(parts) = schema["allOf"].as_array() {
+            let mut whole = Map::new();
+            for part in parts {
+                if let Value::Object(fields) = self.example(part, field, shape, depth + 1) {
+                    whole.extend(fields);
+                }
+            }
+            return whole.into();
+        }
+        if let Some(values) = schema["enum"].as_array() {
+            let first = values.iter().find(|value| !value.is_null());
+            return first.cloned().unwrap_or_default();
+        }
+        match kind(schema) {
+            Some("object") => self.object(schema, shape, depth),
+            Some("array") => {
+                let n = schema["minItems"].as_u64().unwrap_or(1).max(1);
+                let one = self.example(&schema["items"], field, shape, depth + 1);
+                vec![one; usize::try_from(n).unwrap_or(1)].into()
+            }
+            Some("integer") => number(schema, 1.0)
+                .as_f64()
+                .map_or(Value::Null, |n| json!(n as i64)),
+            Some("number") => number(schema, 0.5),
+            Some("boolean") => true.into(),
+            Some("string") => bounded(schema, text(field, shape)),
+            _ => json!({}),
+        }
+    }
+
+    fn object(&self, schema: &Value, shape: &str, depth: usize) -> Value {
+        let required: Vec<&str> = schema["required"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str)
+            .collect();
+        let fields = schema["properties"].as_object().into_iter().flatten();
+        fields
+            .filter(|(name, _)| required.contains(&name.as_str()))
+            .map(|(name, of_field)| {
+                let value = self.example(of_field, name, shape, depth + 1);
+                (name.clone(), value)
+            })
+            .collect::<Map<_, _>>()
+            .into()
+    }
+}
+
+/// The type that is not null.
+fn kind(schema: &Value) -> Option<&str> {
+    match &schema["type"] {
+        Value::String(kind) => Some(kind),
+        Value::Array(kinds) => kinds
+            .iter()
+            .filter_map(Value::as_str)
+            .find(|k| *k != "null"),
+        _ => schema["properties"].is_object().then_some("object"),
+    }
+}
+
+/// A number near `wanted` within the schema's bounds.
+fn number(schema: &Value, wanted: f64) -> Value {
+    let bound = |name: &str| schema[name].as_f64();
+    if let Some(default) = bound("default") {
+        return json!(default);
+    }
+    let mut value = wanted;
+    if let Some(smallest) = bound("minimum") {
+        value = value.max(smallest);
+    }
+    if let Some(largest) = bound("maximum").or(bound("exclusiveMaximum")) {
+        value = value.min(largest);
+    }
+    json!(value)
+}
+
+/// A text within the schema's bounds.
+fn bounded(schema: &Value, text: Value) -> Value {
+    let most = schema["maxLength"].as_u64();
+    match (text.as_str(), most) {
+        (Some(text), Some(most)) => {
+            let most = usize::try_from(most).unwrap_or(usize::MAX);
+            text.chars().take(most).collect::<String>().into()
+        }
+        _ => text,
+    }
+}
+
+/// Writes an example into every body of every operation.
+pub fn write(document: &mut OpenApi) {
+    let schemas = document
+        .components
+        .as_ref()
+        .and_then(|components| serde_json::to_value(&components.schemas).ok());
+    let Some(Value::Object(schemas)) = schemas else {
+        return;
+    };
+    let schemas = Schemas(schemas);
+    for item in document.paths.paths.values_mut() {
+        for (_, operation) in super::document::operations(item) {
+            if let Some(RefOr::T(body)) = &mut operation.request_body {
+                for (media_type, content) in &mut body.content {
+                    if let RefOr::T(content) = content {
+                        content.example = content
+                            .example
+                            .take()
+                            .or_else(|| of_body(&schemas, media_type, content.schema.as_ref()));
+                    }
+                }
+            }
+            for (status, response) in &mut operation.responses.responses {
+                let RefOr::T(response) = response else {
+                    continue;
+                };
+                for (media_type, content) in &mut response.content {
+                    if let RefOr::T(content) = content
+                        && status.starts_with('2')
+                    {
+                        content.example = content
+                            .example
+                            .take()
+                            .or_else(|| of_body(&schemas, media_type, content.schema.as_ref()));
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn of_body(
+    schemas: &Schemas,
+    media_type: &str,
+    schema: Option<&RefOr<utoipa::openapi::Schema>>,
+) -> Option<Value> {
+    Some(match media_type {
+        "application/json" => {
+            let schema = serde_json::to_value(schema?).ok()?;
+            schemas.example(&schema, "", "", 0)
+        }
+        "text/csv" => CSV.into(),
+        "application/xml" => XML.into(),
+        "text/html" => "<!doctype html><title>kincal</title>".into(),
+        "text/plain" => "ok\n".into(),
+        _ => return None,
+    })
+}
+
+/// A reference to a shape, for tests.
+#[cfg(test)]
+fn reference(name: &str) -> Value {
+    json!({"$ref": format!("#/components/schemas/{name}")})
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Schemas, reference};
+    use crate::http::openapi;
+    use crate::wire::job::JobRequestBody;
+    use crate::wire::robot::{Robot, RobotBody};
+    use crate::wire::robot_patch::RobotPatchBody;
+    use serde_json::Value;
+    use serde_json::from_value;
+
+    #[test]
+    fn the_examples_of_requests_are_requests() {
+        let document = openapi();
+        let components = document.components.unwrap();
+        let schemas = serde_json::to_value(&components.schemas).unwrap();
+        let Value::Object(schemas) = schemas else {
+            panic!("no schemas")
+        };
+        let schemas = Schemas(schemas);
+        let of = |name: &str| schemas.example(&reference(name), "", "", 0);
+        let robot: RobotBody = from_value(of("RobotBody")).unwrap();
+        Robot::try_from(&robot).unwrap();
+        let job: JobRequestBody = from_value(of("JobRequestBody")).unwrap();
+        assert!(job.measurement_set_id.starts_with("set_"));
+        let patch: RobotPatchBody = from_value(of("RobotPatchBody")).unwrap();
+        assert_ne!(patch, RobotPatchBody::default());
+    }
+
+    #[test]
+    fn every_operation_with_a_body_has_an_example() {
+        let document = serde_json::to_value(openapi()).unwrap();
+        for (path, item) in document["paths"].as_object().unwrap() {
+            for (method, operation) in item.as_object().unwrap() {
+                let bodies = operation["requestBody"]["content"].as_object();
+                let answers = operation["responses"].as_object().into_iter().flatten();
+                let answers = answers.filter(|(status, _)| status.starts_with('2'));
+                let answers = answers.filter_map(|(_, answer)| answer["content"].as_object());
+                for (media_type, content) in bodies.into_iter().chain(answers).flatten() {
+                    let is_binary = media_type == "application/octet-stream";
+                    let is_stream = media_type == "text/event-stream";
+                    assert!(
+                        is_binary || is_stream || content.get("example").is_some(),
+                        "{method} {path}: {media_type}"
+                    );
+                }
+            }
+        }
+    }
+}

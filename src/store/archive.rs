@@ -1,0 +1,141 @@
+//! What was archived: robots, measurement sets, jobs, candidates and networks. An archived item keeps its row and everything that rests on it; lists
+//! leave it out.
+
+use serde_json::{Value, json};
+
+use super::audit::{Audited, ExpectedEntry};
+use super::from_row::from_row;
+use super::{AuditEvent, Conflict, Error, Result, Tx};
+
+/// Kind of an item that can be archived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Archivable {
+    /// A robot.
+    Robot,
+    /// A measurement set.
+    MeasurementSet,
+    /// A job that has ended.
+    Job,
+    /// A parameter set that was never released.
+    ParameterSet,
+    /// A network of either kind.
+    Network,
+}
+
+impl Archivable {
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Robot => "robot",
+            Self::MeasurementSet => "measurement_set",
+            Self::Job => "job",
+            Self::ParameterSet => "parameter_set",
+            Self::Network => "network",
+        }
+    }
+}
+
+/// An archived item.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ArchivedRow {
+    /// Its id.
+    pub id: String,
+    /// Its kind, as text: `verify` has to read any.
+    pub kind: String,
+    /// Its robot; of a robot, itself.
+    pub robot_id: String,
+    /// Id of the key that archived it.
+    pub archived_by: String,
+    /// When it was archived.
+    pub archived_at_ms: i64,
+}
+
+from_row!(ArchivedRow {
+    id,
+    kind,
+    robot_id,
+    archived_by,
+    archived_at_ms
+});
+
+pub(super) const ALL_QUERIES: &[&str] = &[ARCHIVE, SINCE, RESTORE, BY_ID];
+
+const ARCHIVE: &str = "
+    insert into archived (id, kind, robot_id, archived_by, archived_at_ms) values ($1, $2, $3, $4, (select now_ms from clock))
+    on conflict (id) do nothing
+    returning id, kind, robot_id, archived_by, archived_at_ms";
+
+const SINCE: &str = "select archived_at_ms from archived where id = $1";
+
+const RESTORE: &str = "delete from archived where id = $1";
+
+const BY_ID: &str = "
+    select id, kind, robot_id, archived_by, archived_at_ms from archived where id > $1 order by id limit cast($2 as bigint)";
+
+fn as_archived(row: &ArchivedRow) -> Value {
+    json!({"kind": row.kind, "robot_id": row.robot_id, "archived_by": row.archived_by, "archived_at_ms": row.archived_at_ms})
+}
+
+impl Audited for ArchivedRow {
+    const BY_ID: &'static str = BY_ID;
+
+    fn subject(&self) -> &str {
+        &self.id
+    }
+
+    fn expected_entries(&self) -> Vec<ExpectedEntry> {
+        vec![ExpectedEntry {
+            event: AuditEvent::Archived,
+            now: Some((self.archived_at_ms, as_archived(self))),
+            by: Some("archived_by"),
+        }]
+    }
+}
+
+/// Archives an item; archiving it again changes nothing. Returns when it was archived.
+///
+/// # Errors
+/// [`Conflict::NotArchivable`] for what was released and for a job that has not ended, [`Error::Database`].
+pub async fn archive(
+    tx: &mut Tx,
+    kind: Archivable,
+    id: &str,
+    robot_id: &str,
+    by: &str,
+) -> Result<i64> {
+    // A release that is under way ends first.
+    super::robots::lock(tx, robot_id).await?;
+    let query = sqlx::query_as(ARCHIVE)
+        .bind(id)
+        .bind(kind.as_str())
+        .bind(robot_id)
+        .bind(by);
+    let row: Option<ArchivedRow> = query
+        .fetch_optional(tx.connection())
+        .await
+        .map_err(|error| Error::from_trigger(error, |why| Conflict::NotArchivable { why }))?;
+    if let Some(row) = row {
+        tx.audit(AuditEvent::Archived, id, as_archived(&row));
+        return Ok(row.archived_at_ms);
+    }
+    Ok(sqlx::query_scalar(SINCE)
+        .bind(id)
+        .fetch_one(tx.connection())
+        .await?)
+}
+
+/// Restores an item; restoring one that is in use changes nothing.
+///
+/// # Errors
+/// [`Error::Database`].
+pub async fn restore(tx: &mut Tx, kind: Archivable, id: &str, robot_id: &str) -> Result<()> {
+    super::robots::lock(tx, robot_id).await?;
+    let restored = sqlx::query(RESTORE)
+        .bind(id)
+        .execute(tx.connection())
+        .await?;
+    if restored.rows_affected() > 0 {
+        let detail = json!({"kind": kind.as_str(), "robot_id": robot_id});
+        tx.audit(AuditEvent::Restored, id, detail);
+    }
+    Ok(())
+}

@@ -1,0 +1,275 @@
+//! Lists that are filtered and ordered, with the number of their items.
+
+use sqlx::any::{AnyArguments, AnyRow};
+use sqlx::query::{QueryAs, QueryScalar};
+use sqlx::{Any, FromRow};
+
+use super::page::{Cursor, CursorKey};
+use super::{Page, PageRequest, Result, Store};
+use crate::wire::page::{ArchivedFilter, Sort};
+
+/// Request for a page of a filtered list.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ListRequest {
+    /// The page.
+    pub page: PageRequest,
+    /// Order of the items. A cursor of another order is as none.
+    pub sort: Sort,
+    /// Whether archived items are listed.
+    pub archived: ArchivedFilter,
+    /// Text that a name or a serial number contains, in whatever case; empty for all.
+    pub search: String,
+    /// Status of the items; empty for all.
+    pub status: &'static str,
+    /// Kind of the items; empty for all.
+    pub kind: &'static str,
+}
+
+/// One page of a filtered list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listed<T> {
+    /// The page.
+    pub page: Page<T>,
+    /// Number of items on all pages.
+    pub total: i64,
+}
+
+impl ListRequest {
+    /// Every item, newest first.
+    pub fn all(page: &PageRequest) -> Self {
+        Self {
+            page: page.clone(),
+            archived: ArchivedFilter::All,
+            ..Self::default()
+        }
+    }
+
+    /// Whether the cursor belongs to this order, or there is none.
+    pub fn is_consistent(&self) -> bool {
+        let cursor = self.page.cursor.as_ref();
+        cursor.is_none_or(|cursor| cursor.sort == self.sort)
+    }
+
+    /// The pattern of `like`, with `!` before what would be a wildcard; `%` for all.
+    pub(super) fn pattern(&self) -> String {
+        let mut pattern = String::from("%");
+        for c in self.search.chars() {
+            if matches!(c, '%' | '_' | '!') {
+                pattern.push('!');
+            }
+            pattern.push(c);
+        }
+        if !self.search.is_empty() {
+            pattern.push('%');
+        }
+        pattern
+    }
+}
+
+/// The SQL of a list. Its filter takes $1 to $`n`; the end of the page before and the limit follow.
+pub(super) struct ListQueries {
+    pub(super) newest: &'static str,
+    pub(super) oldest: &'static str,
+    /// By name, and by name from the last; none for lists without names.
+    pub(super) by_name: Option<[&'static str; 2]>,
+    pub(super) count: &'static str,
+}
+
+/// [`ListQueries`] of a table or view with `created_at_ms` and `id`. The literals are the parameters after those of the filter.
+macro_rules! list_queries {
+    ($columns:expr, $from:expr, $filter:expr, $key:literal, $id:literal, $limit:literal) => {
+        $crate::store::listing::ListQueries {
+            newest: concat!(
+                "select ",
+                $columns,
+                " from ",
+                $from,
+                " where ",
+                $filter,
+                " and (created_at_ms, id) < (",
+                $key,
+                ", ",
+                $id,
+                ")
+                order by created_at_ms desc, id desc limit cast(",
+                $limit,
+                " as bigint)"
+            ),
+            oldest: concat!(
+                "select ",
+                $columns,
+                " from ",
+                $from,
+                " where ",
+                $filter,
+                " and (created_at_ms, id) > (",
+                $key,
+                ", ",
+                $id,
+                ")
+                order by created_at_ms, id limit cast(",
+                $limit,
+                " as bigint)"
+            ),
+            by_name: None,
+            count: concat!("select count(*) from ", $from, " where ", $filter),
+        }
+    };
+    ($columns:expr, $from:expr, $filter:expr, $key:literal, $id:literal, $limit:literal, $name:literal, $is_first:literal) => {
+        $crate::store::listing::ListQueries {
+            by_name: Some([
+                concat!(
+                    "select ",
+                    $columns,
+                    " from ",
+                    $from,
+                    " where ",
+                    $filter,
+                    " and (cast(",
+                    $is_first,
+                    " as bigint) = 1 or (",
+                    $name,
+                    ", id) > (",
+                    $key,
+                    ", ",
+                    $id,
+                    "))
+                    order by ",
+                    $name,
+                    ", id limit cast(",
+                    $limit,
+                    " as bigint)"
+                ),
+                concat!(
+                    "select ",
+                    $columns,
+                    " from ",
+                    $from,
+                    " where ",
+                    $filter,
+                    " and (cast(",
+                    $is_first,
+                    " as bigint) = 1 or (",
+                    $name,
+                    ", id) < (",
+                    $key,
+                    ", ",
+                    $id,
+                    "))
+                    order by ",
+                    $name,
+                    " desc, id desc limit cast(",
+                    $limit,
+                    " as bigint)"
+                ),
+            ]),
+            ..$crate::store::listing::list_queries!($columns, $from, $filter, $key, $id, $limit)
+        }
+    };
+}
+pub(super) use list_queries;
+
+/// Fields of a row that lists are ordered by.
+pub(super) struct ListKey<'a> {
+    pub(super) created_at_ms: i64,
+    /// Lower-case name as the database has it; empty for lists without names.
+    pub(super) name: &'a str,
+    pub(super) id: &'a str,
+}
+
+/// A row of a list.
+pub(super) trait ListRow: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
+    fn key(&self) -> ListKey<'_>;
+}
+
+type Rows<T> = QueryAs<'static, Any, T, AnyArguments>;
+
+/// Reads a page. `filters` are the parameters of the filter.
+pub(super) async fn page<T: ListRow>(
+    store: &Store,
+    queries: &ListQueries,
+    filters: &[&str],
+    request: &ListRequest,
+) -> Result<Page<T>> {
+    let limit = request.page.limit();
+    let cursor = request.page.cursor.as_ref();
+    let cursor = cursor.filter(|cursor| cursor.sort == request.sort);
+    let id = cursor.map(|cursor| cursor.id.clone()).unwrap_or_default();
+    let sql = match (request.sort, queries.by_name) {
+        (Sort::Name, Some([by_name, _])) => by_name,
+        (Sort::NameDescending, Some([_, descending])) => descending,
+        (Sort::Oldest, _) => queries.oldest,
+        _ => queries.newest,
+    };
+    let is_by_name = request.sort.is_by_name() && queries.by_name.is_some();
+    let mut query: Rows<T> = sqlx::query_as(sql);
+    for filter in filters {
+        query = query.bind((*filter).to_owned());
+    }
+    let beyond = if request.sort == Sort::Oldest {
+        i64::MIN
+    } else {
+        i64::MAX
+    };
+    query = match cursor.map(|cursor| &cursor.key) {
+        Some(CursorKey::Name(name)) => query.bind(name.clone()),
+        Some(CursorKey::CreatedAtMs(at_ms)) => query.bind(*at_ms),
+        None if is_by_name => query.bind(String::new()),
+        None => query.bind(beyond),
+    };
+    query = query.bind(id).bind(limit as i64 + 1);
+    if is_by_name {
+        query = query.bind(i64::from(cursor.is_none()));
+    }
+    let mut rows = query.fetch_all(store.readers()).await?;
+    let more = rows.len() > limit;
+    rows.truncate(limit);
+    let next_cursor = rows.last().filter(|_| more).map(|last| {
+        let ListKey {
+            created_at_ms,
+            name,
+            id,
+        } = last.key();
+        Cursor {
+            sort: request.sort,
+            key: match is_by_name {
+                true => CursorKey::Name(name.to_owned()),
+                false => CursorKey::CreatedAtMs(created_at_ms),
+            },
+            id: id.to_owned(),
+        }
+    });
+    Ok(Page {
+        items: rows,
+        next_cursor,
+    })
+}
+
+/// Reads a page and counts the items of all pages.
+pub(super) async fn list<T: ListRow>(
+    store: &Store,
+    queries: &ListQueries,
+    filters: &[&str],
+    request: &ListRequest,
+) -> Result<Listed<T>> {
+    let page = page(store, queries, filters, request).await?;
+    let mut query: QueryScalar<'static, Any, i64, AnyArguments> = sqlx::query_scalar(queries.count);
+    for filter in filters {
+        query = query.bind((*filter).to_owned());
+    }
+    Ok(Listed {
+        page,
+        total: query.fetch_one(store.readers()).await?,
+    })
+}
+
+impl ListQueries {
+    /// All its texts, for the test that prepares each.
+    pub(super) const fn texts(&self) -> [&'static str; 5] {
+        let [by_name, descending] = match self.by_name {
+            Some(texts) => texts,
+            None => [self.newest, self.newest],
+        };
+        [self.newest, self.oldest, by_name, descending, self.count]
+    }
+}

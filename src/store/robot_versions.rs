@@ -1,0 +1,125 @@
+//! Robots after an edit. The robot's own row keeps it as it was created; each edit adds a version here. A job keeps the version that it was posted
+//! with, so that its result can be computed and read again.
+
+use serde_json::{Value, json};
+
+use super::from_row::from_row;
+use super::robots::{self, RobotRow};
+use super::{AuditEvent, Conflict, Error, Result, Store, Tx};
+use crate::wire::canonical;
+
+/// A robot after an edit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct RobotVersionRow {
+    pub(super) robot_id: String,
+    pub(super) version: i64,
+    pub(super) joint_map_version: i64,
+    pub(super) body_json: String,
+    pub(super) changed_by: String,
+    pub(super) changed_at_ms: i64,
+}
+
+from_row!(RobotVersionRow {
+    robot_id,
+    version,
+    joint_map_version,
+    body_json,
+    changed_by,
+    changed_at_ms
+});
+
+/// An edit of a robot.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RobotEdit {
+    /// Version that was edited. If it is not the robot's last, nothing is stored.
+    pub edited_version: i64,
+    /// Its name after the edit.
+    pub name: String,
+    /// The robot document after the edit, in JSON.
+    pub body_json: String,
+    /// Whether the joint map has changed.
+    pub changes_joint_map: bool,
+    /// Names of the fields that have changed.
+    pub changed: Vec<&'static str>,
+}
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, MOVE, AT, FIRST, ALL];
+
+const INSERT: &str = "
+    insert into robot_version (robot_id, version, joint_map_version, body_json, changed_by, changed_at_ms)
+    select r.id, r.version + 1, case when cast($3 as bigint) = 1 then r.version + 1 else r.joint_map_version end, $4, $5, (select now_ms from clock)
+    from robot_now r where r.id = $1 and r.version = $2
+    returning robot_id, version, joint_map_version, body_json, changed_by, changed_at_ms";
+
+const MOVE: &str = "update robot set version = $2, name = $3 where id = $1";
+
+const AT: &str = "select body_json from robot_version where robot_id = $1 and version = $2";
+
+const FIRST: &str = "select body_json from robot where id = $1";
+
+// Versions after ($1, $2), in order.
+const ALL: &str = "
+    select robot_id, version, joint_map_version, body_json, changed_by, changed_at_ms from robot_version
+    where (robot_id, version) > ($1, $2) order by robot_id, version limit cast($3 as bigint)";
+
+/// Content of the entry about an edit.
+pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
+    json!({"version": row.version, "joint_map_version": row.joint_map_version, "sha256": canonical::sha256_hex(row.body_json.as_bytes()),
+        "changed_by": row.changed_by, "changed_at_ms": row.changed_at_ms})
+}
+
+/// Stores a new version of a robot.
+///
+/// # Errors
+/// [`Conflict::RobotChanged`] if it was edited meanwhile, [`Conflict::JointMapReleased`], [`Error::NotFound`], [`Error::Database`].
+pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<RobotRow> {
+    tx.needs_room()?;
+    robots::lock(tx, id).await?;
+    let query = sqlx::query_as(INSERT)
+        .bind(id)
+        .bind(edit.edited_version)
+        .bind(i64::from(edit.changes_joint_map))
+        .bind(&edit.body_json)
+        .bind(by);
+    let row: Option<RobotVersionRow> = query
+        .fetch_optional(tx.connection())
+        .await
+        .map_err(|error| Error::from_trigger(error, |_| Conflict::JointMapReleased))?;
+    let row = row.ok_or(Conflict::RobotChanged)?;
+    sqlx::query(MOVE)
+        .bind(id)
+        .bind(row.version)
+        .bind(&edit.name)
+        .execute(tx.connection())
+        .await?;
+    tx.audit(AuditEvent::RobotEdited, id, as_edited(&row));
+    tx.audit_field("name", edit.name.as_str().into());
+    tx.audit_field("changed", json!(edit.changed));
+    robots::get_in(tx, id).await
+}
+
+/// The robot document of a version, in JSON.
+///
+/// # Errors
+/// [`Error::NotFound`], [`Error::Database`].
+pub async fn body(store: &Store, robot_id: &str, version: i64) -> Result<String> {
+    let query = match version > 1 {
+        true => sqlx::query_scalar(AT).bind(robot_id).bind(version),
+        false => sqlx::query_scalar(FIRST).bind(robot_id),
+    };
+    Ok(query.fetch_one(store.readers()).await?)
+}
+
+/// The versions after one of them, by robot and number.
+pub(super) async fn after(
+    store: &Store,
+    (robot_id, version): (&str, i64),
+    limit: i64,
+) -> Result<Vec<RobotVersionRow>> {
+    Ok(sqlx::query_as(ALL)
+        .bind(robot_id)
+        .bind(version)
+        .bind(limit)
+        .fetch_all(store.readers())
+        .await?)
+}
