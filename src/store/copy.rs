@@ -20,6 +20,7 @@ pub const TABLES: &[&str] = &[
     "network",
     "residual_network",
     "parameter_set",
+    "estimate",
     "verification",
     "idempotency",
     "api_key",

@@ -74,6 +74,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0011_report_summary.sql"),
         include_str!("../../migrations/postgres/0011_report_summary.sql"),
     ),
+    (
+        17,
+        "estimate",
+        include_str!("../../migrations/sqlite/0017_estimate.sql"),
+        include_str!("../../migrations/postgres/0017_estimate.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

@@ -17,6 +17,7 @@ pub mod copy;
 mod database;
 mod engine;
 mod error;
+pub mod estimates;
 pub mod frames;
 mod from_row;
 mod hashed;
@@ -87,6 +88,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         audit::ALL_QUERIES,
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
+        estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         jobs::ALL_QUERIES,

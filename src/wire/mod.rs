@@ -8,6 +8,7 @@ pub mod bounds;
 pub mod canonical;
 pub mod compensate;
 pub mod corrections;
+pub mod estimate;
 pub mod export;
 pub mod frames;
 pub mod history;

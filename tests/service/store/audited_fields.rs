@@ -71,6 +71,7 @@ const KNOWN: &str = "
     job | measurement_set_id | (select max(id) from measurement_set)
     job | request_json | '[]' | request_sha256
     report_summary | summary_json | '[]' | summary
+    estimate | estimate_json | '[]' | acknowledged
     robot_policy | changed_by | 'key_9'
     robot_policy | tolerance_mm | 9.5
     api_key | name | 'other'
@@ -194,6 +195,7 @@ async fn violations_of(store: &Store, edit: &Edit) -> Vec<String> {
     let id = match *table {
         "robot_policy" => "robot_id",
         "verification" | "report_summary" => "job_id",
+        "estimate" => "parameter_set_id",
         _ => "id",
     };
     run(
