@@ -204,9 +204,13 @@ fn pair(
 }
 
 fn compared(robot: &Robot, before: MeasurementSet, after: MeasurementSet) -> Changes {
+    let first = CalibrationRequest::new(robot.clone(), before.clone());
+    let first = calibrate(&first, &mut |_| ControlFlow::Continue(()))
+        .expect("these campaigns can be identified from");
     let previous = Some(PreviousSession {
         set: before,
         frames: None,
+        estimate: first.estimate,
     });
     let request = CalibrationRequest {
         method: Method::LeastSquares,

@@ -5,10 +5,10 @@ use crate::calibration::preparation::check::check;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
 use crate::calibration::request::{CalibrationRequest, Method};
-use crate::calibration::session_comparison::changes;
+use crate::calibration::session_comparison::{changes, estimate_of_request};
 use crate::calibration::solve::choice::{Choice, choose};
 use crate::calibration::solve::corrections;
-use crate::calibration::solve::final_fit::{self, final_fit};
+use crate::calibration::solve::final_fit::{self, Final, final_fit};
 use crate::calibration::solve::larger_model;
 use crate::calibration::solve::solution::{Found, least_squares_from};
 use crate::calibration::solve::swarms::{Start, swarm};
@@ -123,10 +123,16 @@ pub fn calibrate(
     report
         .warnings
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
+    // priors that were stated once are no result of the session
+    let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
+    report.estimate = fitted.and_then(Final::estimate);
     if request.previous.is_some() {
         report.changes = stage(monitor, "compare_sessions", |monitor| {
-            let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
-            changes(request, fitted, &mut quiet(monitor))
+            let own = match fitted {
+                Some(_) => report.estimate.clone(),
+                None => estimate_of_request(request, &mut quiet(monitor))?,
+            };
+            own.map_or(Ok(None), |own| changes(request, &own, &mut quiet(monitor)))
         })?;
         report.warnings.extend(
             report

@@ -2,11 +2,12 @@
 //! and its uncertainty goes into what is named and into the tool.
 
 use crate::calibration::calibrate::calibrate;
+use crate::calibration::preparation::observe::model_parameters;
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{CalibrationReport, FlangeRotation, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
-use crate::calibration::session_comparison::{estimate, list};
+use crate::calibration::session_comparison::{estimate, kept, list};
 use crate::calibration::solve::corrections;
 use crate::calibration::stages::{quiet, stage, watched};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
@@ -56,6 +57,8 @@ pub fn calibrate_partially(
         ..request.clone()
     };
     let mut report = calibrate(&from_held, monitor)?;
+    // its priors are about the held links, not about the nominal ones
+    report.estimate = None;
     report.warnings.extend(
         corrections::are_wanted(request.corrections, request.preset)
             .then(corrections::left_out_of_a_part),
@@ -79,8 +82,14 @@ pub fn calibrate_partially(
     };
     // both sessions with all parameters
     let (earlier, anew) = stage(monitor, "held_uncertainty", |monitor| {
-        let earlier = estimate(&whole, &mut quiet(monitor))?;
-        Ok((earlier, estimate(&of_all_parameters, &mut quiet(monitor))?))
+        let anew = estimate(&of_all_parameters, &mut quiet(monitor))?;
+        let n_targets = held.session.set.n_targets();
+        let all = model_parameters(&whole, n_targets);
+        let earlier = match kept(&held.session, &all) {
+            Some(kept) => Some(kept.clone()),
+            None => estimate(&whole, &mut quiet(monitor))?,
+        };
+        Ok((earlier, anew))
     })?;
     let of_held = earlier
         .as_ref()

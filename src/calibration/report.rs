@@ -2,6 +2,7 @@
 
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
+use crate::identification::changes::Estimate;
 use crate::identification::corrected::CorrectedModel;
 use crate::identification::corrections::Evidence;
 use crate::identification::uncertainty::Uncertainty;
@@ -277,6 +278,9 @@ pub struct CalibrationReport {
     pub error_model: Option<ErrorModel>,
     /// The whole of it, for whoever wants the covariance: rows in the order of `parameters`.
     pub uncertainty: Option<Uncertainty>,
+    /// The delivered fit as later sessions are compared with it; `None` where priors were stated, where no fit to all points was made, and where its
+    /// uncertainty cannot be stated.
+    pub estimate: Option<Estimate>,
     /// Why no uncertainty is stated, where a robot was identified and none is.
     pub uncertainty_absent_because: Option<String>,
     /// What changed since the robot's last identification, where that was given.

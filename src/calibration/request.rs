@@ -3,6 +3,7 @@
 pub use crate::calibration::method::{CorrectionsChoice, FinalFit, Loss, Method};
 use crate::calibration::validation::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
+pub use crate::identification::changes::Estimate;
 pub use crate::identification::{Model, Preset};
 
 use crate::identification::TrainedNetwork;
@@ -126,6 +127,8 @@ pub struct PreviousSession {
     pub set: MeasurementSet,
     /// The frames that they were identified with.
     pub frames: Option<PreliminaryFrames>,
+    /// What its identification found, where that was kept.
+    pub estimate: Option<Estimate>,
 }
 
 impl CalibrationRequest {

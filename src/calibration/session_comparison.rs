@@ -1,20 +1,23 @@
-//! What changed since the robot's last identification: both sessions fitted alike, on all of their points, and compared.
+//! What changed since the robot's last identification: two estimates, each from all points of its session, compared.
+//!
+//! The earlier estimate is the one that was kept with the parameter set. Where it does not have the same free parameters of links, or where none was
+//! kept, the earlier session is fitted again as today's was.
 
 use crate::calibration::outcome::stated_uncertainty::stated;
 use crate::calibration::preparation::check::check;
 use crate::calibration::preparation::observe::observe;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{ChangeKind, Changes, NamedChange, Warning};
-use crate::calibration::request::CalibrationRequest;
-use crate::calibration::solve::final_fit::Final;
+use crate::calibration::request::{CalibrationRequest, PreviousSession};
 use crate::calibration::solve::solution::least_squares_from;
 use crate::calibration::stages::watched;
 use crate::calibration::{Error, Monitor};
+use crate::frames::PreliminaryFrames;
 use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS, compare};
 use crate::identification::identifiability::prior_scale;
 use crate::identification::parameters::Parameter;
 use crate::kinematics::reach_mm;
-use crate::measurement::Subset;
+use crate::measurement::{MeasurementSet, Subset};
 
 /// A change by more than this share of what a fresh robot is expected to be off (1 mm, 0.3°) is a jump.
 const JUMP: f64 = 0.2;
@@ -26,38 +29,67 @@ const LISTED: usize = 6;
 /// Below this a probability is only said to be below it.
 const LEAST_PROBABILITY: f64 = 1e-9;
 
-/// Compares the request's session with the one that it names as previous. `None` where there is none, or where one of them cannot be
-/// identified from by itself. The fit to all points of the request's session may be known already (`fitted`).
+/// Compares `own`, the estimate of the request's session, with the session that it names as previous. `None` where there is none, or where it cannot
+/// be identified from by itself.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
 pub fn changes(
     request: &CalibrationRequest,
-    fitted: Option<&Final<'_>>,
+    own: &Estimate,
     monitor: &mut Monitor<'_>,
 ) -> Result<Option<Changes>, Error> {
     let Some(previous) = &request.previous else {
         return Ok(None);
     };
-    let alike = |set, frames| CalibrationRequest {
+    let before = match kept(previous, &own.parameters) {
+        Some(kept) => Some(kept.clone()),
+        None => {
+            let (set, frames) = (previous.set.clone(), previous.frames.clone());
+            estimate(&alike(request, set, frames), monitor)?
+        }
+    };
+    let compared = before.and_then(|before| compare(&before, own));
+    Ok(compared.map(|comparison| in_words(&comparison, reach_mm(&request.robot.links))))
+}
+
+/// The kept estimate of an earlier session, if its free parameters of links are those of `parameters`.
+pub fn kept<'a>(previous: &'a PreviousSession, parameters: &[Parameter]) -> Option<&'a Estimate> {
+    let of_links = |parameters: &[Parameter]| -> Vec<Parameter> {
+        parameters
+            .iter()
+            .copied()
+            .filter(Parameter::is_link)
+            .collect()
+    };
+    let kept = previous.estimate.as_ref()?;
+    (of_links(&kept.parameters) == of_links(parameters)).then_some(kept)
+}
+
+/// The estimate of the request's own session, without its priors and options.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn estimate_of_request(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<Option<Estimate>, Error> {
+    let (set, frames) = (request.set.clone(), request.frames.clone());
+    estimate(&alike(request, set, frames), monitor)
+}
+
+/// A session of the request's robot with the request's model and free parameters, and every other option by default.
+fn alike(
+    request: &CalibrationRequest,
+    set: MeasurementSet,
+    frames: Option<PreliminaryFrames>,
+) -> CalibrationRequest {
+    CalibrationRequest {
         model: Some(request.model()),
         parameters: request.parameters.clone(),
         frames,
         ..CalibrationRequest::new(request.robot.clone(), set)
-    };
-    let before = alike(previous.set.clone(), previous.frames.clone());
-    let after = match fitted {
-        Some(fitted) => fitted.estimate(),
-        None => estimate(&alike(request.set.clone(), request.frames.clone()), monitor)?,
-    };
-    let Some(after) = after else {
-        return Ok(None);
-    };
-    let Some(before) = estimate(&before, monitor)? else {
-        return Ok(None);
-    };
-    Ok(compare(&before, &after)
-        .map(|comparison| in_words(&comparison, reach_mm(&request.robot.links))))
+    }
 }
 
 /// What a session says of its own, from all its points; `None` where it cannot be said how sure that is.

@@ -6,10 +6,11 @@ use crate::http::limits::RequestClass;
 use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
+use crate::jobs::estimate::stored_estimate;
 use crate::jobs::execution::request_of;
 use crate::operations::{self, IdentifiedSet};
 use crate::release::{self, ScoredJob};
-use crate::store::{ParameterSetRow, jobs, parameter_sets, policies, verifications};
+use crate::store::{ParameterSetRow, estimates, jobs, parameter_sets, policies, verifications};
 use crate::wire::Invalid;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, HistoryItem};
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -133,19 +134,31 @@ async fn compare(
         JobInputs::load(&app.store, &row.job_id).await?,
         JobInputs::load(&app.store, &other.job_id).await?,
     );
+    let estimates = (
+        estimates::of_parameter_set(&app.store, &row.id).await?,
+        estimates::of_parameter_set(&app.store, &other.id).await?,
+    );
     let compare = move || {
-        let (own, with) = (identified(&row, &inputs.0)?, identified(&other, &inputs.1)?);
+        let own = identified(&row, &inputs.0, estimates.0.as_deref())?;
+        let with = identified(&other, &inputs.1, estimates.1.as_deref())?;
         Ok::<_, Error>(operations::compare(own, with)?)
     };
     Ok(Json(permit.run(compare).await?))
 }
 
-fn identified(row: &ParameterSetRow, inputs: &JobInputs) -> Result<IdentifiedSet, Error> {
+fn identified(
+    row: &ParameterSetRow,
+    inputs: &JobInputs,
+    estimate_json: Option<&str>,
+) -> Result<IdentifiedSet, Error> {
+    let unreadable = || Error::Internal("the inputs of a comparison cannot be read".into());
+    let request = request_of(inputs).map_err(|_| unreadable())?;
+    let estimate = stored_estimate(estimate_json, &inputs.robot, request.model());
     Ok(IdentifiedSet {
         id: row.id.clone(),
         content: answers::content(row)?,
-        request: request_of(inputs)
-            .map_err(|_| Error::Internal("the inputs of a comparison cannot be read".into()))?,
+        request,
         upload_sha256: inputs.set.row.sha256.clone(),
+        estimate: estimate.map_err(|_| unreadable())?,
     })
 }

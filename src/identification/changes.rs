@@ -32,7 +32,7 @@ const HARDLY_SEEN: f64 = 0.05;
 const EIGEN_ITERATIONS: usize = 10_000;
 
 /// What one session says.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
     /// The free parameters.
     pub parameters: Vec<Parameter>,

@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
-    ParameterSetRow, Result, RobotRow, Store, VerificationRow, frames, jobs, measurement_sets,
-    networks, parameter_sets, robots, verifications,
+    ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, jobs,
+    measurement_sets, networks, parameter_sets, robots, verifications,
 };
 use crate::wire::verification::Verification;
 
@@ -70,6 +70,8 @@ pub struct ParameterSetInput {
     pub frames: Option<FramesRow>,
     /// Verification facts of its identification.
     pub verification: Option<VerificationRow>,
+    /// Its estimate, `wire::estimate`; none of a set of an older version.
+    pub estimate_json: Option<String>,
 }
 
 /// A measurement set with its bytes.
@@ -217,6 +219,7 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     let frames = load(job.frames_id.as_deref(), |id| frames::get(store, id)).await?;
     Ok(ParameterSetInput {
         verification: verifications::of_job(store, &row.job_id).await?,
+        estimate_json: estimates::of_parameter_set(store, id).await?,
         row,
         set: MeasurementSetInput::read(store, &job.measurement_set_id).await?,
         frames,

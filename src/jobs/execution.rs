@@ -2,8 +2,8 @@
 //! give the same result on any worker.
 
 use crate::calibration::partial::{Held, calibrate_partially};
-use crate::calibration::request::PreviousSession;
 use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate};
+use crate::jobs::estimate::{estimate_json, previous_session};
 use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
 use crate::release::facts::{
@@ -74,6 +74,7 @@ pub fn compute(
         parameter_set: Some(NewParameterSet {
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
+            estimate_json: estimate_json(&calibrated.core, inputs).map_err(broken)?,
         }),
         residual_network: residual_network_file(&calibrated.core)?
             .map(NewNetwork::try_from)
@@ -381,29 +382,6 @@ fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
     Some(HeldOut {
         nominal_rms_mm: found.before_rms_mm?,
         identified_rms_mm: found.after_rms_mm?,
-    })
-}
-
-/// The session that the robot was last identified from; none if it cannot be read.
-fn previous_session(
-    request: &JobRequestBody,
-    inputs: &JobInputs,
-    n_joints: usize,
-) -> Option<PreviousSession> {
-    let input = inputs
-        .parameter_set
-        .as_ref()
-        .filter(|_| request.kind == Kind::Identify)?;
-    let frames = input
-        .frames
-        .as_ref()
-        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
-        .transpose()
-        .ok()?;
-    let set = input.set.parse(n_joints).ok()?;
-    Some(PreviousSession {
-        set,
-        frames: frames.map(|content| (&content).into()),
     })
 }
 

@@ -7,6 +7,7 @@
 pub mod backfill;
 pub mod blocking;
 mod compute;
+pub mod estimate;
 mod evidence;
 pub mod execution;
 mod heartbeat;

@@ -1,7 +1,7 @@
 //! Compares two parameter sets of a robot.
 
-use crate::calibration::request::PreviousSession;
-use crate::calibration::session_comparison::changes;
+use crate::calibration::request::{Estimate, PreviousSession};
+use crate::calibration::session_comparison::{changes, estimate_of_request};
 use crate::calibration::{self, CalibrationRequest, tool_differences};
 use crate::wire::history::{CompareAnswer, MapPoint, SessionTest};
 use crate::wire::parameter_set::ParameterSetContent;
@@ -18,6 +18,8 @@ pub struct IdentifiedSet {
     pub request: CalibrationRequest,
     /// Hash of its upload.
     pub upload_sha256: String,
+    /// Its estimate, where one was kept.
+    pub estimate: Option<Estimate>,
 }
 
 /// Differences of the tool over the workspace, and a test of both sessions if they are two.
@@ -34,12 +36,22 @@ pub fn compare(
         &with.content.identified_robot(None),
     );
     let same_upload = own.upload_sha256 == with.upload_sha256;
+    let monitor = &mut |_: calibration::Event<'_>| ControlFlow::Continue(());
     let mut request = own.request;
-    request.previous = (!same_upload).then_some(PreviousSession {
+    request.previous = Some(PreviousSession {
         set: with.request.set,
         frames: with.request.frames,
+        estimate: with.estimate,
     });
-    let changes = changes(&request, None, &mut |_| ControlFlow::Continue(()))?;
+    let own_estimate = match (same_upload, own.estimate) {
+        (true, _) => None,
+        (false, Some(kept)) => Some(kept),
+        (false, None) => estimate_of_request(&request, monitor)?,
+    };
+    let changes = match own_estimate {
+        Some(own) => changes(&request, &own, monitor)?,
+        None => None,
+    };
     Ok(CompareAnswer {
         parameter_set_id: own.id,
         with: with.id,

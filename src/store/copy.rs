@@ -23,6 +23,7 @@ pub const TABLES: &[&str] = &[
     "network",
     "residual_network",
     "parameter_set",
+    "estimate",
     "verification",
     "archived",
     "idempotency",

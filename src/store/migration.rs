@@ -74,6 +74,24 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0011_report_summary.sql"),
         include_str!("../../migrations/postgres/0011_report_summary.sql"),
     ),
+    (
+        12,
+        "mend_and_put_away",
+        include_str!("../../migrations/sqlite/0012_mend_and_put_away.sql"),
+        include_str!("../../migrations/postgres/0012_mend_and_put_away.sql"),
+    ),
+    (
+        13,
+        "columns",
+        include_str!("../../migrations/sqlite/0013_columns.sql"),
+        include_str!("../../migrations/postgres/0013_columns.sql"),
+    ),
+    (
+        17,
+        "estimate",
+        include_str!("../../migrations/sqlite/0017_estimate.sql"),
+        include_str!("../../migrations/postgres/0017_estimate.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

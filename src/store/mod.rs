@@ -19,6 +19,7 @@ pub mod copy;
 mod database;
 mod engine;
 mod error;
+pub mod estimates;
 pub mod frames;
 mod from_row;
 mod hashed;
@@ -98,6 +99,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         api_keys::ALL_QUERIES,
         column_mappings::ALL_QUERIES,
         archive::ALL_QUERIES,
+        estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         jobs::ALL_QUERIES,

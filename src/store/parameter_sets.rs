@@ -5,12 +5,13 @@ use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
+use super::estimates;
 use super::from_row::from_row;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
+    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
     policies, robots, verifications,
 };
 use crate::wire::canonical;
@@ -88,6 +89,8 @@ pub struct NewParameterSet {
     pub body_json: String,
     /// SHA-256 of the parameters, hexadecimal.
     pub sha256: String,
+    /// What later sessions are compared with, `wire::estimate`.
+    pub estimate_json: Option<Hashed<String>>,
 }
 
 /// A release to be written.
@@ -299,7 +302,12 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
         .bind(&new.body_json)
         .bind(&new.sha256);
     let row: ParameterSetRow = query.fetch_one(tx.connection()).await?;
-    tx.audit(AuditEvent::ParameterSetCreated, &row.id, as_created(&row));
+    let mut detail = as_created(&row);
+    if let Some(estimate) = &new.estimate_json {
+        estimates::insert(tx, &row.id, estimate).await?;
+        detail["estimate_sha256"] = json!(estimate.sha256());
+    }
+    tx.audit(AuditEvent::ParameterSetCreated, &row.id, detail);
     Ok(row)
 }
 

@@ -9,6 +9,7 @@ pub mod canonical;
 pub mod columns;
 pub mod compensate;
 pub mod corrections;
+pub mod estimate;
 pub mod export;
 pub mod frames;
 pub mod history;

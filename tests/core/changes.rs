@@ -3,13 +3,18 @@
 use crate::data::{paper_robot, paper_set};
 use crate::simulation::{Normal, true_robot};
 use kincal::calibration::report::{ChangeKind, Changes};
-use kincal::calibration::request::PreviousSession;
+use kincal::calibration::request::{Estimate, Model, PreviousSession};
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::{Link, Robot};
 use kincal::measurement::{Frame, MeasurementSet, Point};
+use kincal::wire::estimate::StoredEstimate;
+use kincal::wire::json;
+use kincal::wire::robot::RobotBody;
 use rand::RngExt;
 use std::ops::ControlFlow;
+
+const ROBOT_JSON: &str = include_str!("../../data/paper/robot.json");
 
 fn two_sessions(
     seed: u64,
@@ -20,19 +25,67 @@ fn two_sessions(
 
 /// The reported changes of `after` for a robot that was last identified from `before`.
 fn compared(robot: &Robot, before: &MeasurementSet, after: &MeasurementSet) -> Changes {
+    compared_with(robot, before, kept_estimate(robot, before), after)
+}
+
+fn compared_with(
+    robot: &Robot,
+    before: &MeasurementSet,
+    estimate: Option<Estimate>,
+    after: &MeasurementSet,
+) -> Changes {
     let previous = Some(PreviousSession {
         set: before.clone(),
         frames: None,
+        estimate,
     });
     let request = CalibrationRequest {
         method: Method::LeastSquares,
         previous,
         ..CalibrationRequest::new(robot.clone(), after.clone())
     };
-    calibrate(&request, &mut |_| ControlFlow::Continue(()))
-        .unwrap()
-        .changes
-        .unwrap()
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    report.changes.unwrap()
+}
+
+/// What the service keeps of an identification.
+fn kept_estimate(robot: &Robot, set: &MeasurementSet) -> Option<Estimate> {
+    let request = CalibrationRequest::new(robot.clone(), set.clone());
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    report.estimate
+}
+
+/// Both fits end where their steps are below a thousandth of a standard deviation, so their distances agree to about as much.
+const SAME_CHI_SQUARE: f64 = 0.01;
+
+#[test]
+fn a_kept_estimate_says_what_the_earlier_session_says_when_it_is_fitted_again() {
+    let robot = paper_robot();
+    for seed in 0..4 {
+        let turned = |model: &mut KinematicModel| model.links[2].theta_offset_rad += 1e-3;
+        let (first, second) = two_sessions(seed, turned);
+        let kept = kept_estimate(&robot, &first);
+        assert!(kept.is_some());
+        let by_kept = compared_with(&robot, &first, kept, &second);
+        let by_fit = compared_with(&robot, &first, None, &second);
+        assert_eq!(names(&by_kept), names(&by_fit), "robot {seed}");
+        let ratio = by_kept.chi_square / by_fit.chi_square;
+        assert!(
+            (ratio - 1.0).abs() < SAME_CHI_SQUARE,
+            "robot {seed}: {ratio}"
+        );
+    }
+}
+
+#[test]
+fn an_estimate_is_stored_to_the_last_bit() {
+    let (first, _) = two_sessions(0, |_| ());
+    let estimate = kept_estimate(&paper_robot(), &first).unwrap();
+    let body: RobotBody = json::parse(ROBOT_JSON.as_bytes()).unwrap();
+    let stored = StoredEstimate::new(&estimate, Model::Complete, &body).unwrap();
+    let text = serde_json::to_string(&stored).unwrap();
+    let read: StoredEstimate = serde_json::from_str(&text).unwrap();
+    assert_eq!(Estimate::try_from(&read).unwrap(), estimate);
 }
 
 fn names(changes: &Changes) -> Vec<&str> {

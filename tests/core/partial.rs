@@ -39,6 +39,7 @@ fn held(n: u64) -> (usize, usize) {
             session: PreviousSession {
                 set: first,
                 frames: None,
+                estimate: None,
             },
         };
         let report =
@@ -132,6 +133,7 @@ fn a_partial_recalibration_of_the_wrong_joint_states_no_uncertainty() {
                 session: PreviousSession {
                     set: first.clone(),
                     frames: None,
+                    estimate: None,
                 },
             };
             let report =

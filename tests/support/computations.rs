@@ -70,6 +70,7 @@ fn outcome(inputs: &JobInputs) -> JobOutcome {
         parameter_set: Some(NewParameterSet {
             body_json: r#"{"links":[]}"#.into(),
             sha256: "ef".into(),
+            estimate_json: None,
         }),
         network: Some(NewNetwork {
             model: Model::Paper,

@@ -85,6 +85,7 @@ pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSet
     let new = kincal::store::NewParameterSet {
         body_json: "{}".into(),
         sha256: canonical::sha256_hex(b"{}"),
+        estimate_json: None,
     };
     in_transaction(store, async |tx| {
         parameter_sets::insert(tx, &job.id, &new).await

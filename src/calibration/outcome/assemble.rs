@@ -321,6 +321,7 @@ pub fn report(
         tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
         error_model: uncertainty.as_ref().map(ErrorModel::of),
         uncertainty,
+        estimate: None,
         uncertainty_absent_because: why_not_stated,
         changes: None,
         flange_rotation: fits

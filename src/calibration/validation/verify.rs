@@ -326,6 +326,7 @@ fn report(
         tool_uncertainty: None,
         error_model: None,
         uncertainty: None,
+        estimate: None,
         uncertainty_absent_because: None,
         changes: None,
         flange_rotation: None,

@@ -7,7 +7,7 @@ use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
-use crate::store::{AuditEvent, Result, Store, report_summaries};
+use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
 use serde::Deserialize;
@@ -89,14 +89,16 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
         }
     }
     let documents = [
-        (REPORTS, "report_sha256"),
-        (CONVERGENCES, "convergence_sha256"),
+        (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
+        (CONVERGENCES, AuditEvent::JobSucceeded, "convergence_sha256"),
+        (
+            estimates::ALL,
+            AuditEvent::ParameterSetCreated,
+            "estimate_sha256",
+        ),
     ];
-    for (query, name) in documents {
-        let field = EntryField {
-            event: AuditEvent::JobSucceeded,
-            name,
-        };
+    for (query, event, name) in documents {
+        let field = EntryField { event, name };
         let mut after = String::new();
         loop {
             let rows: Vec<(String, String)> = sqlx::query_as(query)

@@ -52,6 +52,8 @@ const GUARDS: &[&str] = &[
     "job_report_stays",
     "report_summary_stays",
     "report_summary_is_kept",
+    "estimate_stays",
+    "estimate_is_kept",
     "frames_stay",
     "robot_version_stays",
     "robot_version_is_kept",

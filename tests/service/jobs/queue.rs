@@ -46,6 +46,7 @@ fn an_outcome(report_json: &str) -> JobOutcome {
         parameter_set: Some(NewParameterSet {
             body_json: "{}".into(),
             sha256: "cd".into(),
+            estimate_json: None,
         }),
         network: None,
         residual_network: None,
@@ -303,6 +304,7 @@ fn of_a_finish_that_fails_halfway_nothing_is_stored() {
         let in_the_way = NewParameterSet {
             body_json: "{}".into(),
             sha256: "00".into(),
+            estimate_json: None,
         };
         in_transaction(store, async |tx| {
             parameter_sets::insert(tx, &job.id, &in_the_way).await

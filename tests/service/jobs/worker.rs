@@ -374,6 +374,7 @@ fn a_result_that_cannot_be_stored_fails_its_job_and_leaves_nothing_of_it() {
         let in_the_way = NewParameterSet {
             body_json: "{}".into(),
             sha256: "00".into(),
+            estimate_json: None,
         };
         in_transaction(store, async |tx| {
             parameter_sets::insert(tx, &job.id, &in_the_way).await

@@ -74,6 +74,7 @@ const KNOWN: &str = "
     column_mapping | columns_json | '[]' | columns_sha256
     column_mapping | name | 'other'
     column_mapping | created_by | 'key_9'
+    estimate | estimate_json | '[]' | acknowledged
     robot_policy | changed_by | 'key_9'
     robot_policy | tolerance_mm | 9.5
     api_key | name | 'other'
@@ -198,6 +199,7 @@ async fn violations_of(store: &Store, edit: &Edit) -> Vec<String> {
     let id = match *table {
         "robot_policy" => "robot_id",
         "verification" | "report_summary" => "job_id",
+        "estimate" => "parameter_set_id",
         _ => "id",
     };
     run(

@@ -244,6 +244,7 @@ fn a_job_has_at_most_one_parameter_set() {
         let new = NewParameterSet {
             body_json: "{}".into(),
             sha256: "00".into(),
+            estimate_json: None,
         };
         let first = in_transaction(store, async |tx| {
             parameter_sets::insert(tx, &job.id, &new).await
@@ -799,6 +800,7 @@ async fn an_identified(
     let candidate = NewParameterSet {
         body_json: "{}".into(),
         sha256: kincal::wire::canonical::sha256_hex(b"{}"),
+        estimate_json: None,
     };
     in_transaction(store, async |tx| {
         let row = parameter_sets::insert(tx, &job.id, &candidate).await?;

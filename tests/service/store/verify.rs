@@ -65,6 +65,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
     let new = NewParameterSet {
         body_json: "{}".into(),
         sha256: sha256_hex(b"{}"),
+        estimate_json: Some("{}".to_owned().into()),
     };
     in_transaction(store, async |tx| {
         succeed(tx, &lease).await?;
@@ -212,7 +213,7 @@ const FAULTS: &[(&str, &[&str])] = &[
     ("drop trigger robot_stays; update robot set body_json = '[]'", &["I1", "I9"]),
     (
         "drop trigger parameter_set_is_kept; drop trigger verification_is_kept; drop trigger report_summary_is_kept; \
-         delete from report_summary; delete from verification; delete from network; delete from residual_network; delete from parameter_set; delete from job",
+         drop trigger estimate_is_kept; delete from estimate; delete from report_summary; delete from verification; delete from network; delete from residual_network; delete from parameter_set; delete from job",
         &["I1"],
     ),
     ("delete from network", &["I1"]),
@@ -236,6 +237,11 @@ const FAULTS: &[(&str, &[&str])] = &[
         &["I1", "I9"],
     ),
     ("drop trigger report_summary_is_kept", &["I9"]),
+    (
+        "drop trigger estimate_stays; update estimate set estimate_json = '{\"a\":1}'",
+        &["I1", "I9"],
+    ),
+    ("drop trigger estimate_is_kept", &["I9"]),
     ("drop trigger job_report_stays; update job set convergence_json = '[]' where status = 'succeeded'", &["I1", "I9"]),
     (
         "drop trigger job_report_stays; update job set report_json = '{\"result_sha256\":\"x\"}', result_sha256 = 'x' where status = 'succeeded'",
@@ -322,6 +328,7 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update job set convergence_json = null",
             "update job set result_sha256 = 'x'",
             "update report_summary set summary_json = '{}'",
+            "update estimate set estimate_json = '[]'",
             "update frames set result_json = '[]'",
             "update frames set body = x'00'",
             "update measurement_set set reading_json = '{}'",
@@ -356,6 +363,7 @@ fn sql_for(engine: Engine, sql: &str) -> String {
                 "job",
                 "verification",
                 "report_summary",
+                "estimate",
             ]
             .into_iter()
             .find(|table| name.starts_with(table));

@@ -1,0 +1,77 @@
+//! The estimate of a job's result, as it is stored and as a later session is compared with it.
+
+use crate::calibration::CalibrationReport;
+use crate::calibration::request::{Estimate, PreviousSession};
+use crate::jobs::JobInputs;
+use crate::release::is_usable;
+use crate::store::{Hashed, RobotRow};
+use crate::wire::estimate::{StoredEstimate, geometry_sha256};
+use crate::wire::frames::FramesContent;
+use crate::wire::job::{JobRequestBody, Kind, Model};
+use crate::wire::json;
+use crate::wire::robot::RobotBody;
+
+/// A stored document that cannot be read. It was written by this program, so this does not happen.
+pub type Unreadable = Box<dyn std::error::Error + Send + Sync>;
+
+/// The estimate of a result that can be used, for comparisons with later sessions.
+pub(super) fn estimate_json(
+    core: &CalibrationReport,
+    inputs: &JobInputs,
+) -> Result<Option<Hashed<String>>, Unreadable> {
+    let Some(estimate) = core.estimate.as_ref().filter(|_| is_usable(core)) else {
+        return Ok(None);
+    };
+    let stored = StoredEstimate::new(estimate, core.model, &body_of(&inputs.robot)?)?;
+    let text = serde_json::to_string(&stored)?;
+    Ok(Some(text.into()))
+}
+
+/// Reads a stored estimate. None where there is none, or where the robot's links or joint map were others then.
+///
+/// # Errors
+/// If the document cannot be read.
+pub fn stored_estimate(
+    estimate_json: Option<&str>,
+    robot: &RobotRow,
+    model: Model,
+) -> Result<Option<Estimate>, Unreadable> {
+    let Some(text) = estimate_json else {
+        return Ok(None);
+    };
+    let stored: StoredEstimate = serde_json::from_str(text)?;
+    let is_alike =
+        stored.model == model && stored.geometry_sha256 == geometry_sha256(&body_of(robot)?)?;
+    let estimate = is_alike.then(|| Estimate::try_from(&stored)).transpose()?;
+    Ok(estimate)
+}
+
+/// The session that the robot was last identified from; none if it cannot be read.
+pub(super) fn previous_session(
+    request: &JobRequestBody,
+    inputs: &JobInputs,
+    n_joints: usize,
+) -> Option<PreviousSession> {
+    let input = inputs
+        .parameter_set
+        .as_ref()
+        .filter(|_| request.kind == Kind::Identify)?;
+    let frames = input
+        .frames
+        .as_ref()
+        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
+        .transpose()
+        .ok()?;
+    let set = input.set.parse(n_joints).ok()?;
+    let model = request.model_for(inputs.set.row.frame);
+    let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
+    Some(PreviousSession {
+        set,
+        frames: frames.map(|content| (&content).into()),
+        estimate,
+    })
+}
+
+fn body_of(robot: &RobotRow) -> Result<RobotBody, Unreadable> {
+    Ok(json::parse(robot.body_json.as_bytes())?)
+}

@@ -1,0 +1,41 @@
+//! The estimate of each parameter set: `wire::estimate`.
+
+use super::{Hashed, Result, Store, Tx};
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_PARAMETER_SET, ALL];
+
+const INSERT: &str = "insert into estimate (parameter_set_id, estimate_json) values ($1, $2)";
+
+const OF_PARAMETER_SET: &str = "select estimate_json from estimate where parameter_set_id = $1";
+
+/// Ids of parameter sets with their estimates, for `verify-store`.
+pub(super) const ALL: &str = "
+    select parameter_set_id, estimate_json from estimate where parameter_set_id > $1 order by parameter_set_id limit cast($2 as bigint)";
+
+/// Stores the estimate of a new parameter set.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub(super) async fn insert(
+    tx: &mut Tx,
+    parameter_set_id: &str,
+    json: &Hashed<String>,
+) -> Result<()> {
+    sqlx::query(INSERT)
+        .bind(parameter_set_id)
+        .bind(json.content())
+        .execute(tx.connection())
+        .await?;
+    Ok(())
+}
+
+/// The estimate of a parameter set, if one was kept.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_parameter_set(store: &Store, parameter_set_id: &str) -> Result<Option<String>> {
+    Ok(sqlx::query_scalar(OF_PARAMETER_SET)
+        .bind(parameter_set_id)
+        .fetch_optional(store.readers())
+        .await?)
+}

@@ -1,0 +1,213 @@
+//! The estimate that is kept with a parameter set, for comparisons with later sessions. It is stored, and no route answers it.
+
+use crate::calibration::request::Model;
+use crate::identification::KinematicModel;
+use crate::identification::changes::Estimate;
+use crate::identification::evidence::Noise;
+use crate::identification::misfit::Misfit;
+use crate::identification::parameters::{Parameter, complete_parameters};
+use crate::identification::uncertainty::Uncertainty;
+use crate::kinematics::Link;
+use crate::wire::canonical::canonical_sha256;
+use crate::wire::robot::RobotBody;
+use nalgebra::{DMatrix, IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// An estimate, and what it is an estimate of. All numbers are written so that they read back to the same bits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StoredEstimate {
+    /// The model that was identified.
+    pub model: Model,
+    /// Hash of the robot's links and joint map, see [`geometry_sha256`].
+    pub geometry_sha256: String,
+    /// Free parameters by name; rows of the matrices below are in their order.
+    parameters: Vec<String>,
+    /// Rotation from base to measuring frame, row by row.
+    rotation: [[f64; 3]; 3],
+    /// Base in the measuring frame, mm.
+    translation_mm: [f64; 3],
+    /// a (mm), alpha (rad), d (mm), theta_offset (rad), beta (rad) of each link.
+    links: Vec<[f64; 5]>,
+    /// Targets in the flange frame, mm.
+    targets_mm: Vec<[f64; 3]>,
+    /// Noise of a coordinate, mm, and its degrees of freedom.
+    noise_std_mm: f64,
+    noise_freedom: f64,
+    uncertainty: StoredUncertainty,
+}
+
+/// [`Uncertainty`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct StoredUncertainty {
+    noise_std_mm: f64,
+    configuration_std_mm: f64,
+    misfit_std_rad: f64,
+    root: Rows,
+    of_noise: Rows,
+    prior_std: Vec<f64>,
+    gravity: Vec<[f64; 3]>,
+    held: Vec<String>,
+    n_parameters: usize,
+    freedom: f64,
+    stds_from_minimum: f64,
+}
+
+/// A matrix, row by row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Rows {
+    n_columns: usize,
+    rows: Vec<Vec<f64>>,
+}
+
+/// Hash of what an estimate depends on of its robot: nominal links without their limits, and the joint map.
+///
+/// # Errors
+/// If it cannot be serialised; does not happen for finite numbers.
+pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
+    let mut links = robot.links.clone();
+    links
+        .iter_mut()
+        .for_each(|link| link.joint_limits_deg = None);
+    canonical_sha256(&(links, &robot.joint_map))
+}
+
+impl StoredEstimate {
+    /// An estimate of a robot.
+    ///
+    /// # Errors
+    /// As [`geometry_sha256`].
+    pub fn new(
+        estimate: &Estimate,
+        model: Model,
+        robot: &RobotBody,
+    ) -> Result<Self, serde_json::Error> {
+        let Estimate {
+            parameters,
+            model: found,
+            uncertainty,
+            noise,
+        } = estimate;
+        let names = |parameters: &[Parameter]| parameters.iter().map(Parameter::name).collect();
+        let link = |l: &Link| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad];
+        let rotation = found.t_instrument_base.rotation.matrix();
+        Ok(Self {
+            model,
+            geometry_sha256: geometry_sha256(robot)?,
+            parameters: names(parameters),
+            rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)])),
+            translation_mm: found.t_instrument_base.translation.vector.into(),
+            links: found.links.iter().map(link).collect(),
+            targets_mm: found.targets_mm.iter().map(|t| (*t).into()).collect(),
+            noise_std_mm: noise.std_mm,
+            noise_freedom: noise.freedom,
+            uncertainty: StoredUncertainty {
+                noise_std_mm: uncertainty.noise_std_mm,
+                configuration_std_mm: uncertainty.configuration_std_mm,
+                misfit_std_rad: uncertainty.misfit_std_rad,
+                root: Rows::from(&uncertainty.root),
+                of_noise: Rows::from(&uncertainty.of_noise),
+                prior_std: uncertainty.prior_std.clone(),
+                gravity: uncertainty
+                    .features
+                    .gravity
+                    .iter()
+                    .map(|g| (*g).into())
+                    .collect(),
+                held: names(&uncertainty.features.held),
+                n_parameters: uncertainty.n_parameters,
+                freedom: uncertainty.freedom,
+                stds_from_minimum: uncertainty.stds_from_minimum,
+            },
+        })
+    }
+}
+
+impl From<&DMatrix<f64>> for Rows {
+    fn from(matrix: &DMatrix<f64>) -> Self {
+        Self {
+            n_columns: matrix.ncols(),
+            rows: matrix
+                .row_iter()
+                .map(|row| row.iter().copied().collect())
+                .collect(),
+        }
+    }
+}
+
+impl Rows {
+    fn matrix(&self) -> Result<DMatrix<f64>, String> {
+        if self.rows.iter().any(|row| row.len() != self.n_columns) {
+            return Err("rows of a matrix differ in length".into());
+        }
+        let entries = self.rows.iter().flatten().copied();
+        Ok(DMatrix::from_row_iterator(
+            self.rows.len(),
+            self.n_columns,
+            entries,
+        ))
+    }
+}
+
+impl TryFrom<&StoredEstimate> for Estimate {
+    type Error = String;
+
+    fn try_from(stored: &StoredEstimate) -> Result<Self, String> {
+        let all = complete_parameters(stored.links.len(), stored.targets_mm.len());
+        let parameters = |names: &[String]| -> Result<Vec<Parameter>, String> {
+            let of_name = |name: &String| {
+                let found = all.iter().find(|parameter| parameter.name() == *name);
+                found.copied().ok_or(format!("no parameter {name}"))
+            };
+            names.iter().map(of_name).collect()
+        };
+        let link = |[a_mm, alpha_rad, d_mm, theta_offset_rad, beta_rad]: [f64; 5]| Link {
+            a_mm,
+            alpha_rad,
+            d_mm,
+            theta_offset_rad,
+            beta_rad,
+        };
+        let rotation = Matrix3::from_fn(|i, j| stored.rotation[i][j]);
+        let found = &stored.uncertainty;
+        let root = found.root.matrix()?;
+        let of_noise = found.of_noise.matrix()?;
+        let n = found.prior_std.len();
+        if root.nrows() != n || of_noise.nrows() != n || found.n_parameters > n {
+            return Err("the matrices have another number of rows than there are priors".into());
+        }
+        Ok(Self {
+            parameters: parameters(&stored.parameters)?,
+            model: KinematicModel {
+                t_instrument_base: IsometryMatrix3::from_parts(
+                    Translation3::from(Vector3::from(stored.translation_mm)),
+                    Rotation3::from_matrix_unchecked(rotation),
+                ),
+                links: stored.links.iter().copied().map(link).collect(),
+                targets_mm: stored
+                    .targets_mm
+                    .iter()
+                    .map(|t| Vector3::from(*t))
+                    .collect(),
+            },
+            uncertainty: Uncertainty {
+                noise_std_mm: found.noise_std_mm,
+                configuration_std_mm: found.configuration_std_mm,
+                misfit_std_rad: found.misfit_std_rad,
+                root,
+                of_noise,
+                prior_std: found.prior_std.clone(),
+                features: Misfit {
+                    gravity: found.gravity.iter().map(|g| Vector3::from(*g)).collect(),
+                    held: parameters(&found.held)?,
+                },
+                n_parameters: found.n_parameters,
+                freedom: found.freedom,
+                stds_from_minimum: found.stds_from_minimum,
+            },
+            noise: Noise {
+                std_mm: stored.noise_std_mm,
+                freedom: stored.noise_freedom,
+            },
+        })
+    }
+}
