@@ -130,7 +130,9 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
 
         // By pointer: somewhere around the middle of the picture there is a point.
         browser.press(Key::Escape).await;
-        browser.until("!document.querySelector('.picked .which')").await;
+        browser
+            .until("!document.querySelector('.picked .which')")
+            .await;
         let mut hit = false;
         for (x, y) in (-4..=4).flat_map(|x| (-4..=4).map(move |y| (30 * x, 30 * y))) {
             browser.click_at("canvas.scene", x, y).await;
