@@ -131,7 +131,7 @@ pub fn signature(sources: &Sources<'_>) -> Markup {
             @if let Some((by, reason)) = released { p.note { "Released with the key " (by) ": " (reason) } }
             div.blanks {
                 @for name in ["Instrument, serial number", "Its certificate, valid until", "Operator", "Payload while measuring", "Place and date", "Checked by, signature"] {
-                    div { span { (name) } }
+                    div { (name) }
                 }
             }
         }
