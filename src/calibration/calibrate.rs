@@ -13,7 +13,7 @@ use crate::calibration::solve::larger_model;
 use crate::calibration::solve::solution::{Found, least_squares_from};
 use crate::calibration::solve::swarms::{Start, swarm};
 use crate::calibration::stages::{quiet, stage};
-use crate::calibration::{Error, Monitor};
+use crate::calibration::{Error, Monitor, NO_FIT};
 use crate::identification::bpnn_pso;
 use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::kinematics::Link;
@@ -114,7 +114,9 @@ pub fn calibrate(
     report
         .warnings
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
-    if request.previous.is_some() {
+    // what fits no points says nothing of whether the robot has changed
+    let is_no_fit = report.warnings.iter().any(|told| told.code == NO_FIT);
+    if request.previous.is_some() && !is_no_fit {
         report.changes = stage(monitor, "compare_sessions", |monitor| {
             let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
             changes(request, fitted, &mut quiet(monitor))
