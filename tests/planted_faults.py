@@ -47,6 +47,31 @@ FAULTS = [
         "src/measurement"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
         (".find(|(_, other)| as_they_are.is_none() && contradicts(other))", ".find(|(_, other)| false && contradicts(other))")], "src/measurement"),
+    # Sessions that show less than they seem to
+    Fault("an instrument's frame shows the base", "service", "says_nothing_of_the_base_of_a_set_from_the_base_frame", [
+        ("} else if request.scored_frame == Some(Frame::Base) {", "} else if false {"),
+        ("identified_in == Frame::Base && session_in == Frame::Instrument", "false && identified_in != session_in")], "src"),
+    Fault("a verify set hides the base", "service", "says_nothing_of_the_base_of_a_set_from_the_base_frame", [
+        ("(request.set.frame == Frame::Base && layout.is_placed_anew).then(|| Warning {", "(request.set.frame == Frame::Base && false).then(|| Warning {")],
+        "src/calibration"),
+    Fault("a constant on joint 1 is a new session", "core", "a_constant_on_the_first_or_the_last_joint", [
+        ("(!is_none).then_some(offset)", "(!is_none).then_some(offset).filter(|_| false)")], "src/calibration"),
+    Fault("nobody is told to measure other poses", "service", "told_to_be_other_poses_next_time", [
+        ("session.verification.evidence == Evidence::SameUpload;", "session.verification.evidence == Evidence::SameUpload && false;")], "src/release"),
+    Fault("close poses can serve to verify", "service", "what_an_upload_says_of_a_small_set", [
+        ("} else if let Some(warning) = shows_little(&request.robot, set) {", "} else if let Some(warning) = shows_little(&request.robot, set).filter(|_| false) {")],
+        "src/calibration"),
+    Fault("one pose lies too close together", "service", "one_pose_that_was_read_thirty_times", [
+        (".min(SMALL_SPREAD * kinematics::reach_mm(&model.links));", ".max(SMALL_SPREAD * kinematics::reach_mm(&model.links));")], "src/calibration"),
+    Fault("an insisted file is advised a joint map", "service", "the_advice_is_that_of_its_refusal", [
+        ("let fit = fit.map(|told| advised(told, request.refused_as.as_deref()));", "let fit = fit.map(|told| advised(told, None));")], "src/calibration"),
+    Fault("what fits nothing has not changed", "core", "of_points_that_fit_no_robot", [
+        ("if request.previous.is_some() && !is_no_fit {", "if request.previous.is_some() && (!is_no_fit || true) {")], "src/calibration"),
+    Fault("all zeros are free at once", "core", "makers_signs_are_found_beside_any_one_joint", [
+        ("let zeros = with_one_free_zero(links, &points, frame)?;", "let zeros = with_one_free_zero(links, &points, frame).filter(|_| false)?;")],
+        "src/calibration"),
+    Fault("nine times worse is as good", "service", "a_session_several_times_worse", [
+        ("(times >= WORSE).then_some(times)", "(times >= 10.0 * WORSE).then_some(times)")], "src/calibration"),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
         ("""create table parameter_set (
@@ -236,7 +261,7 @@ FAULTS = [
     Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
         ("DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff", "DESCRIBES_NO_ROBOT: Fit = Fit::DoesNotFit")], "src/release"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
-        ("[false, true].map(|refit| { check_enough(", "[false, false].map(|refit| { check_enough(")], "src/calibration"),
+        ("let n_placed = match refit || n_stations(set) > 1 {", "let n_placed = match n_stations(set) > 1 {")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [
         ("if corrected_mm <= links_mm || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
     Fault("uncertainty of what did not converge", "core", "did_not_converge", [

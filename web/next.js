@@ -6,7 +6,13 @@ import { gateDetail, gateTitle, mm } from "./format.js";
 import { NO_USE } from "./words.js";
 
 /** The code of the warning that makes a result useless; undefined if it is of use. */
-export const uselessBy = (report) => Object.keys(NO_USE).find((known) => report.warnings.some((remark) => remark.code === known));
+export function uselessBy(report) {
+  const told = (code) => report.warnings.find((remark) => remark.code === code);
+  const code = Object.keys(NO_USE).find((known) => known !== "insisted_upload" && told(known));
+  const refused = told("insisted_upload")?.detail ?? code ?? "";
+  // what was refused and insisted on is told before what a wrong file looks like
+  return ["no_fit", "joint_map_suspect"].includes(code) && !refused.includes(code) ? "insisted_upload" : code;
+}
 
 /** The card. `verified` is the set that a verification scored. */
 export function nextSteps({ report, job, robot, set, parameterSet, verified }, { may, why }) {

@@ -12,7 +12,8 @@ import { saveButton, savePoints } from "./save.js";
 import { NO_USE } from "./words.js";
 
 /** Points were held out, but they are no evidence. */
-const NO_EVIDENCE = "These points are no evidence: they are too few, or somebody insisted on them.";
+const NO_EVIDENCE = "These points are no evidence: they are too few, or the warnings below say why.";
+const BASE_HIDDEN = "Checked on another upload, whose base was placed anew: a wrong base would not show.";
 
 /** Draws a finished job. */
 export async function result(body, context, { job, robot, set, verified }) {
@@ -52,7 +53,8 @@ function verdict(report, half) {
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
-  const why = report.evidence === "none" && report.verify ? NO_EVIDENCE : EVIDENCE[report.evidence]?.[1] ?? "";
+  const isBaseHidden = report.evidence === "same_upload" && report.warnings.some((remark) => remark.code === "base_not_checked");
+  const why = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : EVIDENCE[report.evidence]?.[1] ?? "";
   return el(share > 0.001 && report.evidence !== "none" ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
 }
 
@@ -64,8 +66,8 @@ function score(report, half, verified) {
   const isAnew = report.evidence === "independent_session";
   const which = verified ? `the parameters identified ${when(verified.created_at)}` : "these parameters";
   const beside = share > 0.001 ? `${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} % less than with the nominal robot (${mm(half.before.mean_mm)})` : `no less than with the nominal robot (${mm(half.before.mean_mm)})`;
-  // what the words for an upload's own verify points say is not true here: the points of the fit are among these
-  const same = "Among them are points that the parameters were identified from: that they fit proves little.";
+  // what the words for an upload's own verify points say is not true here: these poses are those of the fit
+  const same = "These poses repeat those that the parameters were identified from, and nothing in their noise shows that they were measured anew: that they fit proves little. Measure other poses.";
   const why = { independent_session: EVIDENCE.independent_session[1], same_upload: same, none: NO_EVIDENCE }[report.evidence] ?? "";
   return el(share > 0.001 && isAnew ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
 }

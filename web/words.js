@@ -49,6 +49,7 @@ export const WARNINGS = {
   under_determined: "Too few poses to identify from",
   unit_suspect: "Joints or positions seem to be in other units",
   unidentifiable_parameters: "Some parameters cannot be told apart",
+  worse_than_identified: "The parameter set is several times worse here than when it was identified",
   verify_extrapolates: "Points to verify lie beyond what the identify points fix; their errors are those of an extrapolation",
 };
 
@@ -160,6 +161,7 @@ export const REMEDIES = {
 export const NO_USE = {
   model_too_small: "The model is too small for these points, and nothing that was found is of use: ask for model complete",
   no_fit: "The points do not fit the robot, and nothing that was found is of use: check the file",
+  insisted_upload: "These points were refused, and nothing that was found is of use: do what the refusal said",
   joint_map_suspect: "The points fit only with a joint counted in another way, and nothing that was found is of use: correct the robot's joint map",
   session_does_not_fit: "This file does not fit this robot, and is no evidence for anything: check the file, then look at the robot",
   set_far_off: "These points fit the robot, and the parameter set misses them by far: identify anew",

@@ -14,7 +14,7 @@ use crate::calibration::solve::solution::{Found, least_squares_from};
 use crate::calibration::solve::swarms::{Start, swarm};
 use crate::calibration::stages::{quiet, stage, watched};
 use crate::calibration::validation::verification_set::Layout;
-use crate::calibration::{Error, Monitor};
+use crate::calibration::{Error, Monitor, NO_FIT};
 use crate::identification::bpnn_pso;
 use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
 use crate::kinematics::Link;
@@ -126,7 +126,9 @@ pub fn calibrate(
     // priors that were stated once are no result of the session
     let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
     report.estimate = fitted.and_then(Final::estimate);
-    if request.previous.is_some() {
+    // what fits no points says nothing of whether the robot has changed
+    let is_no_fit = report.warnings.iter().any(|told| told.code == NO_FIT);
+    if request.previous.is_some() && !is_no_fit {
         report.changes = stage(monitor, "compare_sessions", |monitor| {
             let own = match fitted {
                 Some(_) => report.estimate.clone(),

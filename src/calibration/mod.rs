@@ -28,13 +28,14 @@ pub use validation::fit::Fit;
 pub use validation::repeated_rows::{is_anew, repeated_rows};
 pub use validation::rescoring::{errors_mm, errors_on_verify_subset_mm};
 pub use validation::robust_comparison::{RobustComparison, robust_comparison};
-pub use validation::session_fit::{HeldOut, session_fit};
+pub use validation::session_fit::{HeldOut, session_fit, times_worse};
 pub use validation::verdict::{NO_BETTER, SET_FAR_OFF};
 pub use validation::verify::{check_verify, verify};
 pub use warnings::orientation::{MAX_FLANGE_ROTATION_STD_RAD, NOT_KNOWN as ORIENTATION_NOT_KNOWN};
 pub use warnings::orientation::{last_joint_zero_remedy, last_joint_zero_unknown};
 pub use warnings::plausibility::BASE_FRAME_OFF;
 pub use warnings::plausibility::{JOINT_MAP, implausible_changes};
+pub use warnings::refused_upload::remedy as remedy_of_refusal;
 
 use std::ops::ControlFlow;
 

@@ -313,7 +313,7 @@ pub struct CalibrationReport {
 
 /// Warning of a session whose poses show too little of the robot to be evidence.
 pub const SHOWS_LITTLE: &str = "session_shows_little";
-/// Warning that positions in the base frame were scored with a base placed anew.
+/// Warning that the set's base is one of the base frame, and the points were scored with a base placed anew.
 pub const BASE_NOT_CHECKED: &str = "base_not_checked";
 /// Warning that the numbers of base and targets are many for the points that they were fitted to.
 pub const FEW_VERIFY_POINTS: &str = "few_verify_points";
@@ -323,13 +323,11 @@ pub const FEWEST_TO_PROVE: usize = 5;
 impl CalibrationReport {
     /// Whether its points to verify say anything of the robot: they fit it, and are enough.
     pub fn is_evidence(&self) -> bool {
-        let says_nothing = [
-            DOES_NOT_FIT,
-            NO_FIT,
-            FEW_VERIFY_POINTS,
-            SHOWS_LITTLE,
-            BASE_NOT_CHECKED,
-        ];
+        let mut says_nothing = vec![DOES_NOT_FIT, NO_FIT, FEW_VERIFY_POINTS, SHOWS_LITTLE];
+        // a job that identifies has seen its own base: such points then say as much as those held out of the same upload
+        if self.identify.n_points == 0 {
+            says_nothing.push(BASE_NOT_CHECKED);
+        }
         let to_verify = self.per_point.iter();
         let to_verify = to_verify.filter(|point| point.subset == Subset::Verify);
         let configurations: BTreeSet<&str> = to_verify

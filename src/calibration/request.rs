@@ -114,6 +114,8 @@ pub struct CalibrationRequest {
     pub scored_frame: Option<Frame>,
     /// What the parameter set that is verified missed its own held-out points by: whether a session fits the robot is judged by it.
     pub held_out: Option<HeldOut>,
+    /// Code with which an upload of the request was refused, if it was kept because somebody insisted.
+    pub refused_as: Option<String>,
     /// The residual network of the robot's last identification: where the training of a new one starts.
     pub residual_network: Option<ResidualNetwork>,
     /// The session that the robot was last identified from, to compare with.
@@ -153,6 +155,7 @@ impl CalibrationRequest {
             payload: None,
             scored_frame: None,
             held_out: None,
+            refused_as: None,
             residual_network: None,
             previous: None,
         }

@@ -7,6 +7,7 @@ use super::robots::Mounted;
 use super::table;
 use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
+use crate::calibration::remedy_of_refusal;
 use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
@@ -14,7 +15,7 @@ use crate::calibration::upload_checks::{
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
-use crate::release::{keep_misfit, unusable_because};
+use crate::release::{headline, keep_misfit, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method};
@@ -116,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         residual_network: None,
         previous: None,
     };
-    let request = body(arguments)
+    let mut request = body(arguments)
         .calibration_request(parts)
         .map_err(|invalid| {
             let faults: Vec<String> = invalid
@@ -126,6 +127,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 .collect();
             Usage(faults.join("\n"))
         })?;
+    request.refused_as = insisted_on.map(str::to_owned);
     let bar = (!arguments.output.json).then(progress_bar);
     let mut monitor = |progress: ProgressAnswer| {
         if let Some(bar) = &bar {
@@ -182,10 +184,14 @@ fn print_warning(code: &str, detail: &str) {
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
-    let Some(code) = unusable_because(report) else {
+    let Some(code) = headline(report) else {
         return Ok(());
     };
+    let refused = refused_as(report).map(|refused| in_commands(remedy_of_refusal(refused)));
     let next = match code {
+        "insisted_upload" | "session_does_not_fit" if refused.is_some() => {
+            refused.as_deref().unwrap_or_default()
+        }
         "model_too_small" => {
             "again with --model complete, or with --frame instrument where the positions are in an instrument's own frame"
         }

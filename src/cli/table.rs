@@ -1,7 +1,7 @@
 //! A report as text for a terminal.
 
 use super::terminal::in_commands;
-use crate::release::why_no_evidence;
+use crate::release::{why_no_evidence, why_same_upload};
 use crate::report_page::words;
 use crate::wire::job::{Method, Model};
 use crate::wire::report_shape::{
@@ -173,7 +173,7 @@ fn identified(report: &Report) -> String {
 fn evidence(report: &Report) -> String {
     match report.evidence {
         Evidence::None => format!("none; {}", why_no_evidence(report)),
-        Evidence::SameUpload => "same upload; a wrong tool, base or scale would not show".into(),
+        Evidence::SameUpload => format!("same upload; {}", why_same_upload(report)),
         Evidence::IndependentSession => "independent session; the strongest evidence".into(),
     }
 }

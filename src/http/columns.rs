@@ -3,8 +3,9 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::extract::{ListQuery, Query};
+use crate::http::extract::Query;
 use crate::http::limits::RequestClass;
+use crate::http::list_query::NewestListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::{App, Error, access};
 use crate::operations::preview_table;
@@ -111,20 +112,19 @@ fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error>
 /// A robot's mappings of columns, newest first.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/columns", tag = "measurement sets", operation_id = "listColumns",
-    params(("robot_id" = String, Path, description = "The robot"), ListQuery),
+    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<ColumnMappingAnswer>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let page = column_mappings::list(&app.store, &robot_id, &query.page()?).await?;
-    Ok(Json(
-        page.into_answer(|row| ColumnMappingAnswer::try_from(&row))?,
-    ))
+    let found = column_mappings::list(&app.store, &robot_id, &query.request()?).await?;
+    let convert = |row| ColumnMappingAnswer::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// A mapping of columns by its name.

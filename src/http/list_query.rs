@@ -93,6 +93,31 @@ impl PlainListQuery {
     }
 }
 
+/// Query of a list that is neither filtered nor sorted: newest first.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct NewestListQuery {
+    /// Items on the page.
+    #[param(minimum = 1, maximum = 200, default = 50)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+impl NewestListQuery {
+    /// The store's request.
+    pub fn request(self) -> Result<ListRequest, Error> {
+        Common {
+            limit: self.limit,
+            cursor: self.cursor,
+            archived: None,
+            sort: None,
+        }
+        .request(false)
+    }
+}
+
 /// Query of a list of items with names.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]

@@ -1,8 +1,9 @@
 //! Every robot with what it needs.
 
 use crate::http::auth::Caller;
-use crate::http::extract::{ListQuery, Query};
+use crate::http::extract::Query;
 use crate::http::history::trend;
+use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error};
 use crate::release::needs::{NeedFacts, need};
 use crate::store::overview::{self, OverviewRow};
@@ -26,17 +27,17 @@ pub fn router() -> OpenApiRouter<App> {
 
 /// Every robot with what it needs most and why: for whoever looks after hundreds of them. Newest robots first; the need is for sorting.
 #[utoipa::path(
-    get, path = "/v1/overview", tag = "robots", operation_id = "getOverview", params(ListQuery),
+    get, path = "/v1/overview", tag = "robots", operation_id = "getOverview", params(NamedListQuery),
     responses((status = 200, description = "One page", body = Page<RobotOverview>))
 )]
 async fn list(
     State(app): State<App>,
     caller: Caller,
-    Query(query): Query<ListQuery>,
+    Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<RobotOverview>>, Error> {
-    let page = overview::list(&app.store, caller.robots.as_deref(), &query.page()?).await?;
-    let mut items = Vec::with_capacity(page.items.len());
-    for row in page.items {
+    let found = overview::list(&app.store, caller.robots.as_deref(), &query.request()?).await?;
+    let mut items = Vec::with_capacity(found.page.items.len());
+    for row in found.page.items {
         let days_to_limit = if row.n_sessions >= MIN_SESSIONS {
             trend(&app, &row.id).await?.days_to_limit
         } else {
@@ -46,7 +47,8 @@ async fn list(
     }
     Ok(Json(Page {
         items,
-        next_cursor: page.next_cursor.map(|cursor| cursor.to_string()),
+        next_cursor: found.page.next_cursor.map(|cursor| cursor.to_string()),
+        total: found.total,
     }))
 }
 

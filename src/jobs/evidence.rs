@@ -8,11 +8,13 @@ use crate::release::comparison::{
     self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
+use crate::release::independence::hides_base;
 use crate::release::{Comparison, Session};
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
 use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::report_shape::Evidence;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
 
@@ -124,24 +126,20 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
             "some jobs about this set have no stored facts".into(),
         ));
     }
+    let request = request_of(&stored.inputs)
+        .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
     for row in &stored.rows {
         let verification = Verification::from(row);
         match verification.kind {
             VerificationKind::Identification => identification = Some((row.seq, verification)),
-            VerificationKind::Session => sessions.push(Session {
-                job_id: row.job_id.clone(),
-                measurement_set_id: row.measurement_set_id.clone(),
-                seq: row.seq,
-                verification,
-            }),
+            VerificationKind::Session => sessions.push(session(&request, row, verification)),
         }
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
-    let request = request_of(&stored.inputs)
-        .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
+    let identification = identification_that_shows(&request, identification);
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
@@ -167,6 +165,40 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         sessions,
         request,
     })
+}
+
+/// A session's facts. Versions that did not ask whether the base was checked stored more of them than they show.
+fn session(
+    request: &CalibrationRequest,
+    row: &VerificationRow,
+    verification: Verification,
+) -> Session {
+    let is_base_hidden = hides_base(request.set.frame, row.frame);
+    Session {
+        job_id: row.job_id.clone(),
+        measurement_set_id: row.measurement_set_id.clone(),
+        seq: row.seq,
+        is_base_hidden,
+        verification: Verification {
+            evidence: match is_base_hidden {
+                true => Evidence::None,
+                false => verification.evidence,
+            },
+            ..verification
+        },
+    }
+}
+
+/// Likewise of an identification that was verified on another upload.
+fn identification_that_shows(request: &CalibrationRequest, found: Verification) -> Verification {
+    let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
+    Verification {
+        evidence: match found.evidence {
+            Evidence::IndependentSession if is_base_hidden => Evidence::SameUpload,
+            evidence => evidence,
+        },
+        ..found
+    }
 }
 
 impl ParsedEvidence {

@@ -371,6 +371,7 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         .calibration_request(parts)
         .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
     request.held_out = held_out(inputs);
+    request.refused_as = insisted_on(inputs).map(str::to_owned);
     let scored = inputs.parameter_set.as_ref();
     request.scored_frame = scored.map(|input| input.set.row.frame);
     Ok(request)

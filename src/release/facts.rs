@@ -1,9 +1,10 @@
 //! The facts that the gates read, and how a job's report becomes facts.
 
+use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
-    repeated_rows, robust_comparison, session_fit,
+    repeated_rows, robust_comparison, session_fit, times_worse,
 };
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
@@ -21,8 +22,6 @@ use std::collections::BTreeSet;
 
 /// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
-/// Fewest configurations of a session; fewer are no evidence, however often each was measured.
-const MIN_CONFIGURATIONS: usize = 5;
 /// Share of rows repeated from earlier uploads above which a session counts as a repeat.
 const MAX_REPEATED: f64 = 0.1;
 
@@ -111,12 +110,22 @@ impl Facts<'_> {
         let is_independent = |session: &Session| {
             session.verification.fit == Fit::Fits
                 && session.verification.evidence == Evidence::IndependentSession
+                && (self.policy.tolerance_mm.is_some() || self.times_worse(session).is_none())
         };
         if self.sessions.iter().any(is_independent) {
             Evidence::IndependentSession
         } else {
             self.identification.evidence
         }
+    }
+
+    /// How many times worse the set is on a session than on the points that were held out when it was identified, where that is worth a word
+    /// ([`times_worse`]). Whether it is still good enough is for the policy's tolerance to say: without one, such a session supports nothing.
+    pub fn times_worse(&self, session: &Session) -> Option<f64> {
+        let identified_mm = self.identification.after_rms_mm;
+        let identified_mm = identified_mm.filter(|_| self.identification.n_points > 0)?;
+        let session_mm = session.verification.after_rms_mm?;
+        times_worse(session_mm, identified_mm, &self.robot.links)
     }
 
     /// The sessions that are evidence for or against the set. A session in which the set is far off counts until somebody has given a reason and
@@ -145,9 +154,10 @@ pub fn evidence_of(
     is_another_session: bool,
 ) -> Evidence {
     let is_for_review = core.warnings.iter().any(|w| w.code == TOO_MANY_OUTLIERS);
+    let hides_base = core.warnings.iter().any(|w| w.code == BASE_NOT_CHECKED);
     if is_insisted_on || is_for_review || !core.is_evidence() {
         Evidence::None
-    } else if is_another_session {
+    } else if is_another_session && !hides_base {
         Evidence::IndependentSession
     } else {
         Evidence::SameUpload
@@ -187,7 +197,9 @@ pub fn identification_facts(
             ..MIN_VERIFY_POINTS => Evidence::None,
             _ if report.evidence == Evidence::None => Evidence::None,
             _ if is_far_off || has_warning(report, INSISTED) => Evidence::None,
-            _ if is_verified_anew => Evidence::IndependentSession,
+            _ if is_verified_anew && !has_warning(report, BASE_NOT_CHECKED) => {
+                Evidence::IndependentSession
+            }
             _ => Evidence::SameUpload,
         },
         is_repeat: since.is_repeat,
@@ -243,7 +255,7 @@ pub fn session_facts(
     } else {
         Fit::Fits
     };
-    let is_small = request.set.configurations().len() < MIN_CONFIGURATIONS;
+    let is_small = request.set.configurations().len() < FEWEST_TO_PROVE;
     // Without the errors at the identification it cannot be decided whether the session fits.
     let counts = request.held_out.is_some()
         && !is_small

@@ -6,7 +6,7 @@ use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, sessions_fit,
 };
-use crate::release::sessions::supports;
+use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
 use crate::release::verdict::INSISTED;
 use crate::release::verdict::TOO_MANY_OUTLIERS;
@@ -278,6 +278,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
 
 fn evidence(facts: &Facts<'_>) -> Gate {
     let evidence = facts.evidence();
+    let remarks = remarks_on_sessions(facts);
     let detail = match evidence {
         Evidence::IndependentSession => {
             "independent_session: another session, measured anew, was scored"
@@ -289,7 +290,46 @@ fn evidence(facts: &Facts<'_>) -> Gate {
     };
     let passed =
         !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
-    Gate::new("evidence", passed, detail).warned(evidence != Evidence::IndependentSession)
+    let is_doubtful = evidence != Evidence::IndependentSession || !remarks.is_empty();
+    Gate::new("evidence", passed, format!("{detail}{remarks}")).warned(is_doubtful)
+}
+
+/// Why sessions that were scored and fit support less than they seem to.
+fn remarks_on_sessions(facts: &Facts<'_>) -> String {
+    let mut remarks = String::new();
+    let fits = |session: &&Session| session.verification.fit == Fit::Fits;
+    let mut fitting = facts.sessions.iter().filter(fits);
+    if let Some(session) = fitting.clone().find(|session| session.is_base_hidden) {
+        remarks += &format!(
+            ". The base was not checked by the session of job {}: the set was identified from positions in the base frame, and in the instrument's \
+             frame the base is placed anew. Measure a session in the base frame (frame=base)",
+            session.job_id
+        );
+    }
+    let is_repeat = |session: &&Session| session.verification.evidence == Evidence::SameUpload;
+    if let Some(session) = fitting.clone().find(is_repeat) {
+        remarks += &format!(
+            ". The session of job {} repeats the poses that the set was identified from, and nothing in its noise shows that they were measured anew: \
+             measure other poses",
+            session.job_id
+        );
+    }
+    let worse = fitting.find_map(|session| Some((session, facts.times_worse(session)?)));
+    if let Some((session, times)) = worse {
+        let judged = match facts.policy.tolerance_mm {
+            Some(_) => "the tolerance decides whether that is good enough",
+            None => {
+                "the robot's policy has no tolerance that says whether that is good enough, so this session supports nothing: identify anew, or set tolerance_mm"
+            }
+        };
+        remarks += &format!(
+            ". In the session of job {} the errors are {times:.1} times those of the points held out when the set was identified ({}; then {}): {judged}",
+            session.job_id,
+            errors_in_words(&session.verification),
+            errors_in_words(facts.identification)
+        );
+    }
+    remarks
 }
 
 fn uncertainty(facts: &Facts<'_>) -> Gate {

@@ -2,12 +2,20 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{CalibrationRequest, is_anew};
-use crate::measurement::MeasurementSet;
+use crate::measurement::{Frame, MeasurementSet};
 
-/// Whether the points to verify come from another session than the fitted ones. The same points uploaded again count as the same session.
+/// Whether a session cannot show an error of the set's base: the set was identified from positions in the base frame, and those of the session
+/// are in the instrument's, so that the base is placed anew.
+pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
+    identified_in == Frame::Base && session_in == Frame::Instrument
+}
+
+/// Whether the points to verify come from another session than the fitted ones, and would show a wrong base too. The same points uploaded again
+/// count as the same session.
 pub fn is_verified_anew(request: &CalibrationRequest) -> bool {
     let fitted = &request.set;
-    matches!(&request.verify, VerifySource::Set(set) if is_anew(&request.robot, fitted, set))
+    matches!(&request.verify, VerifySource::Set(set)
+        if !hides_base(fitted.frame, set.frame) && is_anew(&request.robot, fitted, set))
 }
 
 /// Whether the points come from another session than those that the scored set was identified from; `None` for the nominal robot.

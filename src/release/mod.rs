@@ -25,4 +25,7 @@ pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use sessions::Session;
 pub use suspicions::{KeptMisfit, keep_misfit};
 pub use trend::{ScoredJob, ScoredSession, scored_sessions, trend};
-pub use verdict::{NO_USE, insisted_warning, is_usable, unusable_because, why_no_evidence};
+pub use verdict::{
+    NO_USE, headline, insisted_warning, is_usable, refused_as, unusable_because, why_no_evidence,
+    why_same_upload,
+};

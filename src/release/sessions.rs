@@ -12,6 +12,8 @@ pub struct Session {
     pub measurement_set_id: String,
     /// Its number in the robot's counter.
     pub seq: i64,
+    /// Whether the set's base was placed anew in the session, so that a wrong base would not show.
+    pub is_base_hidden: bool,
     /// Its verification facts.
     pub verification: Verification,
 }

@@ -1,6 +1,7 @@
 //! Whether the result of a report can be used, and why its verification is no evidence.
 
 use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
+use crate::calibration::upload_checks::alignment::SUSPICIONS;
 use crate::calibration::{
     CalibrationReport, DOES_NOT_FIT, JOINT_MAP, MODEL_TOO_SMALL, NO_BETTER, NO_FIT, SET_FAR_OFF,
 };
@@ -50,10 +51,39 @@ pub fn unusable_because(report: &Report) -> Option<&'static str> {
     NO_USE.into_iter().find(|code| has_warning(report, code))
 }
 
+/// Code of the suspicion that somebody overrode, if the report's upload was insisted on.
+pub fn refused_as(report: &Report) -> Option<&'static str> {
+    let mut warnings = report.warnings.iter();
+    let insisted = warnings.find(|warning| warning.code == INSISTED)?;
+    let mut codes = SUSPICIONS.into_iter();
+    codes.find(|code| insisted.detail.contains(code))
+}
+
+/// As [`unusable_because`], for the headline: what was refused and insisted on is told before what a wrong file looks like.
+pub fn headline(report: &Report) -> Option<&'static str> {
+    let code = unusable_because(report)?;
+    let is_explained = [JOINT_MAP, NO_FIT].contains(&code);
+    match refused_as(report) {
+        Some(refused) if is_explained && refused != code => Some(INSISTED),
+        _ => Some(code),
+    }
+}
+
 /// Whether a result may train a network: it fits, and is better than nominal.
 pub fn is_usable(core: &CalibrationReport) -> bool {
     let mut warnings = core.warnings.iter();
     warnings.all(|warning| !NO_USE.contains(&warning.code))
+}
+
+/// Why the verification shows no more than points held out of the same upload.
+pub fn why_same_upload(report: &Report) -> &'static str {
+    if report.identify.n_points == 0 {
+        "these poses repeat those that the set was identified from, and nothing in their noise shows that they were measured anew: measure other poses"
+    } else if has_warning(report, BASE_NOT_CHECKED) {
+        "another upload was scored with its base placed anew; a wrong base would not show, as if points of the same upload had been held out"
+    } else {
+        "checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show"
+    }
 }
 
 /// Reason why the verification is no evidence.

@@ -2,7 +2,7 @@
 
 use super::Sources;
 use super::text::{error, evidence, number, signed, time, unit};
-use crate::release::unusable_because;
+use crate::release::{headline, unusable_because};
 use crate::report_page::words;
 use crate::wire::measurement::{Frame, Warning};
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -55,7 +55,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
 /// Why the result cannot be used.
 fn no_use(report: &Report) -> Markup {
     html! {
-        @if let Some(code) = unusable_because(report) { p.warning { strong { (words::no_use(code)) "." } } }
+        @if let Some(code) = headline(report) { p.warning { strong { (words::no_use(code)) "." } } }
     }
 }
 

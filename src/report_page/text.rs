@@ -1,6 +1,6 @@
 //! Formats numbers and names for the page.
 
-use crate::release::why_no_evidence;
+use crate::release::{why_no_evidence, why_same_upload};
 use crate::wire::report_shape::{Evidence, Report};
 
 /// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
@@ -88,9 +88,7 @@ pub fn time(rfc3339: &str) -> String {
 pub fn evidence(report: &Report) -> String {
     match report.evidence {
         Evidence::None => format!("none: {}", why_no_evidence(report)),
-        Evidence::SameUpload => {
-            "same upload: checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show".into()
-        }
+        Evidence::SameUpload => format!("same upload: {}", why_same_upload(report)),
         Evidence::IndependentSession => {
             "independent session: checked on points of another measuring session".into()
         }

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// A mapping.
@@ -40,7 +41,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, NEWEST, LIST, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, NEWEST, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into column_mapping (id, robot_id, name, columns_json, created_by, created_at_ms)
@@ -56,15 +57,24 @@ const NEWEST: &str = concat!(
     " from column_mapping where robot_id = $1 and name = $2 order by id desc limit 1"
 );
 
-const LIST: &str = concat!(
-    "select ",
+pub(super) const LIST: ListQueries = list_queries!(
     columns!(),
-    " from column_mapping
-     where robot_id = $1 and (created_at_ms, id) < ($2, $3)
-         and id in (select max(newest.id) from column_mapping newest where newest.robot_id = $1 group by newest.name)
-     order by created_at_ms desc, id desc
-     limit cast($4 as bigint)"
+    "column_mapping",
+    "robot_id = $1 and id in (select max(newest.id) from column_mapping newest where newest.robot_id = $1 group by newest.name)",
+    "$2",
+    "$3",
+    "$4"
 );
+
+impl ListRow for ColumnMappingRow {
+    fn key(&self) -> ListKey<'_> {
+        ListKey {
+            created_at_ms: self.created_at_ms,
+            name: "",
+            id: &self.id,
+        }
+    }
+}
 
 const BY_ID: &str = concat!(
     "select ",
@@ -138,14 +148,7 @@ pub async fn newest(store: &Store, robot_id: &str, name: &str) -> Result<ColumnM
 pub async fn list(
     store: &Store,
     robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<ColumnMappingRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(robot_id)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<ColumnMappingRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    request: &ListRequest,
+) -> Result<Listed<ColumnMappingRow>> {
+    listing::list(store, &LIST, &[robot_id], request).await
 }

@@ -98,6 +98,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
         column_mappings::ALL_QUERIES,
+        &column_mappings::LIST.texts(),
         archive::ALL_QUERIES,
         estimates::ALL_QUERIES,
         frames::ALL_QUERIES,

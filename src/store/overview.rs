@@ -1,7 +1,7 @@
 //! Every robot with its released and its newest set, its newest session and its newest job: one query for a page of robots.
 
 use super::from_row::from_row;
-use super::{JobStatus, Page, PageRequest, Result, Store};
+use super::{JobStatus, ListRequest, Listed, Page, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::Evidence;
@@ -52,7 +52,7 @@ from_row!(OverviewRow {
     newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
 } optional { active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status });
 
-// $1 is as in the list of robots. The newest rows are found by the indices of their tables.
+// $1 is as in the list of robots, of at most one page. The newest rows are found by the indices of their tables.
 const LIST: &str = "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
         y.tolerance_mm as tolerance_mm,
@@ -64,7 +64,7 @@ const LIST: &str = "
         s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm, s.fit as session_fit,
         (select count(*) from verification w where w.parameter_set_id = a.id and w.kind = 'session') as n_sessions,
         j.id as job_id, j.kind as job_kind, j.status as job_status, j.created_at_ms as job_created_at_ms, j.finished_at_ms as job_finished_at_ms
-    from robot r
+    from robot_now r
     left join robot_policy y on y.robot_id = r.id
     left join parameter_set a on a.robot_id = r.id and a.status = 'released'
     left join verification va on va.job_id = a.job_id
@@ -75,26 +75,32 @@ const LIST: &str = "
         and w.fit <> 'does_not_fit' order by w.seq desc limit 1)
     left join job sj on sj.id = s.job_id
     left join job j on j.id = (select k.id from job k where k.robot_id = r.id order by k.created_at_ms desc, k.id desc limit 1)
-    where ($1 = '' or replace($1, r.id, '') <> $1) and (r.created_at_ms, r.id) < ($2, $3)
-    order by r.created_at_ms desc, r.id desc
-    limit cast($4 as bigint)";
+    where replace($1, r.id, '') <> $1";
 
-/// A page of robots, newest first; `only` limits it to those that a key may see.
+/// A page of robots as in their list, with what each needs to be judged by; `only` limits it to those that a key may see.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     only: Option<&[String]>,
-    request: &PageRequest,
-) -> Result<Page<OverviewRow>> {
-    let only = only.map_or(String::new(), |ids| format!(",{}", ids.join(",")));
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(only)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<OverviewRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    request: &ListRequest,
+) -> Result<Listed<OverviewRow>> {
+    let robots = robots::search(store, only, request).await?;
+    let ids: Vec<&str> = robots
+        .page
+        .items
+        .iter()
+        .map(|row| row.id.as_str())
+        .collect();
+    let query = sqlx::query_as(LIST).bind(format!(",{}", ids.join(",")));
+    let mut rows: Vec<OverviewRow> = query.fetch_all(store.readers()).await?;
+    rows.sort_by_key(|row| ids.iter().position(|id| *id == row.id));
+    Ok(Listed {
+        page: Page {
+            items: rows,
+            next_cursor: robots.page.next_cursor,
+        },
+        total: robots.total,
+    })
 }

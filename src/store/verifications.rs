@@ -7,6 +7,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::policies::ABSENT;
 use super::{AuditEvent, Result, Store, Tx};
+use crate::wire::measurement::Frame;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 
@@ -21,6 +22,8 @@ pub struct VerificationRow {
     pub parameter_set_id: Option<String>,
     /// The job's measurement set: fitted by an identification, scored by a session.
     pub measurement_set_id: String,
+    /// The frame of that set's positions.
+    pub frame: Frame,
     /// When the job was posted.
     pub created_at_ms: i64,
     /// Whether the job identified the set or scored it.
@@ -47,7 +50,7 @@ pub struct VerificationRow {
     pub uncertainty_mm: Option<f64>,
 }
 
-from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { kind, fit, evidence });
+from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { frame, kind, fit, evidence });
 
 impl VerificationRow {
     fn audit_entry(&self) -> Value {
@@ -101,10 +104,10 @@ from_row!(CheckRow {
 
 macro_rules! rows {
     () => {
-        "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
+        "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
              v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.is_better as is_better, v.fit as fit,
              v.evidence as evidence, v.is_repeat as is_repeat, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
-         from verification v join job j on j.id = v.job_id"
+         from verification v join job j on j.id = v.job_id join measurement_set m on m.id = j.measurement_set_id"
     };
 }
 

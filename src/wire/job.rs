@@ -352,6 +352,7 @@ impl JobRequestBody {
             payload: self.payload.map(Into::into),
             scored_frame: None,
             held_out: None,
+            refused_as: None,
             residual_network: parts.residual_network,
             previous: parts.previous,
         };

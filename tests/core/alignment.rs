@@ -746,3 +746,50 @@ fn columns_that_look_like_a_makers_signs_are_told_with_those() {
         suspicion.detail
     );
 }
+
+/// Signs that makers have: KUKA's, and FANUC's.
+const MAKERS_SIGNS: [[f64; 6]; 2] = [
+    [-1.0, 1.0, 1.0, -1.0, 1.0, -1.0],
+    [1.0, 1.0, -1.0, -1.0, -1.0, -1.0],
+];
+
+#[test]
+fn makers_signs_are_found_beside_any_one_joint_that_was_never_mastered() {
+    let mut missed = Vec::new();
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        if robot.links.len() != 6 {
+            continue;
+        }
+        for frame in [Frame::Base, Frame::Instrument] {
+            let made = Tolerances { frame, ..CLEAN };
+            let set = measured(&robot, &made, &mut Normal::new(seed as u64));
+            for signs in MAKERS_SIGNS {
+                for joint in 1..5 {
+                    for off_deg in [12.0f64, -28.0] {
+                        let file = changed(&set, |q, _| {
+                            q[joint] += off_deg.to_radians();
+                            q.iter_mut().zip(signs).for_each(|(q, sign)| *q *= sign);
+                        });
+                        let found = check_upload(&robot, &file, &[]);
+                        let is_told = match &found {
+                            Some(Explanation::Refusal(found)) => found.joint_map.is_some(),
+                            _ => false,
+                        };
+                        if !is_told {
+                            missed.push(format!(
+                                "{name} {frame:?} {signs:?} joint {} {off_deg} {found:?}",
+                                joint + 1
+                            ));
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert!(
+        missed.is_empty(),
+        "{} missed:\n{}",
+        missed.len(),
+        missed.join("\n")
+    );
+}

@@ -288,3 +288,30 @@ fn the_same_points_again_have_not_changed() {
         (None, 0, 0)
     );
 }
+
+#[test]
+fn of_points_that_fit_no_robot_nothing_is_said_to_have_changed_or_not() {
+    let (first, mut second) = two_sessions(1, |_| ());
+    // Each row has the position of another one.
+    let n = second.points.len();
+    let positions: Vec<_> = second.points.iter().map(|p| p.position_mm).collect();
+    for (row, point) in second.points.iter_mut().enumerate() {
+        point.position_mm = positions[(row + n / 3) % n];
+    }
+    let request = CalibrationRequest {
+        method: Method::LeastSquares,
+        previous: Some(PreviousSession {
+            set: first,
+            frames: None,
+        }),
+        ..CalibrationRequest::new(paper_robot(), second)
+    };
+    let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let codes: Vec<&str> = report.warnings.iter().map(|told| told.code).collect();
+    assert!(codes.contains(&"no_fit"), "{codes:?}");
+    assert!(report.changes.is_none());
+    assert!(
+        !codes.contains(&"placement_changed") && !codes.contains(&"robot_changed"),
+        "{codes:?}"
+    );
+}

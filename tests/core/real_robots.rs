@@ -176,6 +176,16 @@ fn a_second_visit_is_another_session_and_a_copy_with_noise_is_not() {
         !is_anew(&robot, &first, &carried(first.clone())),
         "exported in another frame"
     );
+    for (joint, turned_deg) in [(0, 5.0f64), (5, -40.0)] {
+        let mut copy = with_noise(0.02, 0.0, &mut random);
+        let points = copy.points.iter_mut();
+        points.for_each(|point| point.q_rad[joint] += turned_deg.to_radians());
+        assert!(
+            !is_anew(&robot, &first, &copy),
+            "{turned_deg}° on every value of joint {}",
+            joint + 1
+        );
+    }
     assert!(is_anew(&robot, &first, &carried(second)), "placed anew");
     // The same with added noise, and with a small or a large displacement.
     let nudged = |mut set: MeasurementSet| {

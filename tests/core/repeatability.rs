@@ -159,3 +159,47 @@ fn a_joint_that_does_not_move_the_reflector_makes_no_new_pose_of_a_copy() {
     let session = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
     assert!(is_anew(&nominal, &first, &session));
 }
+
+/// The set with constants added to the values of the first and the last joint, degrees.
+fn turned(set: &MeasurementSet, [first_deg, last_deg]: [f64; 2]) -> MeasurementSet {
+    let mut set = set.clone();
+    for point in &mut set.points {
+        point.q_rad[0] += first_deg.to_radians();
+        point.q_rad[5] += last_deg.to_radians();
+    }
+    set
+}
+
+#[test]
+fn a_constant_on_the_first_or_the_last_joint_makes_no_new_session_of_a_copy() {
+    let nominal = paper_robot();
+    let constants = [[0.05, 0.0], [7.0, 0.0], [0.0, 30.0], [-120.0, 200.0]];
+    for seed in 0..4 {
+        let mut random = Normal::new(seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let poses = poses(40, &mut random);
+        let first = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        for constants in constants {
+            for std_mm in [0.0, 0.02, 0.1] {
+                let copy = turned(&noisy(&first, std_mm, &mut random), constants);
+                for copy in [carried(&copy), copy] {
+                    let what = format!("{constants:?}, {std_mm} mm");
+                    assert!(!is_anew(&nominal, &first, &copy), "{what}");
+                    assert!(!is_anew(&nominal, &copy, &first), "{what}");
+                }
+            }
+            // Other rows of the file, in another order, are no less a copy.
+            let mut copy = turned(&noisy(&first, 0.02, &mut random), constants);
+            copy.points.reverse();
+            copy.points.truncate(25);
+            assert!(!is_anew(&nominal, &first, &copy), "{constants:?}");
+        }
+        // The same program, turned about joint 1 and measured anew, shows its own noise.
+        let turned_poses: Vec<Vec<f64>> = poses
+            .iter()
+            .map(|q| [&[q[0] + 0.1], &q[1..]].concat())
+            .collect();
+        let second = measure(&truth, &turned_poses, &Campaign::PLAIN, &mut random);
+        assert!(is_anew(&nominal, &first, &second), "{seed}");
+    }
+}

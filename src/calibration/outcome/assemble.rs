@@ -27,6 +27,7 @@ use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::plausibility::{
     JOINT_MAP, base_frame_off, joint_counted_otherwise,
 };
+use crate::calibration::warnings::refused_upload::advised;
 use crate::calibration::warnings::screening::{
     extrapolated, of_the_verify_set, screening_warnings,
 };
@@ -116,6 +117,17 @@ pub struct Answer<'a> {
     pub corrections: Option<corrections::Found>,
     /// The fit to all points; `None` if the parameters that were verified are delivered.
     pub delivered: Option<&'a Final<'a>>,
+}
+
+/// Told where the robot was identified in the base frame, and the set to verify on has its base placed anew.
+fn base_not_checked(request: &CalibrationRequest, layout: &Layout<'_>) -> Option<Warning> {
+    (request.set.frame == Frame::Base && layout.is_placed_anew).then(|| Warning {
+        code: BASE_NOT_CHECKED,
+        detail: "the base was placed anew, and the robot was identified from positions in the base frame: these points show the links, and a wrong \
+                 base does not show. Verify on a set in the base frame, of the same targets, from one station"
+            .into(),
+        rows: vec![],
+    })
 }
 
 /// The report of a finished calibration. `layout` is that of another set to verify on.
@@ -225,7 +237,8 @@ pub fn report(
         let errors_mm = counted_errors_mm(&there);
         let fitted = errors::without_outliers(&per_point, Subset::Identify).unwrap_or(identify);
         fit = fit.or_else(|| {
-            verdict::of_another_session(&errors_mm, &fitted, &request.robot, || {
+            let refused_as = request.refused_as.as_deref();
+            verdict::of_another_session(&errors_mm, &fitted, &request.robot, refused_as, || {
                 own_scatter_mm(&after.model, &after.observed.all)
             })
         });
@@ -237,6 +250,7 @@ pub fn report(
             _ => None,
         }
         .into_iter()
+        .chain(base_not_checked(request, layout))
         .chain(screening_warnings(&layout.screening, &after.observed, None))
         .collect();
     } else {
@@ -248,6 +262,7 @@ pub fn report(
         );
         of_verify_set = vec![];
     }
+    let fit = fit.map(|told| advised(told, request.refused_as.as_deref()));
     let (links, t_instrument_base, targets_mm) = as_delivered(problem, delivered_model);
     let misfit = fit
         .as_ref()

@@ -3,11 +3,10 @@
 
 pub mod alignment;
 
-use crate::calibration::report::FEWEST_TO_PROVE;
 use crate::calibration::report::Warning;
 use crate::calibration::upload_checks::alignment::{Alignment, align};
 use crate::calibration::validation::coverage;
-use crate::calibration::validation::verify::{FEW_RESIDUALS, too_small_to_verify};
+use crate::calibration::validation::verify::{Serves, serves};
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point, split};
@@ -58,30 +57,25 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
         );
         return Some(warning("under_determined", detail));
     }
-    let serves = match (too_small_to_verify(&request), set.frame) {
-        ([_, None], frame) => {
-            let n_placed = match frame {
-                Frame::Instrument => 6 + 3 * set.n_targets(),
-                Frame::Base => 0,
-            };
-            let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
-            let n_configurations = set.configurations().len();
-            let enough = 3 * set.points.len() >= FEW_RESIDUALS * n_placed && n_configurations >= FEWEST_TO_PROVE;
-            match enough {
-                true => "kept: too small to identify from, it can serve to verify (a job of kind verify)".into(),
-                false => format!(
-                    "kept: too small to identify from; a job of kind verify scores a parameter set on it, but so few points are no evidence for a \
-                     release: {needed} configurations are"
-                ),
-            }
-        }
-        ([None, Some(_)], Frame::Base) => {
-            "kept: too small to identify from, and to verify a parameter set on whose base and target are fitted anew, as those of model \
-             complete are; it can serve to verify one of model paper that was identified in the base frame (a job of kind verify)"
-                .into()
-        }
-        ([_, Some(why)], _) => {
-            format!("kept, but too small to identify from and to verify on: to verify, {why}; to identify")
+    let (refit, of_which) = match set.frame {
+        Frame::Instrument => (true, "that was identified in the instrument's frame"),
+        Frame::Base => (false, "that was identified in the base frame"),
+    };
+    let of_targets = match set.n_targets() {
+        1 => String::new(),
+        n => format!(" with {n} targets or more"),
+    };
+    let serves = match serves(&request, refit) {
+        Serves::Evidence => format!(
+            "kept: too small to identify from, it can serve to verify (a job of kind verify) a parameter set {of_which}{of_targets}"
+        ),
+        Serves::Scores(why) => format!(
+            "kept: too small to identify from; a job of kind verify scores a parameter set on it, but {why}"
+        ),
+        Serves::Nothing(why) => {
+            format!(
+                "kept, but too small to identify from and to verify on: to verify, {why}; to identify"
+            )
         }
     };
     Some(warning("under_determined", format!("{serves}: {detail}")))

@@ -9,6 +9,9 @@
 //!   against the residuals of each. Noise that is added to a copy has nothing to do with the residuals of the original, and a copy that is only
 //!   moved has none.
 //!
+//! Joint values of the first or the last joint that are all off by a constant are taken away too: they turn the base and the reflector, which are
+//! placed anew.
+//!
 //! Where neither shows, the two cannot be told apart, and the rows count as repeated.
 
 use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
@@ -18,6 +21,7 @@ use crate::identification::start::align_in_closed_form;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 /// Joint values closer than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A joint near the
@@ -29,6 +33,8 @@ const SAME_READING_RAD: f64 = 1e-9;
 const MAX_REPEATED: f64 = 0.1;
 /// Fewer repeated rows show no noise.
 const FEWEST_ROWS: usize = 10;
+/// Rows that a constant offset of a joint is looked for in, at most, evenly from the whole set: each is compared with every earlier row.
+const COMPARED_ROWS: usize = 100;
 /// Rows that the robot is laid onto, at most, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
 /// A joint is turned by this to see how far it moves the reflector, rad.
@@ -46,12 +52,27 @@ pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) 
     n_repeated as f64 <= MAX_REPEATED * later.points.len() as f64
 }
 
-/// The rows of `later` that repeat a row of `earlier`, where nothing shows that they were measured anew.
+/// The rows of `later` that repeat a row of `earlier`, where nothing shows that they were measured anew; also where all values of the first or the
+/// last joint are off by a constant.
 pub fn repeated_rows(
     robot: &Robot,
     earlier: &MeasurementSet,
     later: &MeasurementSet,
 ) -> Vec<usize> {
+    let mut rows: BTreeSet<usize> = rows_that_repeat(robot, earlier, later)
+        .into_iter()
+        .collect();
+    if let Some(offset) = constant_offset(earlier, later) {
+        let mut turned = earlier.clone();
+        for point in &mut turned.points {
+            offset.add_to(&mut point.q_rad);
+        }
+        rows.extend(rows_that_repeat(robot, &turned, later));
+    }
+    rows.into_iter().collect()
+}
+
+fn rows_that_repeat(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> Vec<usize> {
     let Some(placed) = placed(robot, later) else {
         return Vec::new(); // too few rows to lay the robot onto
     };
@@ -72,9 +93,79 @@ pub fn repeated_rows(
             return Vec::new();
         }
     }
-    let mut rows: Vec<usize> = pairs.iter().map(|pair| pair.row).collect();
-    rows.sort_unstable();
-    rows
+    pairs.iter().map(|pair| pair.row).collect()
+}
+
+/// By how much the first and the last joint of all rows are off. The one turns the base and the other the reflector, and both are placed anew: a
+/// copy with such values fits as well as the file itself.
+struct Offset {
+    first_rad: f64,
+    last_rad: f64,
+}
+
+impl Offset {
+    fn add_to(&self, q_rad: &mut [f64]) {
+        if let [first, .., last] = q_rad {
+            *first += self.first_rad;
+            *last += self.last_rad;
+        }
+    }
+}
+
+/// The offset that most of some rows of `later` have against earlier rows which are alike in all joints but the first and the last.
+fn constant_offset(earlier: &MeasurementSet, later: &MeasurementSet) -> Option<Offset> {
+    let step = later.points.len().div_ceil(COMPARED_ROWS).max(1);
+    let mut differences: Vec<(f64, f64)> = Vec::new();
+    for point in later.points.iter().step_by(step) {
+        let [_, inner @ .., _] = point.q_rad.as_slice() else {
+            return None;
+        };
+        for known in earlier.points.iter().filter(|p| p.target == point.target) {
+            let [first, known_inner @ .., last] = known.q_rad.as_slice() else {
+                continue;
+            };
+            let mut apart = apart_rad(inner, known_inner).into_iter();
+            if apart.all(|rad| rad <= SAME_POSE_RAD) {
+                let [first_rad, .., last_rad] = point.q_rad.as_slice() else {
+                    continue;
+                };
+                differences.push((
+                    within_half_a_turn(first_rad - first),
+                    within_half_a_turn(last_rad - last),
+                ));
+            }
+        }
+    }
+    let first_rad = most_frequent(differences.iter().map(|(first, _)| *first))?;
+    let of_first = differences
+        .iter()
+        .filter(|(first, _)| (first - first_rad).abs() <= SAME_POSE_RAD);
+    let last_rad = most_frequent(of_first.map(|(_, last)| *last))?;
+    let offset = Offset {
+        first_rad,
+        last_rad,
+    };
+    // what counts as the same pose was compared as it is
+    let is_none = first_rad.abs().max(last_rad.abs()) <= SAME_POSE_RAD;
+    (!is_none).then_some(offset)
+}
+
+/// The median of the values that lie as close together as those of one pose, where there are most.
+fn most_frequent(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    let mut most: &[f64] = &[];
+    for (begin, value) in sorted.iter().enumerate() {
+        let n = sorted[begin..].partition_point(|other| *other <= value + SAME_POSE_RAD);
+        if n > most.len() {
+            most = &sorted[begin..begin + n];
+        }
+    }
+    most.get(most.len() / 2).copied()
+}
+
+fn within_half_a_turn(rad: f64) -> f64 {
+    rad - TAU * (rad / TAU).round()
 }
 
 /// A row and the earlier one whose pose it repeats.
@@ -162,10 +253,7 @@ fn same_poses<'a>(
 
 /// Difference of each joint, whole turns apart.
 fn apart_rad(a: &[f64], b: &[f64]) -> Vec<f64> {
-    let apart = |(a, b): (&f64, &f64)| {
-        let difference = (a - b).abs();
-        (difference - TAU * (difference / TAU).round()).abs()
-    };
+    let apart = |(a, b): (&f64, &f64)| within_half_a_turn(a - b).abs();
     a.iter().zip(b).map(apart).collect()
 }
 

@@ -19,6 +19,9 @@ use std::ops::ControlFlow;
 
 /// A set that is any good misses another session by less than this many times what it missed its own held-out points by: an order of magnitude.
 const FAR: f64 = 10.0;
+/// From so many times on it is told: sessions of the measured robots miss by 1.0 to 1.5 times as much, and other poses or another temperature may
+/// double that.
+const WORSE: f64 = 3.0;
 /// What the nominal robot misses depends on the poses; between two sessions of one robot by less than this factor.
 const AS_BEFORE: f64 = 2.0;
 /// No robot returns to a pose, and no tracker measures it, to better than this share of the robot's reach: what is smaller is no yardstick.
@@ -35,6 +38,13 @@ pub struct HeldOut {
     pub nominal_rms_mm: f64,
     /// Of the parameter set.
     pub identified_rms_mm: f64,
+}
+
+/// How many times worse a set is on a session than it was when it was identified, both rms, mm; `None` below [`WORSE`] times, which happens between
+/// sessions of a robot that has not changed.
+pub fn times_worse(session_mm: f64, identified_mm: f64, links: &[Link]) -> Option<f64> {
+    let times = session_mm / identified_mm.max(FINEST * reach_mm(links));
+    (times >= WORSE).then_some(times)
 }
 
 /// How they fit. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with corrections.

@@ -7,8 +7,9 @@ use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
-use crate::calibration::validation::session_fit::{HeldOut, session_fit};
+use crate::calibration::validation::session_fit::{HeldOut, session_fit, times_worse};
 use crate::calibration::warnings::plausibility;
+use crate::calibration::warnings::refused_upload::advice;
 use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::Subset;
 
@@ -16,6 +17,8 @@ use crate::measurement::Subset;
 pub const SET_FAR_OFF: &str = "set_far_off";
 /// Warning that the nominal robot is as good on the points to verify.
 pub const NO_BETTER: &str = "no_better_than_nominal";
+/// Warning that a parameter set that fits a session is several times worse there than when it was identified.
+pub const WORSE_THAN_IDENTIFIED: &str = "worse_than_identified";
 const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is frame=instrument), with joints counted otherwise, or of another robot";
 
 /// What the points say of the parameter set.
@@ -28,6 +31,10 @@ pub struct Verdict {
     pub fit: Fit,
     /// What was found when the set was identified.
     pub held_out: Option<HeldOut>,
+    /// See [`times_worse`]; `None` where nothing was found when the set was identified.
+    pub times_worse: Option<f64>,
+    /// Code with which the points were refused, if somebody insisted.
+    pub refused_as: Option<String>,
 }
 
 impl Verdict {
@@ -65,20 +72,24 @@ impl Verdict {
                 held_out.identified_rms_mm, held_out.nominal_rms_mm
             )
         });
+        let refused = self.refused_as.as_deref();
+        let refused = refused.map(|code| advice(code) + ".");
         let (code, detail) = match self.fit {
             Fit::DoesNotFit if !self.is_identified => (
                 "session_does_not_fit",
                 format!(
                     "this file does not fit this robot: the nominal robot misses its points by {before:.4} mm rms, and with base and tool placed as well \
-                     as can be by more than {} % of its reach, twice what robots from the factory do. {WHY_NOT}? It is no evidence for anything",
-                    100.0 * FITS
+                     as can be by more than {} % of its reach, twice what robots from the factory do. {} It is no evidence for anything",
+                    100.0 * FITS,
+                    refused.unwrap_or_else(|| format!("{WHY_NOT}?"))
                 ),
             ),
             Fit::DoesNotFit => (
                 "session_does_not_fit",
                 format!(
                     "this file does not fit this robot: the calibrated robot misses its points by {after:.4} mm rms and the nominal one by {before:.4} \
-                     mm{at_identification}. {WHY_NOT}, or did the robot collide? It is no evidence for or against the parameter set"
+                     mm{at_identification}. {} It is no evidence for or against the parameter set",
+                    refused.unwrap_or_else(|| format!("{WHY_NOT}, or did the robot collide?"))
                 ),
             ),
             _ if !self.is_identified => return None,
@@ -95,7 +106,15 @@ impl Verdict {
                     "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
                 ),
             ),
-            Fit::Fits => return None,
+            Fit::Fits => {
+                let times = self.times_worse?;
+                let detail = format!(
+                    "on these points{remark} the calibrated robot misses by {after:.4} mm rms, {times:.1} times what it missed by when it was \
+                     identified{at_identification}: the robot, its tool or its base has changed, the instrument is coarser, or the parameter set holds \
+                     only near the poses that it was identified from"
+                );
+                (WORSE_THAN_IDENTIFIED, detail)
+            }
         };
         Some(Warning {
             code,
@@ -144,17 +163,25 @@ pub fn of_another_session(
     errors_mm: &[[f64; 3]],
     fitted: &SubsetErrors,
     robot: &Robot,
+    refused_as: Option<&str>,
     own_scatter_mm: impl FnOnce() -> f64,
 ) -> Option<Warning> {
     let held_out = HeldOut {
         nominal_rms_mm: fitted.before.rms_mm,
         identified_rms_mm: fitted.after.rms_mm,
     };
+    let comparison = robust_comparison(errors_mm);
     let verdict = Verdict {
         is_identified: true,
-        comparison: robust_comparison(errors_mm),
+        times_worse: times_worse(
+            comparison.after_rms_mm,
+            held_out.identified_rms_mm,
+            &robot.links,
+        ),
+        comparison,
         fit: session_fit(errors_mm, Some(&held_out), robot, own_scatter_mm),
         held_out: Some(held_out),
+        refused_as: refused_as.map(str::to_owned),
     };
     verdict.warning().filter(|told| told.code != NO_BETTER)
 }

@@ -5,15 +5,17 @@ use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::preparation::equations::n_equations;
 use crate::calibration::preparation::observe::{observe_to_verify, observe_verify_set};
 use crate::calibration::report::{
-    BASE_NOT_CHECKED, CalibrationReport, Errors, FEW_VERIFY_POINTS, Identifiability, SubsetErrors,
-    Warning, counted_errors_mm,
+    BASE_NOT_CHECKED, CalibrationReport, Errors, FEW_VERIFY_POINTS, FEWEST_TO_PROVE,
+    Identifiability, SubsetErrors, Warning, counted_errors_mm,
 };
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::{stage, watched};
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::errors::{corrected_errors, per_point, verify_without};
 use crate::calibration::validation::robust_comparison::robust_comparison;
-use crate::calibration::validation::session_fit::{nominal_fit, own_scatter_mm, session_fit};
+use crate::calibration::validation::session_fit::{
+    nominal_fit, own_scatter_mm, session_fit, times_worse,
+};
 use crate::calibration::validation::verdict::Verdict;
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
 use crate::calibration::validation::verification_set::{in_base_frame, refits};
@@ -36,7 +38,16 @@ const LEAST_SHARE_SEEN: (usize, usize) = (1, 3);
 /// twice may repeat by chance, a file that was uploaded twice repeats in every row.
 const MAX_SHARED: usize = 10;
 /// Below this many residuals for each number that is refitted, the refit hides a good part of the error.
-pub const FEW_RESIDUALS: usize = 3;
+const FEW_RESIDUALS: usize = 3;
+
+/// Where the base of points in the base frame is placed anew.
+const BASE_PLACED_ANEW: &str = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set \
+                                does not have, or something that moved), so that a wrong base does not show: no evidence. Measure the targets of the \
+                                parameter set from one station";
+/// Where points in the instrument's frame are scored on a set whose base rests on positions in the base frame.
+const BASE_NOT_MEASURED: &str = "the parameter set was identified from positions in the base frame, and these are in the instrument's frame, where the \
+                                 base is placed anew: they show the links, and a wrong base does not show. No evidence for a release. Measure the \
+                                 base frame anew and upload a session as frame=base, or identify in the instrument's frame, where no base is used";
 
 /// A parameter set on a request's points, and the nominal robot beside it.
 struct Scored {
@@ -46,8 +57,8 @@ struct Scored {
     corrected: Option<IdentifiedRobot>,
     /// Numbers of bases and targets that were refitted.
     n_refitted: usize,
-    /// The base is known, and was refitted all the same: an error of the base does not show.
-    is_base_hidden: bool,
+    /// Why an error of the base does not show: the set has one, and it was placed anew all the same.
+    base_hidden_because: Option<&'static str>,
     /// What does not belong, and what moved.
     remarks: Vec<Warning>,
     /// Rows that are named as outliers.
@@ -78,14 +89,56 @@ pub fn check_verify(
     )
 }
 
-/// Why a set is too small to verify on: where its points are taken as they stand, and where base and targets are placed anew. `None` where it
-/// is large enough.
-pub fn too_small_to_verify(request: &CalibrationRequest) -> [Option<String>; 2] {
-    let observations = observe_to_verify(request).all;
-    [false, true].map(|refit| {
-        check_enough(&observations, &request.set, refit)
-            .err()
-            .map(|error| error.to_string())
+/// What a set of points that fit can serve for in a job of kind verify.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Serves {
+    /// It is evidence for or against a parameter set.
+    Evidence,
+    /// A set can be scored on it, and that is no evidence: why.
+    Scores(String),
+    /// Nothing can be scored on it: why.
+    Nothing(String),
+}
+
+/// What the request's set can serve for where base and targets are taken as they stand, or are placed anew (`refit`), as the job will find it.
+pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
+    let set = &request.set;
+    if let Err(error) = check_enough(&observe_to_verify(request).all, set, refit) {
+        return Serves::Nothing(error.to_string());
+    }
+    let n_placed = match refit || n_stations(set) > 1 {
+        true => 6 * n_stations(set) + 3 * set.n_targets(),
+        false => 0,
+    };
+    let n_points = set.points.len();
+    let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
+    let is_few = few_verify_points(n_points, n_placed).is_some()
+        || set.configurations().len() < FEWEST_TO_PROVE;
+    let of_targets = match set.n_targets() {
+        1 => format!("{needed} configurations are"),
+        _ => format!("{needed} points from at least {FEWEST_TO_PROVE} configurations are"),
+    };
+    if is_few {
+        Serves::Scores(format!(
+            "so few points are no evidence for a release: {of_targets}"
+        ))
+    } else if let Some(warning) = shows_little(&request.robot, set) {
+        Serves::Scores(warning.detail)
+    } else if set.frame == Frame::Base && n_placed > 0 {
+        Serves::Scores("its base is placed anew, so that a wrong base does not show".into())
+    } else {
+        Serves::Evidence
+    }
+}
+
+/// Told where the numbers of base and targets are many for the points that they were fitted to: such points are no evidence.
+fn few_verify_points(n_points: usize, n_refitted: usize) -> Option<Warning> {
+    (3 * n_points < FEW_RESIDUALS * n_refitted).then(|| Warning {
+        code: FEW_VERIFY_POINTS,
+        detail: format!(
+            "{n_points} points, from which {n_refitted} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere"
+        ),
+        rows: vec![],
     })
 }
 
@@ -199,6 +252,20 @@ fn base_is_known(request: &CalibrationRequest, identified: &KinematicModel) -> b
             || identified.t_instrument_base == IsometryMatrix3::identity())
 }
 
+/// Why a base that is placed anew hides an error of the base of `identified`; `None` where that set has no base of its own.
+fn base_hidden_because(
+    request: &CalibrationRequest,
+    identified: &KinematicModel,
+) -> Option<&'static str> {
+    if base_is_known(request, identified) {
+        Some(BASE_PLACED_ANEW)
+    } else if request.scored_frame == Some(Frame::Base) {
+        Some(BASE_NOT_MEASURED)
+    } else {
+        None
+    }
+}
+
 fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
     let n_targets = request.set.n_targets();
     let is_placed = match identified {
@@ -253,8 +320,9 @@ fn score(
         after,
         corrected,
         n_refitted: layout.n_refitted(),
-        is_base_hidden: layout.is_placed_anew
-            && identified.is_some_and(|model| base_is_known(request, model)),
+        base_hidden_because: identified
+            .filter(|_| layout.is_placed_anew)
+            .and_then(|model| base_hidden_because(request, model)),
         remarks,
         outliers,
         left_out: layout.screening.rows_left_out().collect(),
@@ -276,9 +344,14 @@ fn report(
         per_point[*row].is_outlier = true;
     }
     let errors_mm = counted_errors_mm(&per_point);
+    let comparison = robust_comparison(&errors_mm);
     let verdict = Verdict {
         is_identified,
-        comparison: robust_comparison(&errors_mm),
+        times_worse: request.held_out.and_then(|held_out| {
+            let identified_mm = held_out.identified_rms_mm;
+            times_worse(comparison.after_rms_mm, identified_mm, &request.robot.links)
+        }),
+        comparison,
         fit: match is_identified {
             true => session_fit(
                 &errors_mm,
@@ -294,6 +367,7 @@ fn report(
             ),
         },
         held_out: request.held_out,
+        refused_as: request.refused_as.clone(),
     };
     let none = Errors {
         mean_mm: 0.0,
@@ -360,27 +434,14 @@ fn warnings(
 ) -> Vec<Warning> {
     let mut warnings: Vec<Warning> = verdict.warning().into_iter().collect();
     warnings.extend(shows_little(&request.robot, &request.set));
-    if scored.is_base_hidden {
-        let detail = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set does not \
-                      have, or something that moved), so that a wrong base does not show: no evidence. Measure the targets of the parameter set from \
-                      one station";
+    if let Some(detail) = scored.base_hidden_because {
         warnings.push(Warning {
             code: BASE_NOT_CHECKED,
             detail: detail.into(),
             rows: vec![],
         });
     }
-    if 3 * verify.n_points < FEW_RESIDUALS * scored.n_refitted {
-        let detail = format!(
-            "{} points, from which {} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere",
-            verify.n_points, scored.n_refitted
-        );
-        warnings.push(Warning {
-            code: FEW_VERIFY_POINTS,
-            detail,
-            rows: vec![],
-        });
-    }
+    warnings.extend(few_verify_points(verify.n_points, scored.n_refitted));
     warnings.extend(scored.remarks.iter().cloned());
     warnings
 }

@@ -3,5 +3,6 @@
 pub mod last_joint;
 pub mod orientation;
 pub mod plausibility;
+pub mod refused_upload;
 pub mod screening;
 pub mod unobservable;

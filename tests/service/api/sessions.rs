@@ -91,7 +91,7 @@ pub async fn scored(
     (id, report)
 }
 
-async fn set_policy(app: &TestApp, robot: &str, policy: Value) {
+pub async fn set_policy(app: &TestApp, robot: &str, policy: Value) {
     let put = app
         .request(Method::PUT, &format!("{robot}/policy"))
         .header("content-type", "application/json")

@@ -179,6 +179,39 @@ async fn a_session_that_was_insisted_on_supports_no_release() {
 }
 
 #[tokio::test]
+async fn of_a_file_that_was_insisted_on_the_advice_is_that_of_its_refusal() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    let csv = by_a_tracker("followup_unchanged.csv");
+    let set = upload(&app, &robot, "frame=base&insist=frame_suspect", &csv)
+        .await
+        .ok(201);
+    for request in [
+        json!({"kind": "verify", "measurement_set_id": set["id"], "parameter_set_id": job["parameter_set_id"]}),
+        json!({"kind": "verify", "measurement_set_id": set["id"]}),
+        json!({"measurement_set_id": set["id"], "method": "least_squares"}),
+    ] {
+        let job = app.run(&robot, &request).await;
+        let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+        let report = app.get(&path).await.ok(200);
+        let misfits = ["session_does_not_fit", "joint_map_suspect", "no_fit"];
+        let warnings = report["warnings"].as_array().unwrap().iter();
+        let mut told = warnings.filter(|told| misfits.contains(&text(&told["code"])));
+        let detail = text(&told.next().expect("a warning that it does not fit")["detail"]);
+        assert!(
+            detail.contains("refused as frame_suspect") && detail.contains("frame=instrument"),
+            "{detail}"
+        );
+        assert!(
+            !detail.contains("joint_map") && !detail.contains("counted otherwise"),
+            "{detail}"
+        );
+        let page = app.get(&format!("{path}.html")).await.text();
+        assert!(page.contains("frame=instrument") && !page.contains("joint map"));
+    }
+}
+
+#[tokio::test]
 async fn a_job_whose_points_do_not_fit_leaves_no_network() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;

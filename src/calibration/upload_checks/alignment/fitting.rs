@@ -1,6 +1,7 @@
 //! How near the nominal robot comes to measured points, its base, target and joint zeros placed as well as can be. Gross rows do not decide:
 //! the rows that fit worst are left out of the fit and of its rms.
 
+use super::explanation::UNMASTERED_RAD;
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_least_squares;
 use crate::identification::multistart::{best_fitting, median_mm};
@@ -12,6 +13,7 @@ use crate::measurement::Frame;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 /// Equations beyond the unknowns that are needed before anything is said.
 const SPARE_EQUATIONS: usize = 12;
@@ -29,6 +31,8 @@ const SUBSET_ROWS: usize = 8;
 const ZERO_STARTS: usize = 10;
 const ZERO_ENDS: usize = 3;
 const WIDEST_RAD: f64 = PI / 4.0;
+/// Starts of one joint's zero to either side, up to what a joint that was never mastered may be off by: 9° apart.
+const ZERO_STEPS: i32 = 5;
 /// Two fits whose rms differ by less than this factor are equally good.
 const EQUALLY_GOOD: f64 = 1.5;
 /// Points this close together, as a share of the arm's reach, may be in a larger unit than they seem.
@@ -51,13 +55,20 @@ pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
 
 /// rms distance of the points from their centre, mm.
 fn spread_mm(observations: &[Observation]) -> f64 {
-    let n = observations.len() as f64;
-    let sum: Vector3<f64> = observations.iter().map(|o| o.position_mm).sum();
-    let centre = sum / n;
-    let squares: f64 = observations
-        .iter()
-        .map(|o| (o.position_mm - centre).norm_squared())
-        .sum();
+    rms_from_centre(observations.iter().map(|o| o.position_mm))
+}
+
+/// The same of the flange, as the joints have it.
+fn flange_spread_mm(links: &[Link], observations: &[Observation]) -> f64 {
+    let flange = |o: &Observation| t_base_flange(links, &o.q_rad).translation.vector;
+    rms_from_centre(observations.iter().map(flange))
+}
+
+fn rms_from_centre(points: impl Iterator<Item = Vector3<f64>>) -> f64 {
+    let points: Vec<Vector3<f64>> = points.collect();
+    let n = points.len() as f64;
+    let centre = points.iter().sum::<Vector3<f64>>() / n;
+    let squares: f64 = points.iter().map(|p| (p - centre).norm_squared()).sum();
     (squares / n).sqrt()
 }
 
@@ -78,8 +89,13 @@ fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) ->
     if spare < SPARE_EQUATIONS {
         return None;
     }
-    let apart = spread_mm(observations);
-    let unlike = (SMALL_SPREAD * kinematics::reach_mm(&model.links) / apart).max(1.0);
+    // poses that do not differ put any robot's points close together
+    let expected = flange_spread_mm(&model.links, observations)
+        .min(SMALL_SPREAD * kinematics::reach_mm(&model.links));
+    let unlike = match expected > 0.0 {
+        true => (expected / spread_mm(observations)).max(1.0),
+        false => 1.0,
+    };
     let rms_mm = (3.0 * cost(&model, observations) / spare as f64).sqrt() * unlike;
     rms_mm.is_finite().then_some(Fitted { rms_mm, model })
 }
@@ -260,6 +276,46 @@ pub(super) fn with_free_zeros(
     with_zeros_from(links, observations, frame, ZERO_STARTS, enough_mm)
 }
 
+/// With the zero of one joint free, the one that helps most: from wherever that joint may stand, where all zeros at once lead elsewhere.
+pub(super) fn with_one_free_zero(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+) -> Option<Zeroed> {
+    let starts = seen_joints(links, frame).flat_map(|joint| {
+        (-ZERO_STEPS..=ZERO_STEPS).filter_map(move |step| {
+            let mut turned = links.to_vec();
+            turned[joint].theta_offset_rad +=
+                UNMASTERED_RAD * f64::from(step) / f64::from(ZERO_STEPS);
+            let model = closed_form(&turned, observations, frame)?;
+            Some((median_mm(&model, observations), joint, model))
+        })
+    });
+    let (_, joint, start) = starts.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let mut parameters = vec![Parameter::Link(joint, Quantity::ThetaOffset)];
+    parameters.extend(placing(frame));
+    let start = fit_least_squares(&start, &parameters, observations).model;
+    concentrated(start, &parameters, observations).map(|fit| zeroed(&fit, links))
+}
+
+/// Joints whose zero can be seen: the last one's is the target's turn, and the first one's is the base's where that is free.
+fn seen_joints(links: &[Link], frame: Frame) -> Range<usize> {
+    let first = usize::from(frame == Frame::Instrument);
+    first..links.len().saturating_sub(1).max(first)
+}
+
+/// How near it comes, and by how much each zero is off.
+fn zeroed(fit: &Fitted, links: &[Link]) -> Zeroed {
+    let offset = |(found, link): (&Link, &Link)| {
+        let offset = found.theta_offset_rad - link.theta_offset_rad;
+        offset - TAU * (offset / TAU).round()
+    };
+    Zeroed {
+        rms_mm: fit.rms_mm,
+        offsets_rad: fit.model.links.iter().zip(links).map(offset).collect(),
+    }
+}
+
 fn with_zeros_from(
     links: &[Link],
     observations: &[Observation],
@@ -267,23 +323,12 @@ fn with_zeros_from(
     n_starts: usize,
     enough_mm: f64,
 ) -> Option<Zeroed> {
-    let first = usize::from(frame == Frame::Instrument);
-    let free = first..links.len().saturating_sub(1).max(first);
+    let free = seen_joints(links, frame);
     let mut parameters: Vec<Parameter> = free
         .clone()
         .map(|link| Parameter::Link(link, Quantity::ThetaOffset))
         .collect();
     parameters.extend(placing(frame));
-    let offset = |model: &KinematicModel, link: usize| {
-        let offset = model.links[link].theta_offset_rad - links[link].theta_offset_rad;
-        offset - TAU * (offset / TAU).round()
-    };
-    let zeroed = |fit: Fitted| Zeroed {
-        rms_mm: fit.rms_mm,
-        offsets_rad: (0..links.len())
-            .map(|link| offset(&fit.model, link))
-            .collect(),
-    };
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut ends: Vec<(f64, KinematicModel)> = Vec::new();
     for start in 0..=n_starts {
@@ -310,7 +355,10 @@ fn with_zeros_from(
     ends.sort_by(|a, b| a.0.total_cmp(&b.0));
     ends.truncate(ZERO_ENDS);
     ends.into_iter()
-        .map(|(_, end)| concentrated(end, &parameters, observations).map(zeroed))
+        .map(|(_, end)| {
+            let fit = concentrated(end, &parameters, observations)?;
+            Some(zeroed(&fit, links))
+        })
         .fold(None, better)
 }
 

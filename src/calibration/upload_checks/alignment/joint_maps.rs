@@ -4,8 +4,10 @@
 
 use super::affine::{LinkFrame, affine_cost_mm2, beyond_affine, scatter_mm2};
 use super::convention::{Convention, MAKERS};
+use super::explanation::UNMASTERED_RAD;
 use super::fitting::{
     Fitted, Zeroed, placed, quickly_placed, quickly_with_free_zeros, with_free_zeros,
+    with_one_free_zero,
 };
 use crate::identification::objective::Observation;
 use crate::kinematics::Link;
@@ -133,6 +135,28 @@ pub(super) fn search_with_zeros(
             .collect::<Vec<_>>(),
     );
     all.retain(|convention| convention.complexity() > 0);
+    // one joint that was never mastered is the likeliest, and found from wherever it stands
+    let with_one = all.iter().filter_map(|convention| {
+        let points = convention.observations(observations);
+        let zeros = with_one_free_zero(links, &points, frame)?;
+        Some((convention.clone(), zeros))
+    });
+    simplest(with_one.collect(), fits_mm).or_else(|| {
+        simplest(
+            with_all_zeros(links, observations, frame, fits_mm, all),
+            fits_mm,
+        )
+    })
+}
+
+/// Those of the conventions that come near with every joint's zero free.
+fn with_all_zeros(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+    fits_mm: f64,
+    conventions: Vec<Convention>,
+) -> Vec<(Convention, Zeroed)> {
     let with_zeros = |convention: Convention| {
         let points = convention.observations(observations);
         Some((
@@ -140,7 +164,8 @@ pub(super) fn search_with_zeros(
             convention,
         ))
     };
-    let mut quick: Vec<(f64, Convention)> = all.into_iter().filter_map(with_zeros).collect();
+    let mut quick: Vec<(f64, Convention)> =
+        conventions.into_iter().filter_map(with_zeros).collect();
     quick.retain(|(rms_mm, _)| *rms_mm <= WORTH_A_SEARCH * fits_mm);
     quick.sort_by(|a, b| a.0.total_cmp(&b.0));
     quick.truncate(FITTED_THOROUGHLY);
@@ -149,12 +174,18 @@ pub(super) fn search_with_zeros(
         let zeros = with_free_zeros(links, &points, frame, 0.5 * fits_mm)?;
         Some((convention, zeros))
     };
-    let mut fits: Vec<(Convention, Zeroed)> = quick.into_iter().filter_map(thoroughly).collect();
+    quick.into_iter().filter_map(thoroughly).collect()
+}
+
+/// The simplest of those that fit about as well as the best one, with zeros that joints which were never mastered may have; of equally simple ones
+/// that with the smallest zeros.
+fn simplest(mut fits: Vec<(Convention, Zeroed)>, fits_mm: f64) -> Option<(Convention, Zeroed)> {
+    fits.retain(|(_, zeros)| zeros.rms_mm <= fits_mm && zeros.largest_rad() <= UNMASTERED_RAD);
     let best_mm = fits
         .iter()
         .map(|(_, zeros)| zeros.rms_mm)
         .fold(f64::INFINITY, f64::min);
-    fits.retain(|(_, zeros)| zeros.rms_mm <= fits_mm && zeros.rms_mm <= AS_GOOD * best_mm);
+    fits.retain(|(_, zeros)| zeros.rms_mm <= AS_GOOD * best_mm);
     fits.into_iter().min_by(|(a, x), (b, y)| {
         let simpler = a.complexity().cmp(&b.complexity());
         simpler.then(x.largest_rad().total_cmp(&y.largest_rad()))

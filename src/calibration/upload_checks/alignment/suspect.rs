@@ -2,8 +2,7 @@
 
 use super::convention::Convention;
 use super::explanation::{
-    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD, observations,
-    of_one_target_and_station,
+    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, observations, of_one_target_and_station,
 };
 use super::fitting::{
     Fitted, Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros,
@@ -123,8 +122,7 @@ impl<'a> Suspect<'a> {
     pub fn convention_and_zeros(&self, frame: Frame) -> Option<Supposed> {
         let links = &self.robot.links;
         let (convention, zeros) =
-            joint_maps::search_with_zeros(links, &self.observations, frame, self.fits_mm)
-                .filter(|(_, zeros)| zeros.largest_rad() <= UNMASTERED_RAD)?;
+            joint_maps::search_with_zeros(links, &self.observations, frame, self.fits_mm)?;
         Some(Supposed {
             what: What::Joints(Box::new(convention)),
             rms_mm: zeros.rms_mm,

@@ -1,0 +1,44 @@
+//! What to do about an upload that was refused and kept because somebody insisted: what the refusal said, whatever else its points look like.
+
+use crate::calibration::report::{NO_FIT, Warning};
+use crate::calibration::warnings::plausibility::JOINT_MAP;
+
+/// What the refusal with this code asked for.
+pub fn remedy(code: &str) -> &'static str {
+    match code {
+        "frame_suspect" => {
+            "upload it again in the frame that it was measured in (a tracker's own frame is frame=instrument)"
+        }
+        "unit_suspect" => "correct the units that the refusal named, and upload it again",
+        "column_suspect" => "correct the columns that the refusal named, and upload it again",
+        "joint_map_suspect" => {
+            "correct the robot's joint_map as the refusal said, and upload it again"
+        }
+        "robot_mismatch" => "upload it to the robot that the refusal named",
+        _ => {
+            "see whether it is of this robot, and whether the joint values and the position of each row belong together"
+        }
+    }
+}
+
+/// The same in a sentence.
+pub fn advice(code: &str) -> String {
+    format!(
+        "The upload was refused as {code}, and kept because the uploader insisted: {}",
+        remedy(code)
+    )
+}
+
+/// A warning that the robot does not fit, with the advice of the refusal in place of its own.
+pub fn advised(told: Warning, refused_as: Option<&str>) -> Warning {
+    match refused_as {
+        Some(code) if [NO_FIT, JOINT_MAP].contains(&told.code) && told.code != code => {
+            let what = told.detail.split(':').next().unwrap_or_default();
+            Warning {
+                detail: format!("{what}. {}. It cannot be released", advice(code)),
+                ..told
+            }
+        }
+        _ => told,
+    }
+}
