@@ -4,6 +4,7 @@ mod alignment;
 mod changes;
 mod compensation;
 mod corrections;
+mod drift;
 mod estimate;
 mod exchange;
 mod final_fit;
@@ -27,4 +28,4 @@ mod screening;
 mod support;
 mod uncertainty;
 
-use support::{bad_campaigns, data, real_robot, robots, simulation};
+use support::{bad_campaigns, data, drifts, real_robot, robots, simulation};
