@@ -5,9 +5,11 @@ export const WARNINGS = {
   at_bound: "A parameter ended at the edge of what was allowed",
   bad_subset: "The subset column cannot be used",
   base_moved: "The robot's base or the instrument moved while measuring",
+  drift: "Base or instrument drifted while measuring",
   base_not_checked: "A wrong base would not show in these points",
   column_suspect: "Columns or rows seem to be exchanged",
   base_frame_off: "The base stands elsewhere than its frame says",
+  configurations_err_together: "The points of one pose err together far more than each by itself",
   corrections_left_out: "What links cannot say was not looked for",
   corrections_worse_on_verify_points: "The corrections were dropped: the points to verify fit better without them",
   duplicate_poses: "Some poses were measured more than once",
@@ -43,6 +45,7 @@ export const WARNINGS = {
   stretch_without_identify_points: "A stretch without points to identify from",
   target_moved: "The reflector moved while measuring",
   nothing_left_to_judge: "As many equations as unknowns: nothing says how good the fit is",
+  mounting_contradicted: "The robot sags as if it were mounted otherwise than stated",
   no_fit: "The identified robot does not fit the points: joints and positions do not belong together, or it is another robot",
   pose_not_seen: "The measured positions do not show all of where the flange is: only the measured reflector is sure",
   tool_uncertain: "The tool is uncertain elsewhere in the workspace",
@@ -51,6 +54,7 @@ export const WARNINGS = {
   unidentifiable_parameters: "Some parameters cannot be told apart",
   worse_than_identified: "The parameter set is several times worse here than when it was identified",
   verify_extrapolates: "Points to verify lie beyond what the identify points fix; their errors are those of an extrapolation",
+  warm_up: "Base or instrument drifted while it warmed up",
 };
 
 // Why a warning matters: one short sentence each.

@@ -92,6 +92,9 @@ pub fn calibrate(
     let comparison = compare(&problem, &choice, own, layout.as_ref(), monitor)?;
     let problem = problem.with_tool_of(&found.model);
     let (corrections, vetoed) = vetoed(&problem, &found.model, layout.as_ref(), corrections)?;
+    let of_mounting = corrections
+        .as_ref()
+        .and_then(|found| corrections::mounting_contradicted(request, found));
     let (delivered, subsets_differ) = match final_fit::is_wanted(&problem) {
         true => stage(monitor, "final_fit", |monitor| {
             final_fit(&problem, &found.model, corrections.as_ref(), monitor)
@@ -118,6 +121,7 @@ pub fn calibrate(
         watched(monitor, assemble).flatten()
     })?;
     report.warnings.extend(vetoed);
+    report.warnings.extend(of_mounting);
     report.warnings.extend(subsets_differ);
     report.warnings.extend(too_small);
     report

@@ -7,6 +7,7 @@ mod choices;
 pub mod corrected;
 pub mod corrections;
 pub mod distributions;
+pub mod drift;
 pub mod estimate;
 pub mod evidence;
 pub mod fit;
@@ -27,6 +28,7 @@ pub mod steps;
 pub mod swarm;
 pub mod uncertainty;
 pub mod variance;
+pub mod whitening;
 pub mod workspace;
 
 pub use choices::{Model, Preset};

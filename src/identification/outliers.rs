@@ -8,6 +8,7 @@
 
 use crate::identification::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
+use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::add_weighted_square;
 use crate::solvers::watch::Watch;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
@@ -80,7 +81,7 @@ struct Kept {
 impl Linearised {
     /// From weighted residuals and the weighted derivatives along the seen combinations.
     pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>, rounding_mm: f64) -> Self {
-        let basis = derivatives.qr().q();
+        let basis = orthonormal(derivatives);
         Self {
             residuals: residuals - &basis * basis.tr_mul(residuals),
             basis,

@@ -5,22 +5,24 @@
 //! least-squares fit, P the projection out of what its parameters can change and B the columns of such a change, the fit would improve by
 //! g = yᵀB·(BᵀPB)⁻¹·Bᵀy (the score test, which for a linear model is also the likelihood ratio). A robot errs as a smooth function of its
 //! joints, and a path through the workspace makes that look like steps: all this is done with the inverse of V = I + λ·Φ·Φᵀ, the features Φ of
-//! [`misfit`](crate::identification::misfit) having the share λ that the residuals give them. Three questions are put to the largest g:
+//! [`misfit`](crate::identification::misfit) having the share λ that the residuals give them. Four questions are put to the largest g:
 //!
 //! - is F = (g/d) / (left/freedom) larger than noise makes it anywhere along the order (Bonferroni)? Points of one configuration may err
 //!   together: F is divided by how much more their sums vary than those of independent points;
 //! - is it larger than after the configurations have been put into random orders? That holds whatever the residuals' distribution;
-//! - have the points on the smaller side moved twice as far as all points scatter? What no feature says is no larger than that.
+//! - have the points on the smaller side moved twice as far as all points scatter? What no feature says is no larger than that;
+//! - is it still there beside a drift of the base ([`drift`](crate::identification::drift)): a ramp, a warm-up, and a random walk as wide as the
+//!   residuals show it beside the step?
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
+use crate::identification::drift::{Beside, beside_drift};
 use crate::identification::objective::Observation;
 use crate::identification::outliers::Linearised;
-use crate::identification::variance::misfit_ratio;
+use crate::identification::whitening::Whitened;
 use crate::kinematics::t_base_flange;
-use crate::solvers::products::{less_product, transposed_times};
 use crate::solvers::watch::Watch;
-use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
+use nalgebra::{Const, DMatrix, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 
@@ -40,10 +42,6 @@ const SEEN_SHARE: f64 = 1e-3;
 /// Mean square by which the points of the smaller side have moved, over the mean square of what is left: they have to have moved twice as
 /// far as points scatter. Simulated campaigns in which nothing moved reach 2.7, as do measured ones; a slip of 2 mm in noise of 0.3 mm 7.
 const SMALLEST_EFFECT: f64 = 4.0;
-/// Features below this share of the largest tell nothing.
-const NEGLIGIBLE: f64 = 1e-12;
-/// Iteration limit of an eigenvalue decomposition.
-const EIGEN_ITERATIONS: usize = 10_000;
 /// Points on either side of a motion of the base: twelve coordinates for its six numbers. Three would leave three coordinates to tell it from
 /// outliers, which the noise of a lever arm may hide.
 const FEWEST_BASE_POINTS: usize = 4;
@@ -156,79 +154,13 @@ impl Columns {
     }
 }
 
-/// The linear problem at a fit, with V^(-1/2) from the left where V = I + λ·Φ·Φᵀ.
-pub struct Whitened {
-    /// V^(-1/2)·y, outside what the parameters can change; 3·N.
-    residuals: DVector<f64>,
-    /// V^(-1/2) times that: Bᵀ of it is the score of a change B.
-    scores: DVector<f64>,
-    /// E, with BᵀB − BᵀE·EᵀB the square of what the parameters and V leave of B.
-    basis: DMatrix<f64>,
-    /// Combinations fitted.
-    n_fitted: usize,
-}
-
-impl Whitened {
-    /// `features` are those of the same points, in the same order.
-    pub fn new(linear: &Linearised, features: &DMatrix<f64>) -> Self {
-        let ratio = misfit_ratio(&linear.residuals, &linear.basis, features);
-        Self::with_ratio(linear, features, ratio).unwrap_or_else(|| Self {
-            residuals: linear.residuals.clone(),
-            scores: linear.residuals.clone(),
-            basis: linear.basis.clone(),
-            n_fitted: linear.basis.ncols(),
-        })
-    }
-
-    /// Φ·Φᵀ = U·S·Uᵀ, so that V⁻¹ = I − U·(λS/(1 + λS))·Uᵀ and V^(-1/2) = I − U·(1 − (1 + λS)^(-1/2))·Uᵀ.
-    fn with_ratio(linear: &Linearised, features: &DMatrix<f64>, ratio: f64) -> Option<Self> {
-        let eigen = transposed_times(features, features)
-            .try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
-        let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
-        let kept: Vec<usize> = (0..features.ncols())
-            .filter(|k| eigen.eigenvalues[*k] > smallest)
-            .collect();
-        let none = DMatrix::zeros(features.nrows(), kept.len());
-        let mut u = -less_product(&none, features, &eigen.eigenvectors.select_columns(&kept));
-        let share: Vec<f64> = kept.iter().map(|k| ratio * eigen.eigenvalues[*k]).collect();
-        u.column_iter_mut()
-            .zip(&kept)
-            .for_each(|(mut column, k)| column /= eigen.eigenvalues[*k].sqrt());
-        let shrunk = |m: &DMatrix<f64>| {
-            let mut along = transposed_times(&u, m);
-            along
-                .row_iter_mut()
-                .zip(&share)
-                .for_each(|(mut row, s)| row *= 1.0 - 1.0 / (1.0 + s).sqrt());
-            less_product(m, &u, &along)
-        };
-        let q = shrunk(&linear.basis).qr().q();
-        let column = |v: &DVector<f64>| {
-            shrunk(&DMatrix::from_column_slice(v.len(), 1, v.as_slice()))
-                .column(0)
-                .into_owned()
-        };
-        let y = column(&linear.residuals);
-        let residuals = &y - &q * q.tr_mul(&y);
-        let n_fitted = q.ncols();
-        let mut basis = DMatrix::zeros(q.nrows(), n_fitted + kept.len());
-        basis.columns_mut(0, n_fitted).copy_from(&shrunk(&q));
-        for (k, s) in share.iter().enumerate() {
-            basis.set_column(n_fitted + k, &(u.column(k) * (s / (1.0 + s)).sqrt()));
-        }
-        let scores = column(&residuals);
-        Some(Self {
-            residuals,
-            scores,
-            basis,
-            n_fitted,
-        })
-    }
-}
-
 /// A campaign: what was measured when.
 pub struct Campaign<'a> {
-    /// At the fit to the points of `order`, one after another as there.
+    /// The fit to the points of `order`, one after another as there.
+    pub linear: &'a Linearised,
+    /// The features of the misfit there.
+    pub features: &'a DMatrix<f64>,
+    /// Both, whitened.
     pub problem: &'a Whitened,
     /// For every point of the set.
     pub columns: &'a Columns,
@@ -289,6 +221,7 @@ impl Campaign<'_> {
             / self.design_effect();
         if f_tail(f, best.n_numbers as f64, freedom) * n_tried as f64 > FALSE_ALARMS
             || !self.stands_out(&best)
+            || !self.is_no_drift(&best, n_tried)
         {
             return None;
         }
@@ -431,6 +364,45 @@ impl Campaign<'_> {
         }
         let of_sums: f64 = sums.iter().map(Vector3::norm_squared).sum();
         (of_sums / self.problem.residuals.norm_squared()).max(1.0)
+    }
+
+    /// Whether it is there beside a drift of the base.
+    fn is_no_drift(&self, best: &Tried, n_tried: usize) -> bool {
+        let roots: Vec<f64> = self
+            .order
+            .iter()
+            .map(|point| self.columns.base[*point][(0, 0)])
+            .collect();
+        let mut of_step = DMatrix::zeros(3 * self.order.len(), best.n_numbers);
+        for (place, point) in self.order.iter().enumerate().skip(best.place) {
+            let target = self.targets[*point];
+            let rows = 3 * place;
+            match best.moved {
+                Moved::Base => of_step
+                    .fixed_view_mut::<3, 6>(rows, 0)
+                    .copy_from(&self.columns.base[*point]),
+                Moved::Target(moved) if moved != target => {}
+                Moved::Target(_) => of_step
+                    .fixed_view_mut::<3, 3>(rows, 0)
+                    .copy_from(&self.columns.target[*point]),
+                Moved::AllTargets => of_step
+                    .fixed_view_mut::<3, 3>(rows, 3 * target)
+                    .copy_from(&self.columns.target[*point]),
+            }
+        }
+        let beside = beside_drift(self.linear, self.features, &roots, &of_step);
+        let Some(Beside {
+            gain,
+            rest,
+            freedom,
+        }) = beside
+        else {
+            return false;
+        };
+        let least_variance = self.least_scale_mm * self.least_scale_mm;
+        let variance = (rest / freedom).max(least_variance) * self.design_effect();
+        let n = best.n_numbers as f64;
+        f_tail(gain / n / variance, n, freedom) * n_tried as f64 <= FALSE_ALARMS
     }
 
     /// Larger than every change of its kind in random orders of the configurations.

@@ -120,6 +120,24 @@ fn smallest(deviance: impl Fn(f64) -> f64) -> f64 {
     libm::pow(10.0, 0.5 * (low + high))
 }
 
+/// As [`misfit_ratio`], 0 where white noise alone would show as much in one of twenty cases; with 2·log of the likelihoods' ratio.
+pub fn kept_ratio(
+    residuals: &DVector<f64>,
+    basis: &DMatrix<f64>,
+    features: &DMatrix<f64>,
+) -> Option<(f64, f64)> {
+    let n_free = residuals.len() as f64 - basis.ncols() as f64;
+    let residuals = residuals - basis * basis.tr_mul(residuals);
+    let features = less_product(features, basis, &transposed_times(basis, features));
+    let spectrum = Spectrum::new(&residuals, &features, 0.0, n_free)?;
+    let ratio = smallest(|ratio| spectrum.deviance(ratio));
+    let likelier = spectrum.deviance(0.0) - spectrum.deviance(ratio);
+    Some(match likelier > KEPT_ABOVE * KEPT_ABOVE {
+        true => (ratio, likelier),
+        false => (0.0, likelier.max(0.0)),
+    })
+}
+
 /// σm²/σ²: how much more than white noise the residuals of a fit follow the features of the misfit. `basis` spans what the fit can
 /// change, with orthonormal columns.
 pub fn misfit_ratio(

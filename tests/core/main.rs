@@ -4,6 +4,7 @@ mod alignment;
 mod changes;
 mod compensation;
 mod corrections;
+mod drift;
 mod estimate;
 mod exchange;
 mod final_fit;
@@ -31,4 +32,4 @@ mod two_files;
 mod uncertainty;
 mod workbooks;
 
-use support::{bad_campaigns, data, real_robot, robots, simulation};
+use support::{bad_campaigns, data, drifts, real_robot, robots, simulation};

@@ -4,6 +4,7 @@
 mod support;
 use support::{app, people, process, raw};
 
+mod cancel;
 mod clients;
 mod flood;
 mod headers;

@@ -5,6 +5,7 @@ pub mod app;
 pub mod bad_campaigns;
 pub mod computations;
 pub mod data;
+pub mod drifts;
 pub mod engines;
 pub mod fixtures;
 pub mod people;

@@ -12,8 +12,10 @@ use crate::calibration::preparation::gross_errors::{
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
+use crate::identification::drift::{Drift, Session};
 use crate::identification::outliers::Outliers;
-use crate::identification::steps::{Campaign, Moved, Step, TargetShift, Whitened};
+use crate::identification::steps::{Campaign, Moved, Step, TargetShift};
+use crate::identification::whitening::Whitened;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
@@ -79,6 +81,8 @@ pub struct Screening {
     pub are_few: bool,
     /// Steps, by row.
     pub steps: Vec<FoundStep>,
+    /// How all points drifted.
+    pub drift: Option<Drift>,
     /// Rows of segments without identify points: they are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
     /// The targets of the fit.
@@ -234,6 +238,9 @@ fn search(
         }
     }
     screening.steps.sort_by_key(|s| s.row);
+    let outlying = outliers.as_ref().map_or(vec![], |w| w.points.clone());
+    let belonging = others(&others(&arrangement.order, &gross), &outlying);
+    screening.drift = drift(observed, &fit, &belonging, watch);
     Ok((outliers, gross))
 }
 
@@ -279,10 +286,13 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -
         return None;
     }
     let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
-    let problem = Whitened::new(&fit.linear.of(order), &fit.features.select_rows(&rows));
+    let (linear, features) = (fit.linear.of(order), fit.features.select_rows(&rows));
+    let problem = Whitened::new(&linear, &features);
     let clusters = observed.all_clusters();
     let least_scale_mm = fit.least_scale_mm;
     let campaign = Campaign {
+        linear: &linear,
+        features: &features,
         problem: &problem,
         columns: &fit.columns,
         order,
@@ -292,6 +302,27 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -
         watch,
     };
     campaign.step()
+}
+
+/// How some points drifted, in measuring order.
+fn drift(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -> Option<Drift> {
+    let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
+    let clusters = observed.all_clusters();
+    let session = Session {
+        linear: &fit.linear.of(order),
+        features: &fit.features.select_rows(&rows),
+        roots: &order
+            .iter()
+            .map(|p| observed.all[*p].weight.sqrt())
+            .collect::<Vec<_>>(),
+        clusters: &order.iter().map(|p| clusters[*p]).collect::<Vec<_>>(),
+        targets: &order
+            .iter()
+            .map(|p| observed.all[*p].target)
+            .collect::<Vec<_>>(),
+        watch,
+    };
+    session.drift()
 }
 
 fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &Step) -> Arrangement {

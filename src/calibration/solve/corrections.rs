@@ -4,11 +4,11 @@ use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::preparation::observe::stated_scale_mm;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
-use crate::calibration::request::{CorrectionsChoice, Preset};
+use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, Preset};
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::{Event, Monitor};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
-use crate::identification::corrections::{Evidence, Fitted, Setting, select};
+use crate::identification::corrections::{Evidence, Fitted, Setting, Term, select};
 use crate::identification::objective::{Observation, weighted_residuals};
 use crate::identification::priors::Prior;
 use crate::identification::start::{fit_base_and_targets, place};
@@ -19,6 +19,9 @@ use nalgebra::{IsometryMatrix3, Vector3};
 
 /// How well gravity is known where nobody says how the robot stands: on a floor, to 2°.
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Gravity contradicts the mounting from so many of its standard deviations on, and no less than this tilt, rad (0.5°).
+const CONTRADICTED_SIGMAS: f64 = 3.0;
+const LEAST_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Points that corrections are identified from at most, evenly taken: many more than there are numbers.
 const MOST_POINTS: usize = 3_000;
 /// Residuals below this share of the reach are rounding, rms: there is nothing to explain. 1 µm on an arm of 1.7 m.
@@ -103,6 +106,35 @@ pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
         Some(choice) => choice == CorrectionsChoice::Auto,
         None => preset == Preset::Default,
     }
+}
+
+/// Told where gravity, as the kept corrections have it, is further from the mounting than that is stated to be known.
+pub fn mounting_contradicted(request: &CalibrationRequest, found: &Found) -> Option<Warning> {
+    let fitted = found.fitted.as_ref()?;
+    let of_gravity = fitted.terms.iter().zip(&fitted.values);
+    let squares: f64 = of_gravity
+        .filter(|(term, _)| matches!(term, Term::Gravity(_)))
+        .map(|(_, tilt)| tilt * tilt)
+        .sum();
+    // of a direction that is made a unit vector again
+    let tilt_rad = libm::atan(squares.sqrt());
+    let stated = request.robot.mounting;
+    let std_rad = stated.map_or(USUAL_MOUNTING_STD_RAD, |m| m.std_rad);
+    let sigmas = tilt_rad / std_rad.max(f64::MIN_POSITIVE);
+    let as_known = match stated {
+        Some(_) => "the mounting as it is stated",
+        None => "a floor, on which a robot stands where no mounting is stated",
+    };
+    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| Warning {
+        code: "mounting_contradicted",
+        detail: format!(
+            "the robot sags as if it hung {:.1}° from {as_known}: {sigmas:.1} times the {:.2}° (one standard deviation) to which that is known. Check how it is \
+             mounted, and state it with the robot",
+            tilt_rad.to_degrees(),
+            std_rad.to_degrees()
+        ),
+        rows: vec![],
+    })
 }
 
 /// That none were looked for beside stated priors.

@@ -3,6 +3,7 @@
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
 use crate::calibration::validation::errors::without_outliers;
+use crate::identification::distributions::t_half_width;
 use crate::identification::problem::{BASE_MM, BASE_RAD};
 use crate::kinematics::{Link, reach_mm};
 use crate::measurement::Subset;
@@ -127,8 +128,14 @@ const UNCERTAIN: f64 = 5.0;
 const LEAST_UNCERTAIN_PER_REACH: f64 = 0.01 / 1700.0;
 /// Lengths that all are off by the same share, from this share on: steel that is warmer by 20 K grows by this.
 const SCALE: f64 = 2e-4;
-/// ... and by as many standard deviations of that share.
+/// ... and by as many standard deviations of that share, and more than a robot's own errors show in one of a hundred cases: of few lengths the
+/// standard deviation is hardly known.
 const SCALE_SIGMAS: f64 = 4.0;
+const SCALE_CONFIDENCE: f64 = 0.99;
+/// A length of which the points say less than this share is no length that was found.
+const SCALE_SHARE: f64 = 0.1;
+/// What the points of one configuration share is worth a word from so many times their own noise on.
+const SHARED: f64 = 10.0;
 
 /// Remarks on a finished identification, for its report.
 pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
@@ -159,7 +166,13 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
         );
         warnings.push(warning("tool_uncertain", detail));
     }
-    if let Some(scale) = common_scale(&report.links, nominal) {
+    warnings.extend(shared_errors(report));
+    let told = report
+        .parameters
+        .iter()
+        .filter(|p| p.data_share < SCALE_SHARE);
+    let unseen: BTreeSet<&str> = told.map(|p| p.name.as_str()).collect();
+    if let Some(scale) = common_scale(&report.links, nominal, &unseen) {
         let detail = format!(
             "all lengths are {:+.3} % off by the same share: a wrong scale or temperature compensation of the instrument, rather than the robot",
             100.0 * scale
@@ -170,15 +183,22 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
 }
 
 /// The share by which all identified lengths are longer, where it stands out of their scatter. Lengths that were not identified say nothing.
-fn common_scale(links: &[Link], nominal: &[Link]) -> Option<f64> {
-    let lengths = links.iter().zip(nominal).flat_map(|(now, then)| {
-        [
-            (then.a_mm, now.a_mm - then.a_mm),
-            (then.d_mm, now.d_mm - then.d_mm),
-        ]
-    });
+fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Option<f64> {
+    let lengths = links
+        .iter()
+        .zip(nominal)
+        .zip(1..)
+        .flat_map(|((now, then), i)| {
+            [
+                (format!("a_{i}"), then.a_mm, now.a_mm - then.a_mm),
+                (format!("d_{i}"), then.d_mm, now.d_mm - then.d_mm),
+            ]
+        });
     let lengths: Vec<(f64, f64)> = lengths
-        .filter(|(length, delta)| *length != 0.0 && *delta != 0.0)
+        .filter(|(name, length, delta)| {
+            *length != 0.0 && *delta != 0.0 && !unseen.contains(name.as_str())
+        })
+        .map(|(_, length, delta)| (length, delta))
         .collect();
     let squares: f64 = lengths.iter().map(|(length, _)| length * length).sum();
     if lengths.len() < 3 {
@@ -193,8 +213,26 @@ fn common_scale(links: &[Link], nominal: &[Link]) -> Option<f64> {
         .iter()
         .map(|(length, delta)| (delta - scale * length) * (delta - scale * length))
         .sum();
-    let std = (scatter / (lengths.len() - 1) as f64 / squares).sqrt();
-    (scale.abs() > SCALE && scale.abs() > SCALE_SIGMAS * std).then_some(scale)
+    let freedom = (lengths.len() - 1) as f64;
+    let std = (scatter / freedom / squares).sqrt();
+    let sigmas = t_half_width(SCALE_CONFIDENCE, freedom).max(SCALE_SIGMAS);
+    (scale.abs() > SCALE && scale.abs() > sigmas * std).then_some(scale)
+}
+
+/// Told where the points of one configuration err together by far more than each by itself: joint values that were read before the arm had settled do
+/// that, and so do errors of the robot that links cannot say.
+fn shared_errors(report: &CalibrationReport) -> Option<Warning> {
+    let uncertainty = report.uncertainty.as_ref()?;
+    let (shared_mm, own_mm) = (uncertainty.configuration_std_mm, uncertainty.noise_std_mm);
+    (shared_mm > SHARED * own_mm).then(|| Warning {
+        code: "configurations_err_together",
+        detail: format!(
+            "the points of one configuration err together by {shared_mm:.4} mm (one standard deviation of a coordinate), each by itself by {own_mm:.4} mm: \
+             joint values that were read before the arm had settled look like that, and so do errors that links cannot say. Read the joint values again \
+             once the arm stands still, or take the commanded ones, and compare"
+        ),
+        rows: vec![],
+    })
 }
 
 #[cfg(test)]
@@ -308,15 +346,15 @@ mod tests {
                 })
                 .collect()
         };
-        let scale = common_scale(&arm(1.001, 0.05), &arm(1.0, 0.0)).unwrap();
+        let scale = common_scale(&arm(1.001, 0.05), &arm(1.0, 0.0), &BTreeSet::new()).unwrap();
         assert!((scale - 1e-3).abs() < 1e-4, "{scale}");
         assert_eq!(
-            common_scale(&arm(1.0, 0.3), &arm(1.0, 0.0)),
+            common_scale(&arm(1.0, 0.3), &arm(1.0, 0.0), &BTreeSet::new()),
             None,
             "a robot's own errors have no common sign"
         );
         assert_eq!(
-            common_scale(&arm(1.0001, 0.0), &arm(1.0, 0.0)),
+            common_scale(&arm(1.0001, 0.0), &arm(1.0, 0.0), &BTreeSet::new()),
             None,
             "a warm robot is no wrong scale"
         );

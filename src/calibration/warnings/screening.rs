@@ -6,6 +6,7 @@ use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::Loss;
 use crate::identification::KinematicModel;
+use crate::identification::drift::{Course, Drift};
 use crate::identification::objective::Observation;
 use crate::identification::uncertainty::Uncertainty;
 use crate::measurement::Subset;
@@ -24,6 +25,7 @@ pub fn screening_warnings(
     asked: Option<Loss>,
 ) -> Vec<Warning> {
     let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
+    warnings.extend(screening.drift.as_ref().map(drifted));
     if !screening.unfitted_rows.is_empty() {
         let detail = "no point to identify lies in the segment after a step: these rows are scored as if nothing had moved";
         warnings.push(Warning {
@@ -120,6 +122,43 @@ fn moved(step: &FoundStep) -> Warning {
         code,
         detail: format!("before row {}, {what}; {consequence}", step.row),
         rows: vec![step.row],
+    }
+}
+
+fn drifted(drift: &Drift) -> Warning {
+    let v = drift.vector_mm;
+    let (code, how) = match drift.course {
+        Course::Steady => ("drift", "steadily".to_owned()),
+        Course::WarmUp { time_constant } => (
+            "warm_up",
+            format!(
+                "fast at first and then slower, 63 % of it in the first {:.0} % of the session, as of something that warms up",
+                100.0 * time_constant
+            ),
+        ),
+        Course::Wandering => ("drift", "to and fro".to_owned()),
+    };
+    let repeats = drift.by_repeats_mm.map_or_else(
+        || "no pose was visited twice to show it by itself".to_owned(),
+        |(n_rows, r)| {
+            format!(
+                "the {n_rows} rows of poses that were visited several times alone say ({:.3}, {:.3}, {:.3}) mm",
+                r.x, r.y, r.z
+            )
+        },
+    );
+    Warning {
+        code,
+        detail: format!(
+            "from the first row to the last one the measured points moved by ({:.3}, {:.3}, {:.3}) mm in the measuring frame, {:.3} mm long (standard deviation \
+             {:.3} mm), {how}; {repeats}. Base or instrument drifted: let both warm up, fix them, and measure a pose again from time to time",
+            v.x,
+            v.y,
+            v.z,
+            v.norm(),
+            drift.std_mm
+        ),
+        rows: vec![],
     }
 }
 

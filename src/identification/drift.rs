@@ -1,0 +1,383 @@
+//! Drift of the base (or of the instrument) while it was measured: all points move by a vector that grows with time.
+//!
+//! Time runs from 0 at the first point to 1 at the last one, in measuring order. Three models are compared, by what they gain over their numbers
+//! [Schwarz 1978]: a ramp d·t; a warm-up d·(1 − exp(−t/τ)) over what it reaches at t = 1; and a random walk, a sum of the first functions of Brownian motion
+//! [Karhunen & Loève] whose variance is the most probable one. As with steps ([`steps`](crate::identification::steps)), all is done with
+//! the inverse of V = I + λ·Φ·Φᵀ of the robot's misfit. A drift is told where noise shows as much in fewer cases than [`FALSE_ALARMS`], and
+//! where it is larger than after the configurations have been put into random orders.
+//!
+//! Poses that were visited several times say it by themselves, however wrong the robot is: only differences within a pose count.
+
+use crate::identification::distributions::{chi_square_tail, f_tail};
+use crate::identification::outliers::Linearised;
+use crate::identification::variance::{kept_ratio, misfit_ratio};
+use crate::identification::whitening::{Gain, Whitened, Whitener};
+use crate::solvers::watch::Watch;
+use nalgebra::{DMatrix, Vector3};
+use rand::seq::SliceRandom;
+use rand::{SeedableRng, rngs::ChaCha8Rng};
+use std::collections::BTreeMap;
+
+/// Probability of a drift where none is.
+const FALSE_ALARMS: f64 = 0.002;
+/// Models and repeated poses: so many chances of a false alarm.
+const CHANCES: f64 = 4.0;
+/// Time constants of a warm-up that are tried, as shares of the session.
+const TIME_CONSTANTS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
+/// A ramp is the warm-up of a long time constant: another number than that one is counted for it.
+const RAMP: f64 = 1e6;
+/// Functions of the random walk at most: each is half a period shorter. And points for each at least.
+const WALK_FUNCTIONS: usize = 20;
+const POINTS_PER_FUNCTION: usize = 4;
+/// Points that are looked at, evenly taken.
+const MOST_POINTS: usize = 3_000;
+/// Random orders at most, so many points times orders at most, and orders at least.
+const ORDERS: usize = 199;
+const ORDERED_POINTS: usize = 24_000;
+const FEWEST_ORDERS: usize = 39;
+/// A drift below this share of the noise of a coordinate is not worth a word, however many points show it.
+const SMALLEST_EFFECT: f64 = 0.25;
+/// Degrees of freedom without which nothing is said.
+const FEWEST_FREE: f64 = 12.0;
+
+/// How something drifted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Course {
+    /// By as much in each part of the session.
+    Steady,
+    /// Fast at first, then slower.
+    WarmUp {
+        /// Time after which 63 % of it is done, as a share of the session.
+        time_constant: f64,
+    },
+    /// To and fro.
+    Wandering,
+}
+
+/// A drift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drift {
+    /// How.
+    pub course: Course,
+    /// From the first point to the last one, of the measured positions in the measuring frame, mm.
+    pub vector_mm: Vector3<f64>,
+    /// One standard deviation of that, along its own direction, mm.
+    pub std_mm: f64,
+    /// Rows of poses that were visited several times, and by how much they moved; `None` where there are too few.
+    pub by_repeats_mm: Option<(usize, Vector3<f64>)>,
+}
+
+/// The points in measuring order.
+pub struct Session<'a> {
+    /// The fit to them.
+    pub linear: &'a Linearised,
+    /// The features of the misfit.
+    pub features: &'a DMatrix<f64>,
+    /// Square root of each point's weight.
+    pub roots: &'a [f64],
+    /// Configuration of each point.
+    pub clusters: &'a [usize],
+    /// Target of each point.
+    pub targets: &'a [usize],
+    /// Asked between the random orders.
+    pub watch: &'a Watch<'a>,
+}
+
+/// Time of each of n points.
+fn times(n: usize) -> Vec<f64> {
+    let last = n.saturating_sub(1).max(1) as f64;
+    (0..n).map(|i| i as f64 / last).collect()
+}
+
+/// Columns of a shift along each axis that grows as a function of time, 3·N × 3.
+fn shifts(roots: &[f64], times: &[f64], of_time: impl Fn(f64) -> f64) -> DMatrix<f64> {
+    let mut columns = DMatrix::zeros(3 * roots.len(), 3);
+    for (i, (root, t)) in roots.iter().zip(times).enumerate() {
+        let shift = root * of_time(*t);
+        (0..3).for_each(|axis| columns[(3 * i + axis, axis)] = shift);
+    }
+    columns
+}
+
+/// Share of a warm-up that is done, of what is done at t = 1.
+fn done(t: f64, time_constant: f64) -> f64 {
+    libm::expm1(-t / time_constant) / libm::expm1(-1.0 / time_constant)
+}
+
+/// Columns of a random walk of standard deviation 1 mm at t = 1.
+fn walk(roots: &[f64], times: &[f64]) -> DMatrix<f64> {
+    let n_functions = (roots.len() / POINTS_PER_FUNCTION).clamp(1, WALK_FUNCTIONS);
+    let mut columns = DMatrix::zeros(3 * roots.len(), 3 * n_functions);
+    for k in 0..n_functions {
+        let frequency = (k as f64 + 0.5) * std::f64::consts::PI;
+        let of_time = |t: f64| std::f64::consts::SQRT_2 * libm::sin(frequency * t) / frequency;
+        columns
+            .columns_mut(3 * k, 3)
+            .copy_from(&shifts(roots, times, of_time));
+    }
+    columns
+}
+
+fn side_by_side(matrices: &[&DMatrix<f64>]) -> DMatrix<f64> {
+    let n_columns = matrices.iter().map(|m| m.ncols()).sum();
+    let mut all = DMatrix::zeros(matrices[0].nrows(), n_columns);
+    let mut first = 0;
+    for m in matrices {
+        all.columns_mut(first, m.ncols()).copy_from(m);
+        first += m.ncols();
+    }
+    all
+}
+
+/// σ² of a random walk over that of noise beside the misfit, and how much more likely it makes the residuals: 2·log of the likelihoods' ratio.
+fn walk_ratio(
+    linear: &Linearised,
+    features: &DMatrix<f64>,
+    misfit: f64,
+    walk: &DMatrix<f64>,
+) -> Option<(f64, f64)> {
+    let whitener = Whitener::new(features, misfit)?;
+    let q = whitener.whitened(&linear.basis).qr().q();
+    let y = whitener.whitened_column(&linear.residuals);
+    kept_ratio(&y, &q, &whitener.whitened(walk))
+}
+
+/// What a change gains beside a drift.
+pub struct Beside {
+    /// mm², in units of the noise's variance times this.
+    pub gain: f64,
+    /// Sum of squares that is left with it, mm².
+    pub rest: f64,
+    /// Degrees of freedom of that.
+    pub freedom: f64,
+}
+
+/// What the columns of a change gain beside a ramp, the warm-up that explains most, and a random walk as wide as it shows beside the change.
+/// `None` where nothing is left of them.
+pub fn beside_drift(
+    linear: &Linearised,
+    features: &DMatrix<f64>,
+    roots: &[f64],
+    change: &DMatrix<f64>,
+) -> Option<Beside> {
+    let times = times(roots.len());
+    let ramp = shifts(roots, &times, |t| t);
+    let problem = Whitened::new(linear, features);
+    let warm_up = |time_constant: f64| {
+        let columns = shifts(roots, &times, |t| done(t, time_constant));
+        let smooth = side_by_side(&[&ramp, &columns]);
+        Some((problem.fitted(&smooth)?.gain, smooth))
+    };
+    let (_, smooth) = TIME_CONSTANTS
+        .into_iter()
+        .filter_map(warm_up)
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let with = |columns: &DMatrix<f64>| {
+        Linearised::new(
+            &linear.residuals,
+            side_by_side(&[&linear.basis, columns]),
+            linear.rounding_mm,
+        )
+    };
+    let all = with(&side_by_side(&[&smooth, change]));
+    let misfit = misfit_ratio(&all.residuals, &all.basis, features);
+    let walk = walk(roots, &times);
+    let (of_walk, _) = walk_ratio(&all, features, misfit, &walk)?;
+    let random = side_by_side(&[&(features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
+    let problem = Whitened::with_ratio(&with(&smooth), &random, 1.0)?;
+    let gain = problem.fitted(change)?.gain;
+    let freedom = (3 * roots.len()) as f64 - (problem.n_fitted + change.ncols()) as f64;
+    (freedom >= 1.0).then_some(Beside {
+        gain,
+        rest: (problem.residuals.norm_squared() - gain).max(0.0),
+        freedom,
+    })
+}
+
+/// A model of drift that was fitted.
+struct Fitted {
+    course: Course,
+    gain: Gain,
+    /// Probability that noise gains as much.
+    probability: f64,
+    /// Smaller is better [Schwarz 1978].
+    criterion: f64,
+}
+
+/// The differences within poses that were visited several times.
+struct ByRepeats {
+    n_rows: usize,
+    vector_mm: Vector3<f64>,
+    probability: f64,
+}
+
+impl Session<'_> {
+    /// The drift of a session; `None` where none is told.
+    pub fn drift(&self) -> Option<Drift> {
+        let n = self.roots.len();
+        let every = n.div_ceil(MOST_POINTS).max(1);
+        if every == 1 {
+            return self.drift_of_all();
+        }
+        let taken: Vec<usize> = (0..n).step_by(every).collect();
+        let rows: Vec<usize> = taken.iter().flat_map(|i| 3 * i..3 * i + 3).collect();
+        let some = |values: &[usize]| -> Vec<usize> { taken.iter().map(|i| values[*i]).collect() };
+        Session {
+            linear: &self.linear.of(&taken),
+            features: &self.features.select_rows(&rows),
+            roots: &taken.iter().map(|i| self.roots[*i]).collect::<Vec<_>>(),
+            clusters: &some(self.clusters),
+            targets: &some(self.targets),
+            watch: self.watch,
+        }
+        .drift_of_all()
+    }
+
+    fn drift_of_all(&self) -> Option<Drift> {
+        if !self.watch.goes_on() {
+            return None;
+        }
+        let times = times(self.roots.len());
+        let problem = Whitened::new(self.linear, self.features);
+        let left = problem.residuals.norm_squared();
+        let rows = (3 * self.roots.len()) as f64;
+        let freedom = rows - problem.n_fitted as f64 - 4.0;
+        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm.powi(2) {
+            return None;
+        }
+        let design = self.design_effect(&problem);
+        let shape = |time_constant: f64| {
+            let gain = problem.fitted(&shifts(self.roots, &times, |t| done(t, time_constant)))?;
+            let variance = (left - gain.gain).max(f64::MIN_POSITIVE) / freedom * design;
+            let is_ramp = time_constant == RAMP;
+            let n_numbers = if is_ramp { 3.0 } else { 4.0 };
+            let n_tried = if is_ramp {
+                1.0
+            } else {
+                TIME_CONSTANTS.len() as f64
+            };
+            Some(Fitted {
+                course: match is_ramp {
+                    true => Course::Steady,
+                    false => Course::WarmUp { time_constant },
+                },
+                probability: n_tried * f_tail(gain.gain / 3.0 / variance, 3.0, freedom),
+                criterion: rows * libm::log((left - gain.gain).max(f64::MIN_POSITIVE)) / design
+                    + n_numbers * libm::log(rows),
+                gain,
+            })
+        };
+        let shapes = [RAMP].into_iter().chain(TIME_CONSTANTS);
+        let best = shapes
+            .filter_map(shape)
+            .min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
+        let misfit = misfit_ratio(&self.linear.residuals, &self.linear.basis, self.features);
+        let walk = walk(self.roots, &times);
+        let of_walk = walk_ratio(self.linear, self.features, misfit, &walk);
+        let likelier = of_walk.map_or(0.0, |(_, likelier)| likelier) / design;
+        let wandering =
+            rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelier + libm::log(rows);
+        // a variance is at its bound where nothing wanders [Self & Liang 1987]
+        let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
+        let repeats = self.by_repeats(&times);
+        let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
+        let limit = FALSE_ALARMS / CHANCES;
+        let is_shown = best.probability <= limit || of_repeats <= limit;
+        let noise_mm = (left / freedom).sqrt();
+        let vector_mm = Vector3::from_column_slice(best.gain.coefficients.as_slice());
+        let is_large = vector_mm.norm() >= SMALLEST_EFFECT * noise_mm;
+        if !(is_shown || by_chance <= limit) || !is_large {
+            return None;
+        }
+        if of_repeats > limit && !self.stands_out(&problem, &times, &best) {
+            return None;
+        }
+        let along = vector_mm.normalize();
+        let variance = along.dot(&(&best.gain.inverse * along)) * design;
+        Some(Drift {
+            course: match wandering < best.criterion {
+                true => Course::Wandering,
+                false => best.course,
+            },
+            vector_mm,
+            std_mm: noise_mm * variance.max(0.0).sqrt(),
+            by_repeats_mm: repeats.map(|repeats| (repeats.n_rows, repeats.vector_mm)),
+        })
+    }
+
+    /// How much more the sums of the residuals of one configuration vary than those of independent points; at least 1.
+    fn design_effect(&self, problem: &Whitened) -> f64 {
+        let n_clusters = self.clusters.iter().map(|c| c + 1).max().unwrap_or(0);
+        let mut sums = vec![Vector3::zeros(); n_clusters];
+        for (i, cluster) in self.clusters.iter().enumerate() {
+            sums[*cluster] += problem.residuals.fixed_rows::<3>(3 * i);
+        }
+        let of_sums: f64 = sums.iter().map(Vector3::norm_squared).sum();
+        (of_sums / problem.residuals.norm_squared()).max(1.0)
+    }
+
+    /// Larger than in random orders of the configurations.
+    fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
+        let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (i, cluster) in self.clusters.iter().enumerate() {
+            blocks.entry(*cluster).or_default().push(i);
+        }
+        let mut blocks: Vec<Vec<usize>> = blocks.into_values().collect();
+        let time_constant = match best.course {
+            Course::WarmUp { time_constant } => time_constant,
+            Course::Steady | Course::Wandering => RAMP,
+        };
+        let mut random = ChaCha8Rng::seed_from_u64(0);
+        let n_orders = (ORDERED_POINTS / times.len().max(1)).clamp(FEWEST_ORDERS, ORDERS);
+        (0..n_orders).all(|_| {
+            if !self.watch.goes_on() {
+                return false;
+            }
+            blocks.shuffle(&mut random);
+            let mut shuffled = vec![0.0; times.len()];
+            let places = blocks.iter().flatten();
+            places.zip(times).for_each(|(i, t)| shuffled[*i] = *t);
+            let columns = shifts(self.roots, &shuffled, |t| done(t, time_constant));
+            let other = problem.fitted(&columns).map_or(0.0, |gain| gain.gain);
+            other <= best.gain.gain
+        })
+    }
+
+    /// A ramp through the differences within poses that were visited several times, with the same target.
+    fn by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
+        let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for (i, key) in self.clusters.iter().zip(self.targets).enumerate() {
+            visits.entry((*key.0, *key.1)).or_default().push(i);
+        }
+        let (mut squares, mut products, mut all) = (0.0, Vector3::zeros(), 0.0);
+        let (mut n_rows, mut freedom) = (0, -3.0);
+        for rows in visits.values().filter(|rows| rows.len() > 1) {
+            let n = rows.len() as f64;
+            let at = |i: usize| -> Vector3<f64> {
+                self.linear.residuals.fixed_rows::<3>(3 * i) / self.roots[i].max(f64::MIN_POSITIVE)
+            };
+            let mean_time = rows.iter().map(|i| times[*i]).sum::<f64>() / n;
+            let mean = rows.iter().map(|i| at(*i)).sum::<Vector3<f64>>() / n;
+            for i in rows {
+                let (t, y) = (times[*i] - mean_time, at(*i) - mean);
+                squares += t * t;
+                products += y * t;
+                all += y.norm_squared();
+            }
+            n_rows += rows.len();
+            freedom += 3.0 * (n - 1.0);
+        }
+        if freedom < 3.0 || squares <= 0.0 {
+            return None;
+        }
+        let vector_mm = products / squares;
+        let gain = squares * vector_mm.norm_squared();
+        let rounding = self.linear.rounding_mm * self.linear.rounding_mm;
+        let variance = ((all - gain).max(0.0) / freedom).max(rounding);
+        Some(ByRepeats {
+            n_rows,
+            vector_mm,
+            probability: f_tail(gain / 3.0 / variance, 3.0, freedom),
+        })
+    }
+}

@@ -1,0 +1,134 @@
+//! The linear problem at a fit, where the errors of the points are not independent: robots err as a smooth function of their joints.
+
+use crate::identification::outliers::Linearised;
+use crate::identification::variance::misfit_ratio;
+use crate::solvers::orthonormal::orthonormal;
+use crate::solvers::products::{less_product, transposed_times};
+use nalgebra::{DMatrix, DVector};
+
+/// Features below this share of the largest tell nothing.
+const NEGLIGIBLE: f64 = 1e-12;
+/// Iteration limit of an eigenvalue decomposition.
+const EIGEN_ITERATIONS: usize = 10_000;
+
+/// V^(-1/2) for V = I + λ·Φ·Φᵀ.
+pub struct Whitener {
+    /// U of Φ·Φᵀ = U·S·Uᵀ.
+    u: DMatrix<f64>,
+    /// λS.
+    share: Vec<f64>,
+}
+
+impl Whitener {
+    /// Φ·Φᵀ = U·S·Uᵀ, so that V⁻¹ = I − U·(λS/(1 + λS))·Uᵀ and V^(-1/2) = I − U·(1 − (1 + λS)^(-1/2))·Uᵀ.
+    pub fn new(features: &DMatrix<f64>, ratio: f64) -> Option<Self> {
+        let eigen = transposed_times(features, features)
+            .try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
+        let smallest = NEGLIGIBLE * eigen.eigenvalues.max();
+        let kept: Vec<usize> = (0..features.ncols())
+            .filter(|k| eigen.eigenvalues[*k] > smallest)
+            .collect();
+        let none = DMatrix::zeros(features.nrows(), kept.len());
+        let mut u = -less_product(&none, features, &eigen.eigenvectors.select_columns(&kept));
+        u.column_iter_mut()
+            .zip(&kept)
+            .for_each(|(mut column, k)| column /= eigen.eigenvalues[*k].sqrt());
+        Some(Self {
+            u,
+            share: kept.iter().map(|k| ratio * eigen.eigenvalues[*k]).collect(),
+        })
+    }
+
+    /// V^(-1/2)·M.
+    pub fn whitened(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut along = transposed_times(&self.u, m);
+        along
+            .row_iter_mut()
+            .zip(&self.share)
+            .for_each(|(mut row, s)| row *= 1.0 - 1.0 / (1.0 + s).sqrt());
+        less_product(m, &self.u, &along)
+    }
+
+    /// V^(-1/2)·v.
+    pub fn whitened_column(&self, v: &DVector<f64>) -> DVector<f64> {
+        self.whitened(&DMatrix::from_column_slice(v.len(), 1, v.as_slice()))
+            .column(0)
+            .into_owned()
+    }
+}
+
+/// The linear problem at a fit, with V^(-1/2) from the left where V = I + λ·Φ·Φᵀ.
+pub struct Whitened {
+    /// V^(-1/2)·y, outside what the parameters can change; 3·N.
+    pub residuals: DVector<f64>,
+    /// V^(-1/2) times that: Bᵀ of it is the score of a change B.
+    pub scores: DVector<f64>,
+    /// E, with BᵀB − BᵀE·EᵀB the square of what the parameters and V leave of B.
+    pub basis: DMatrix<f64>,
+    /// Combinations fitted.
+    pub n_fitted: usize,
+}
+
+impl Whitened {
+    /// `features` are those of the same points, in the same order.
+    pub fn new(linear: &Linearised, features: &DMatrix<f64>) -> Self {
+        let ratio = misfit_ratio(&linear.residuals, &linear.basis, features);
+        Self::with_ratio(linear, features, ratio).unwrap_or_else(|| Self {
+            residuals: linear.residuals.clone(),
+            scores: linear.residuals.clone(),
+            basis: linear.basis.clone(),
+            n_fitted: linear.basis.ncols(),
+        })
+    }
+
+    /// With a ratio λ that is known.
+    pub fn with_ratio(linear: &Linearised, features: &DMatrix<f64>, ratio: f64) -> Option<Self> {
+        let whitener = Whitener::new(features, ratio)?;
+        let q = orthonormal(whitener.whitened(&linear.basis));
+        let y = whitener.whitened_column(&linear.residuals);
+        let residuals = &y - &q * q.tr_mul(&y);
+        let (n_fitted, n_kept) = (q.ncols(), whitener.share.len());
+        let mut basis = DMatrix::zeros(q.nrows(), n_fitted + n_kept);
+        basis
+            .columns_mut(0, n_fitted)
+            .copy_from(&whitener.whitened(&q));
+        for (k, s) in whitener.share.iter().enumerate() {
+            basis.set_column(
+                n_fitted + k,
+                &(whitener.u.column(k) * (s / (1.0 + s)).sqrt()),
+            );
+        }
+        let scores = whitener.whitened_column(&residuals);
+        Some(Self {
+            residuals,
+            scores,
+            basis,
+            n_fitted,
+        })
+    }
+
+    /// By how much the weighted sum of squares falls if some columns are fitted as well, and their coefficients with the inverse of their normal
+    /// matrix. `None` where the others leave nothing of them.
+    pub fn fitted(&self, columns: &DMatrix<f64>) -> Option<Gain> {
+        let along = transposed_times(&self.basis, columns);
+        let square = transposed_times(columns, columns) - along.tr_mul(&along);
+        let score = columns.tr_mul(&self.scores);
+        let factor = square.cholesky()?;
+        let coefficients = factor.solve(&score);
+        Some(Gain {
+            gain: coefficients.dot(&score),
+            inverse: factor.inverse(),
+            coefficients,
+        })
+    }
+}
+
+/// What further columns gain.
+pub struct Gain {
+    /// Fall of the sum of squares, mm².
+    pub gain: f64,
+    /// Of the columns.
+    pub coefficients: DVector<f64>,
+    /// Their covariance for σ = 1.
+    pub inverse: DMatrix<f64>,
+}
