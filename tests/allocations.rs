@@ -22,6 +22,8 @@ fn observations(set: &str) -> Vec<Observation> {
         position_mm: p.position_mm,
         target: 0,
         weight: 1.0,
+        rotation: None,
+        whitening: None,
     };
     set.points.iter().map(observation).collect()
 }

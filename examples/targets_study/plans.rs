@@ -66,6 +66,8 @@ impl<'a> Tool<'a> {
             position_mm: Vector3::zeros(),
             target: 0,
             weight: 1.0,
+            rotation: None,
+            whitening: None,
         };
         let mut rows = weighted_jacobian(
             &model,

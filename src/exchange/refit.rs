@@ -65,6 +65,7 @@ fn refit(
         t_instrument_base: IsometryMatrix3::identity(),
         links: start,
         targets_mm,
+        target_rotations: vec![],
     };
     let fitted = observations(robot, &start.targets_mm, truth, SEEDS.0);
     let model = if parameters.is_empty() {
@@ -99,6 +100,8 @@ fn observations(
             position_mm: (flange * Point3::from(*p)).coords,
             target,
             weight: 1.0,
+            rotation: None,
+            whitening: None,
         };
         targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()
     };

@@ -16,13 +16,13 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
-use crate::identification::estimate::{LEAST_SIGMA, evidence_at};
+use crate::identification::estimate::evidence_at;
 use crate::identification::evidence::{Evidence, Posterior, Triangle};
 use crate::identification::misfit::Misfit;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
 use crate::identification::problem::Problem;
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Scale of the half-Cauchy prior of σm, rad: joints that turn by 0.3 mrad under the weight of an arm's end are usual.
 const USUAL_MISFIT_RAD: f64 = 3e-4;
@@ -41,7 +41,8 @@ pub struct Session<'a> {
     pub model: &'a KinematicModel,
     /// Its problem, with the priors of its parameters.
     pub problem: &'a Problem<'a>,
-    /// The problem's observations, every one with some weight.
+    /// The problem's observations, every one with some weight. A pose is two of them, three rows each: its position without, then the same with
+    /// its rotation.
     pub observations: &'a [Observation],
     /// The number of each observation's configuration.
     pub configurations: &'a [usize],
@@ -102,6 +103,13 @@ struct Rows<'a> {
     residuals: Vec<f64>,
     jacobian: DMatrix<f64>,
     points_of: Vec<Vec<usize>>,
+}
+
+/// How a station that is turned turns a pose that was measured from it, by its rotation rows; `None` of positions.
+fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<f64>> {
+    let measured = o.rotation.as_ref()?;
+    let predicted = model.rotation(&o.q_rad, o.target)?;
+    Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
 }
 
 /// What the points of several configurations share.
@@ -169,12 +177,26 @@ impl<'a> Rows<'a> {
         for (k, point) in points.iter().enumerate() {
             let o = &observations[*point];
             residuals.extend_from_slice(&self.residuals[3 * point..3 * point + 3]);
+            if o.rotation.is_some() {
+                matrix
+                    .view_mut(
+                        (3 * k, self.columns.without_features()),
+                        (3, self.columns.n_features),
+                    )
+                    .copy_from(&-misfit.turns(model, o));
+            }
             matrix
                 .view_mut((3 * k, 0), (3, self.columns.n_parameters))
                 .copy_from(&self.jacobian.rows(3 * point, 3));
             // a station that stands elsewhere moves what was measured from it
             if let Some(station) = stations[*point] {
                 let first = self.columns.n_parameters + 6 * station;
+                if let Some(turned) = turned_by_station(model, o) {
+                    matrix
+                        .fixed_view_mut::<3, 3>(3 * k, first + 3)
+                        .copy_from(&turned);
+                    continue;
+                }
                 let from_base = o.position_mm - model.t_instrument_base.translation.vector;
                 for axis in 0..3 {
                     let along = Vector3::ith(axis, o.weight.sqrt());
@@ -299,7 +321,7 @@ impl Rows<'_> {
     /// The posterior, with σm and σ. `links` has the widths that the estimate of links alone has found.
     fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
         let (columns, problem) = (&self.columns, self.session.problem);
-        let least_mm = LEAST_SIGMA * problem.reach_mm;
+        let least_mm = problem.least_sigma_mm;
         let mut x = problem.coordinates(self.session.model);
         x.resize(columns.all(), 0.0);
         let without = columns.without_features();
@@ -468,6 +490,8 @@ impl Uncertainty {
             position_mm: Vector3::zeros(),
             target,
             weight: 1.0,
+            rotation: None,
+            whitening: None,
         }];
         let p = self.n_parameters;
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());

@@ -291,6 +291,7 @@ impl CorrectionsContent {
                 targets_mm: (0..n_targets)
                     .map(|target| target_mm(target).unwrap_or_else(Vector3::zeros))
                     .collect(),
+                target_rotations: vec![],
             },
             corrections: Corrections {
                 compliance: Compliance {

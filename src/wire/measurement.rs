@@ -381,6 +381,9 @@ impl PointBody {
             sequence: self.sequence.unwrap_or(row as i64),
             temperature_c: self.temperature_c,
             sweep_joint: None,
+            rotation: None,
+            std_axes_mm: None,
+            std_rotation_rad: None,
         }
     }
 }

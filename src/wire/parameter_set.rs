@@ -196,6 +196,7 @@ impl ParameterSetContent {
             t_instrument_base: IsometryMatrix3::from(&self.t_instrument_base),
             links: self.kinematic_links(),
             targets_mm: (0..n_targets).map(target_mm).collect(),
+            target_rotations: vec![],
         }
     }
 

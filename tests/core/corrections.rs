@@ -76,6 +76,8 @@ fn derivatives_equal_central_differences() {
             position_mm: random.vector() * 1000.0,
             target: i % 2,
             weight: 1.0 + i as f64,
+            rotation: None,
+            whitening: None,
         })
         .collect();
     let network = ResidualNetwork {

@@ -320,6 +320,7 @@ pub fn found(report: &kincal::calibration::CalibrationReport) -> KinematicModel 
         t_instrument_base: report.t_instrument_base,
         links: report.links.clone(),
         targets_mm: report.targets_mm.clone(),
+        target_rotations: vec![],
     }
 }
 

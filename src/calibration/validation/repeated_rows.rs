@@ -97,6 +97,8 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         position_mm: p.position_mm,
         target: p.target,
         weight: 1.0,
+        rotation: None,
+        whitening: None,
     };
     set.points.iter().step_by(step).map(observation).collect()
 }

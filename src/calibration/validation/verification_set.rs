@@ -166,7 +166,8 @@ impl<'a> Layout<'a> {
             return 0;
         }
         let n_targets = self.screening.targets.len().max(self.set.n_targets());
-        6 * self.arrangement.motions.len() + 3 * n_targets
+        let n_turned = 3 * self.set.posed_targets().len();
+        6 * self.arrangement.motions.len() + 3 * n_targets + n_turned
     }
 }
 

@@ -86,6 +86,8 @@ fn observations(
                 q_rad,
                 target,
                 weight,
+                rotation: None,
+                whitening: None,
             }
         })
         .collect()

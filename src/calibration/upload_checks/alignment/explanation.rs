@@ -93,6 +93,8 @@ pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> 
         position_mm: p.position_mm,
         target: 0,
         weight: 1.0,
+        rotation: None,
+        whitening: None,
     };
     points.iter().step_by(step).map(observation).collect()
 }
