@@ -171,8 +171,7 @@ fn turns_of_joints(
     for (joint, axis) in axes.iter().enumerate() {
         let turn = model.t_instrument_base.rotation * axis;
         for g in gravity {
-            let moment =
-                |o: &Vector3<f64>| axis.dot(&(o - origins[joint]).cross(g)) / reach_mm;
+            let moment = |o: &Vector3<f64>| axis.dot(&(o - origins[joint]).cross(g)) / reach_mm;
             turns.extend(origins[joint + 1..].iter().map(|o| turn * moment(o)));
         }
         let (s, c) = libm::sincos(q_rad[joint]);

@@ -32,6 +32,8 @@ pub struct Point {
     pub sweep_joint: Option<usize>,
     /// How the target was turned in the measuring frame, of a pose.
     pub rotation: Option<Rotation3<f64>>,
+    /// The three angles that it was written by, rad, where it was.
+    pub rotation_angles_rad: Option<Vector3<f64>>,
     /// The position's standard uncertainty along each axis of the measuring frame, mm.
     pub std_axes_mm: Option<Vector3<f64>>,
     /// Standard uncertainty of a coordinate of the rotation vector, rad.
@@ -63,6 +65,7 @@ impl Point {
             temperature_c: None,
             sweep_joint: None,
             rotation: None,
+            rotation_angles_rad: None,
             std_axes_mm: None,
             std_rotation_rad: None,
         }

@@ -384,6 +384,7 @@ impl PointBody {
             rotation: None,
             std_axes_mm: None,
             std_rotation_rad: None,
+            rotation_angles_rad: None,
         }
     }
 }

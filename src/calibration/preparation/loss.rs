@@ -6,8 +6,8 @@ use crate::identification::KinematicModel;
 use crate::identification::estimate::FitSummary;
 use crate::identification::objective::{Observation, residuals, squared_rows_mm2};
 use crate::identification::pose_rows::{MeasuredRotation, rotation_residual_rad};
-use crate::kinematics::rotation::rotation_exp;
 use crate::kinematics::batch::Bound;
+use crate::kinematics::rotation::rotation_exp;
 use crate::solvers::least_squares::{Iteration, Termination};
 use crate::solvers::loss::{self as losses, HUBER_K_95, TUKEY_C_95};
 use std::ops::ControlFlow;
@@ -126,9 +126,7 @@ impl PointLoss {
         if !(scale_mm > 0.0 && mean_slope > SMALLEST_SLOPE) {
             return observations.to_vec();
         }
-        let factors = lengths
-            .iter()
-            .map(|s| loss.weight(*s) / mean_slope - 1.0);
+        let factors = lengths.iter().map(|s| loss.weight(*s) / mean_slope - 1.0);
         observations
             .iter()
             .zip(residuals(model, observations))
