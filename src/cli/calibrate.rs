@@ -8,10 +8,12 @@ use super::usage::Usage;
 use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
+    rotations::{self, ROTATION_SUSPECT},
 };
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
+use crate::operations::rotation_convention::with_best_convention;
 use crate::release::{keep_misfit, unusable_because};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
@@ -74,7 +76,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         frame,
         robot.links.len(),
     )
-    .map_err(|invalid| Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues)))?;
+    .map_err(|invalid| {
+        let content_type = arguments.numbers.content_type(&arguments.set);
+        let invalid = with_best_convention(invalid, &robot, &content_type, &bytes, frame);
+        Usage(cannot_be_used(&arguments.set, &bytes, &invalid.issues))
+    })?;
     // Leaves out `under_determined`: the calibration itself reports too few poses, and offline the set is not stored for a later verification.
     for warning in upload_checks::warnings(&robot, &set)
         .iter()
@@ -83,6 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print_warning(warning.code, &warning.detail);
     }
     let insisted_on = check_upload(&robot, &set, arguments)?;
+    let insisted_on = check_rotations(&robot, &set, arguments)?.or(insisted_on);
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -155,6 +162,27 @@ fn check_upload(
     })?;
     print_warning(&kept.warning.code, &kept.warning.detail);
     Ok(kept.insisted_on.map(Insist::as_str))
+}
+
+/// As [`check_upload`], of how the rotations of poses were read.
+fn check_rotations(
+    robot: &Robot,
+    set: &MeasurementSet,
+    arguments: &Arguments,
+) -> anyhow::Result<Option<&'static str>> {
+    let Some(detail) = rotations::suspicion(robot, set) else {
+        return Ok(None);
+    };
+    if arguments.set_options.insist == Some(Insist::RotationSuspect) {
+        print_warning(ROTATION_SUSPECT, &detail);
+        return Ok(Some(ROTATION_SUSPECT));
+    }
+    let detail = format!("{detail}. If they are right all the same: --insist {ROTATION_SUSPECT}");
+    Err(Usage(format!(
+        "{} cannot be used: {detail}",
+        arguments.set.display()
+    ))
+    .into())
 }
 
 fn print_warning(code: &str, detail: &str) {

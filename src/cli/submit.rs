@@ -156,6 +156,8 @@ async fn upload(
                 .decimal_comma
                 .then(|| ("decimal", "comma".into())),
         );
+        let rotation = arguments.numbers.rotation;
+        parameters.extend(rotation.map(|convention| ("rotation", convention.to_string())));
     }
     let path = format!("/v1/robots/{robot}/measurement-sets");
     let query = reqwest::Url::parse_with_params("http://query/", parameters)?;

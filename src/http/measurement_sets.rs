@@ -1,12 +1,14 @@
 //! Measurement sets: uploads, stored byte for byte.
 
 use crate::calibration::upload_checks;
+use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, ListQuery, Query};
 use crate::http::limits::RequestClass;
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
+use crate::operations::rotation_convention::with_best_convention;
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
@@ -48,6 +50,9 @@ struct UploadQuery {
     /// Number format of a CSV file: `comma` for 12,5 with columns separated by semicolons. Never guessed.
     #[param(inline)]
     decimal: Option<Decimal>,
+    /// What `rx_deg ry_deg rz_deg` mean: `intrinsic_xyz`, `extrinsic_xyz`, `intrinsic_zyx`, …, or `rotation_vector`. Never guessed.
+    #[param(max_length = 40, example = "intrinsic_xyz")]
+    rotation: Option<String>,
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[param(min_length = 1, max_length = 200)]
     serial_number: Option<String>,
@@ -67,6 +72,7 @@ struct Upload {
     warnings: Vec<Warning>,
     sha256: String,
     misfit: Option<Misfit>,
+    insisted_on: Option<&'static str>,
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -74,7 +80,7 @@ struct Upload {
     post, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "createMeasurementSet",
     params(("robot_id" = String, Path, description = "The robot"), UploadQuery),
     request_body(
-        description = "CSV: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`",
+        description = "CSV: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`; of poses also `quat_w quat_x quat_y quat_z`, or `rx_deg ry_deg rz_deg` with `rotation`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm` or `std_x_mm std_y_mm std_z_mm`, `std_rotation_deg` or `std_rx_deg std_ry_deg std_rz_deg`, `kind`, `station`, `session`, `sequence`, `temperature_c`",
         content((String = "text/csv"), (MeasurementSetBody = "application/json"))
     ),
     responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
@@ -91,20 +97,30 @@ async fn create(
     }
     let is_json = is_json(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
-    let content_type = content_type(&submission, query.decimal);
-    let kind = (!is_json).then(|| measurement::declared_decimal(&content_type));
+    let mut content_type = content_type(&submission, query.decimal);
+    if let Some(name) = &query.rotation {
+        let convention = measurement::rotation_convention(name)?;
+        if is_json {
+            return Err(rotation_of_json().into());
+        }
+        content_type = measurement::with_rotation(&content_type, convention);
+    }
+    let kind = (!is_json).then(|| content_type.clone());
     let insist = query.insist;
     let mut upload = app
         .compute(RequestClass::Write, move || {
             parse_upload(&robot, &bytes, kind, query)
         })
         .await?;
-    let mut insisted_on = None;
+    let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
         let kept =
             upload_check::diagnose(&app, &submission.caller, &robot_id, misfit, insist).await?;
         upload.warnings.push(kept.warning);
-        insisted_on = kept.insisted_on.map(|code| code.as_str().to_owned());
+        insisted_on = kept
+            .insisted_on
+            .map(|code| code.as_str().to_owned())
+            .or(insisted_on);
     }
     let new = NewMeasurementSet {
         robot_id,
@@ -171,28 +187,29 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// Parses an upload. `csv` is the number format of a CSV file; none for JSON.
+/// Refusal of a convention beside JSON, whose poses have quaternions.
+fn rotation_of_json() -> Invalid {
+    let detail =
+        "points in JSON have a quaternion [w, x, y, z] and need no convention: leave rotation out";
+    Invalid::at("/rotation", "rotation_not_needed", detail)
+}
+
+/// Parses an upload. `csv` is the content type of a CSV file; none for JSON.
 fn parse_upload(
     body: &RobotBody,
     bytes: &Bytes,
-    csv: Option<Decimal>,
+    csv: Option<String>,
     query: UploadQuery,
 ) -> Result<Upload, Error> {
     let serial_number = query.serial_number.clone();
     check_serial_number(body, serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
-    let (stated_frame, name, set) = if let Some(decimal) = csv {
-        (
-            query.frame,
-            query.name,
-            measurement::from_csv(
-                bytes,
-                decimal,
-                query.frame.unwrap_or(DEFAULT_FRAME),
-                n_joints,
-            )?,
-        )
+    let (stated_frame, name, set) = if let Some(content_type) = csv {
+        let frame = query.frame.unwrap_or(DEFAULT_FRAME);
+        let set = measurement::from_file(&content_type, bytes, frame, n_joints)
+            .map_err(|e| with_best_convention(e, &robot, &content_type, bytes, frame))?;
+        (query.frame, query.name, set)
     } else {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
@@ -208,6 +225,9 @@ fn parse_upload(
     for warning in &mut warnings {
         warning.rows.truncate(MAX_WARNED_ROWS);
     }
+    let suspicion = upload_check::check_rotations(&robot, &set, query.insist)?;
+    let insisted_on = suspicion.as_ref().map(|_| ROTATION_SUSPECT);
+    warnings.extend(suspicion);
     if stated_frame.is_none() {
         warnings.push(frame_assumed());
     }
@@ -222,6 +242,7 @@ fn parse_upload(
         warnings,
         sha256: canonical::sha256_hex(bytes),
         misfit: upload_check::check_fit(body, set)?,
+        insisted_on,
     })
 }
 

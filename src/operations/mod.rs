@@ -8,6 +8,7 @@ mod frames;
 pub mod import;
 mod plan_poses;
 mod predict;
+pub mod rotation_convention;
 pub mod urdf;
 pub mod xml_limits;
 

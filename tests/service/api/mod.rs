@@ -23,6 +23,7 @@ mod metrics;
 mod misfits;
 mod parameter_sets;
 mod pose_plans;
+mod poses;
 mod problems;
 mod release;
 mod report_page;
