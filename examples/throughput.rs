@@ -133,7 +133,6 @@ pub fn problem(robot: &[u8], set: &[u8]) -> anyhow::Result<(SearchSpace, Vec<Obs
         target: 0,
         weight: 1.0,
         rotation: None,
-        whitening: None,
     };
     Ok((search_space(&robot), points.map(observation).collect()))
 }

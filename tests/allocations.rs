@@ -23,7 +23,6 @@ fn observations(set: &str) -> Vec<Observation> {
         target: 0,
         weight: 1.0,
         rotation: None,
-        whitening: None,
     };
     set.points.iter().map(observation).collect()
 }

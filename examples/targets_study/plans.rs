@@ -67,7 +67,6 @@ impl<'a> Tool<'a> {
             target: 0,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         };
         let mut rows = weighted_jacobian(
             &model,

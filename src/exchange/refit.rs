@@ -101,7 +101,6 @@ fn observations(
             target,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         };
         targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()
     };

@@ -38,7 +38,6 @@ impl Misfit {
                 target,
                 weight,
                 rotation: None,
-                whitening: None,
             })
             .collect();
         let mut of_held = weighted_jacobian(model, &self.held, &poses, &Vector3::zeros());

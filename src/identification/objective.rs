@@ -20,8 +20,6 @@ pub struct Observation {
     pub weight: f64,
     /// How the target was turned, of a pose.
     pub rotation: Option<MeasuredRotation>,
-    /// What makes the position's rows equally uncertain, where they are not: W with tr(Wᵀ·W) = 3, the residual counts as W·residual.
-    pub whitening: Option<Matrix3<f64>>,
 }
 
 impl Observation {

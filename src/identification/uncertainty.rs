@@ -491,7 +491,6 @@ impl Uncertainty {
             target,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         }];
         let p = self.n_parameters;
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());

@@ -72,6 +72,14 @@ impl Point {
     }
 }
 
+impl Point {
+    /// Standard uncertainty of a coordinate of the position, mm: where it is stated by axis, the root mean square of the three.
+    pub fn position_std_mm(&self) -> Option<f64> {
+        let of_axes = self.std_axes_mm.map(|axes| axes.norm() / 3.0_f64.sqrt());
+        self.std_mm.or(of_axes)
+    }
+}
+
 impl MeasurementSet {
     /// A set whose points all have a configuration: points without a label share one when their joint values are equal.
     pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {

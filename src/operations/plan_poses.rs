@@ -74,7 +74,6 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         target: point.target,
         weight: 1.0,
         rotation: None,
-        whitening: None,
     };
     set.points.iter().map(observation).collect()
 }

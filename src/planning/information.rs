@@ -40,7 +40,6 @@ impl Tool {
             target,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         }
     }
 

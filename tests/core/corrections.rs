@@ -77,7 +77,6 @@ fn derivatives_equal_central_differences() {
             target: i % 2,
             weight: 1.0 + i as f64,
             rotation: None,
-            whitening: None,
         })
         .collect();
     let network = ResidualNetwork {

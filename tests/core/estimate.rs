@@ -80,7 +80,6 @@ impl Making {
                 target: 0,
                 weight: 1.0,
                 rotation: None,
-                whitening: None,
             }
         };
         (0..n).map(one).collect()

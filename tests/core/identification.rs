@@ -111,7 +111,6 @@ fn observations(set: &MeasurementSet, subset: Option<Subset>) -> Vec<Observation
             target: p.target,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         })
         .collect()
 }
@@ -1026,7 +1025,6 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
             target: 0,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         })
         .collect();
     let parameters = paper_parameters(links.len());
@@ -1075,7 +1073,6 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
         // Some points have a larger weight.
         weight: if p.q_rad[0] > 0.0 { 2.5 } else { 1.0 },
         rotation: None,
-        whitening: None,
     };
     let nominal = KinematicModel::nominal(&links, 1);
     for set in ["first.csv", "first_noisy.csv"] {

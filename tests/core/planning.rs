@@ -46,7 +46,6 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
             target: 0,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         };
         weighted_jacobian(
             &model,
@@ -203,7 +202,6 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
             target: 0,
             weight: 1.0,
             rotation: None,
-            whitening: None,
         })
         .collect();
     let alone = plan(&PlanRequest {

@@ -78,7 +78,6 @@ fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
             rotation,
             mm_per_rad: 400.0,
         }),
-        whitening: None,
     };
     set.points.iter().map(observation).collect()
 }

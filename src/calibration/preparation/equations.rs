@@ -80,7 +80,6 @@ pub fn generic_jacobian(
             target: i % n_targets.max(1),
             weight: 1.0,
             rotation: None,
-            whitening: None,
         })
         .collect();
     let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));

@@ -149,7 +149,6 @@ fn observations(
             rotation: to_base.rotation * rotation,
             mm_per_rad,
         }),
-        whitening: None,
     };
     set.points.iter().zip(weights).map(observation).collect()
 }
@@ -159,7 +158,7 @@ pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
     let all: Option<Vec<f64>> = set
         .points
         .iter()
-        .map(|p| p.std_mm.map(|std| 1.0 / (std * std)))
+        .map(|p| p.position_std_mm().map(|std| 1.0 / (std * std)))
         .collect();
     all.map_or(0.0, |precisions| {
         (precisions.len() as f64 / precisions.iter().sum::<f64>()).sqrt()
@@ -172,7 +171,7 @@ fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
     let all: Option<Vec<f64>> = set
         .points
         .iter()
-        .map(|p| p.std_mm.map(|std| 1.0 / (std * std)))
+        .map(|p| p.position_std_mm().map(|std| 1.0 / (std * std)))
         .collect();
     let Some(precisions) = all else {
         return vec![1.0; set.points.len()];

@@ -46,8 +46,7 @@ struct Class {
 
 /// What an instrument states for a point, one standard deviation of a coordinate, mm and rad; 0 where it states nothing.
 fn stated(point: &Point) -> (f64, f64) {
-    let of_axes = point.std_axes_mm.map(|axes| axes.norm() / 3.0_f64.sqrt());
-    let position_mm = of_axes.or(point.std_mm).unwrap_or(0.0);
+    let position_mm = point.position_std_mm().unwrap_or(0.0);
     (position_mm, point.std_rotation_rad.unwrap_or(0.0))
 }
 

@@ -98,7 +98,6 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         target: p.target,
         weight: 1.0,
         rotation: None,
-        whitening: None,
     };
     set.points.iter().step_by(step).map(observation).collect()
 }

@@ -87,7 +87,6 @@ fn observations(
                 target,
                 weight,
                 rotation: None,
-                whitening: None,
             }
         })
         .collect()

@@ -195,7 +195,6 @@ fn every_column_of_the_jacobian_equals_central_differences() {
             target: 1,
             weight: 2.25,
             rotation: None,
-            whitening: None,
         };
         let turned = Vector3::new(
             at[5 * n_links + 3],

@@ -57,7 +57,6 @@ fn case(
                 target: i % n_targets,
                 weight: random.random_range(0.1..2.0),
                 rotation: None,
-                whitening: None,
             }
         })
         .collect();

@@ -94,7 +94,6 @@ pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> 
         target: 0,
         weight: 1.0,
         rotation: None,
-        whitening: None,
     };
     points.iter().step_by(step).map(observation).collect()
 }
