@@ -195,10 +195,12 @@ fn placing(
     }
 }
 
-/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified.
+/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified, turned
+/// as they are if poses are scored.
 pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     let same_frame = set.frame == Frame::Base && in_base_frame(request);
-    !same_frame || set.n_targets() > request.set.n_targets()
+    let is_turned = !set.has_poses() || request.set.has_poses();
+    !same_frame || set.n_targets() > request.set.n_targets() || !is_turned
 }
 
 /// Whether the positions are in the base frame, so that nothing has to be placed.

@@ -206,8 +206,11 @@ fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>)
     let n_targets = request.set.n_targets();
     let is_placed = match identified {
         // which target is which is only known of those that were identified
-        Some(model) => base_is_known(request, model) && n_targets <= model.targets_mm.len(),
-        None => in_base_frame(request) && n_targets <= 1,
+        Some(model) => {
+            let is_turned = !request.set.has_poses() || !model.target_rotations.is_empty();
+            base_is_known(request, model) && n_targets <= model.targets_mm.len() && is_turned
+        }
+        None => in_base_frame(request) && n_targets <= 1 && !request.set.has_poses(),
     };
     if is_placed {
         0
