@@ -96,6 +96,7 @@ fn ratios(folder: &Path, oracle_mm: f64) -> Ratios {
             t_instrument_base: report.t_instrument_base,
             links: report.links,
             targets_mm: report.targets_mm,
+            target_rotations: vec![],
         };
         IdentifiedRobot {
             plain,

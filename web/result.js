@@ -182,7 +182,16 @@ function errorTable(report, job) {
   const columns = [["Points", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "std", "rms", "max"].map((name) => [name, ([, , e]) => error(e[`${name}_mm`]), "n"])];
   return el("section.card", {}, el("h2", {}, verifies ? "Errors beside the nominal robot" : "Errors before and after"),
     table(verifies ? "Position errors in mm, on all points of the set." : "Position errors in mm. Identify: the points of the fit. Verify: points kept aside.", columns, flat, ""),
+    rotations(report, before, after),
     report.final && el("p.note", {}, `The delivered parameters were then fitted to all ${report.final.n_points} points (${mm(report.final.rms_mm)} rms there): the tool is ${mm(report.final.moved_mm)} on average from where the verified fit has it, over the workspace.`));
+}
+
+/** Rotation errors, where poses were measured. */
+function rotations(report, before, after) {
+  const halves = [["Identify", report.identify], ["Verify", report.verify]].filter(([, half]) => half?.rotation);
+  const flat = halves.flatMap(([name, { rotation }]) => [[`${name} (${rotation.n_poses})`, before, rotation.before], ["", after, rotation.after]]);
+  const columns = [["Poses", ([name]) => name], ["Robot", ([, stage]) => stage], ...["mean", "rms", "max"].map((name) => [name, ([, , e]) => fixed(e[`${name}_deg`]), "n"])];
+  return flat.length > 0 && table("Rotation errors in degrees.", columns, flat, "");
 }
 
 function parameterTable(report) {

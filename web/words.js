@@ -33,6 +33,7 @@ export const WARNINGS = {
   outside_joint_limits: "Some poses are outside of the joint limits",
   placement_changed: "The robot, the tool or the instrument stands differently",
   poor_alignment: "Robot and measurements hardly fit together",
+  rotation_suspect: "The rotations seem to be written by another convention",
   poses_not_spread: "The poses are all close together",
   prior_contradicted: "The points contradict what was known beforehand",
   robot_changed: "The robot has changed",
@@ -173,7 +174,7 @@ export const NO_USE = {
 };
 
 // Codes of refusals on which an uploader may insist.
-export const SUSPICIONS = ["unit_suspect", "column_suspect", "frame_suspect", "joint_map_suspect", "robot_mismatch", "poor_alignment"];
+export const SUSPICIONS = ["unit_suspect", "column_suspect", "frame_suspect", "joint_map_suspect", "robot_mismatch", "poor_alignment", "rotation_suspect"];
 
 export const GATES = {
   all_finite: "Every number is finite",

@@ -222,6 +222,7 @@ fn model_of(report: &CalibrationReport) -> KinematicModel {
         t_instrument_base: report.t_instrument_base,
         links: report.links.clone(),
         targets_mm: report.targets_mm.clone(),
+        target_rotations: report.target_rotations.clone(),
     }
 }
 

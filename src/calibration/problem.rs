@@ -40,6 +40,8 @@ pub struct Problem<'a> {
     pub decomposition: Decomposition,
     /// What is known of the parameters beforehand.
     pub priors: Option<StatedPriors>,
+    /// Least noise of a row of weight 1 that the instrument states, mm; of poses.
+    pub least_sigma_mm: Option<f64>,
 }
 
 /// The priors of a problem, and what its points say without them.
@@ -153,7 +155,7 @@ pub fn value_of(model: &KinematicModel, parameter: &Parameter) -> f64 {
     match *parameter {
         Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link].clone(), quantity),
         Parameter::BaseTranslation(axis) => model.t_instrument_base.translation.vector[axis],
-        Parameter::BaseRotation(_) => 0.0,
+        Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => 0.0,
         Parameter::Target(target, axis) => model.targets_mm[target][axis],
     }
 }

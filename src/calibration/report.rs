@@ -9,7 +9,7 @@ use crate::identification::uncertainty::Uncertainty;
 use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Link;
 use crate::measurement::Subset;
-use nalgebra::{IsometryMatrix3, Vector3};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use std::collections::BTreeSet;
 
 /// Mean, standard deviation (population), root mean square and largest of the 3-D position errors, mm.
@@ -36,6 +36,30 @@ pub struct SubsetErrors {
     pub after: Errors,
     /// With corrections, where they were looked for: as `after` where none was kept.
     pub corrected: Option<Errors>,
+    /// How far poses are turned from where the robots have them; `None` where positions alone were measured.
+    pub rotation: Option<RotationErrorsOfBoth>,
+}
+
+/// Rotation errors of the poses of one subset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotationErrorsOfBoth {
+    /// Poses in the subset.
+    pub n_poses: usize,
+    /// The nominal robot's.
+    pub before: RotationErrors,
+    /// The identified robot's.
+    pub after: RotationErrors,
+}
+
+/// Angles between measured and predicted targets, rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotationErrors {
+    /// Mean.
+    pub mean_rad: f64,
+    /// Root mean square.
+    pub rms_rad: f64,
+    /// Largest.
+    pub max_rad: f64,
 }
 
 impl SubsetErrors {
@@ -79,6 +103,8 @@ pub struct PointErrors {
     pub after_vector_mm: Vector3<f64>,
     /// Residual with corrections, where they were looked for: as that of the links where none was kept.
     pub corrected_vector_mm: Option<Vector3<f64>>,
+    /// Angle between the measured target and where the nominal and the identified robot have it, rad, of a pose.
+    pub rotation_rad: Option<[f64; 2]>,
     /// A warning names it as an outlier, and outliers are few enough not to count in comparisons.
     pub is_outlier: bool,
 }
@@ -299,6 +325,8 @@ pub struct CalibrationReport {
     pub t_instrument_base: IsometryMatrix3<f64>,
     /// Target offsets in the flange frame, mm: first every target as it was last, then the earlier segments of those that moved.
     pub targets_mm: Vec<Vector3<f64>>,
+    /// How each of them is turned in the flange frame, where poses were measured.
+    pub target_rotations: Vec<Rotation3<f64>>,
     /// (target, segment) of each of them; segments count from 0.
     pub target_segments: Vec<(usize, usize)>,
     /// The robot with what its links cannot say, where something of that was kept. Its targets are in the order of `targets_mm`.

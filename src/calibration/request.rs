@@ -163,7 +163,10 @@ impl CalibrationRequest {
 
     /// The model that is identified: the one asked for, else [`default_model`].
     pub fn model(&self) -> Model {
-        let default = default_model(self.preset, self.set.frame, self.frames.is_some());
+        let default = match self.set.has_poses() {
+            true => Model::Complete,
+            false => default_model(self.preset, self.set.frame, self.frames.is_some()),
+        };
         self.model.unwrap_or(default)
     }
 }

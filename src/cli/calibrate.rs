@@ -11,10 +11,12 @@ use crate::calibration::remedy_of_refusal;
 use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
+    rotations::{self, ROTATION_SUSPECT},
 };
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
+use crate::operations::rotation_convention::with_best_convention;
 use crate::release::{headline, keep_misfit, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
@@ -84,6 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let files = read_measured(&arguments.set, &arguments.table)?;
     let (set, reading) =
         measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
+            let invalid = with_best_convention(invalid, &robot, &files.upload(frame));
             Usage(cannot_be_used(
                 &arguments.set,
                 &files.shown,
@@ -101,6 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print_warning(warning.code, &warning.detail);
     }
     let insisted_on = check_upload(&robot, &set, arguments)?;
+    let insisted_on = check_rotations(&robot, &set, arguments)?.or(insisted_on);
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -175,6 +179,27 @@ fn check_upload(
     })?;
     print_warning(&kept.warning.code, &kept.warning.detail);
     Ok(kept.insisted_on.map(Insist::as_str))
+}
+
+/// As [`check_upload`], of how the rotations of poses were read.
+fn check_rotations(
+    robot: &Robot,
+    set: &MeasurementSet,
+    arguments: &Arguments,
+) -> anyhow::Result<Option<&'static str>> {
+    let Some(detail) = rotations::suspicion(robot, set) else {
+        return Ok(None);
+    };
+    if arguments.set_options.insist == Some(Insist::RotationSuspect) {
+        print_warning(ROTATION_SUSPECT, &detail);
+        return Ok(Some(ROTATION_SUSPECT));
+    }
+    let detail = format!("{detail}. If they are right all the same: --insist {ROTATION_SUSPECT}");
+    Err(Usage(format!(
+        "{} cannot be used: {detail}",
+        arguments.set.display()
+    ))
+    .into())
 }
 
 fn print_warning(code: &str, detail: &str) {

@@ -2,9 +2,11 @@
 
 use super::terminal::in_commands;
 use super::usage::Usage;
+use crate::measurement::RotationConvention;
+use crate::measurement::rotation_convention::CONVENTIONS;
 use crate::wire::issue::Issue;
 use crate::wire::json;
-use crate::wire::measurement::DECIMAL_COMMA;
+use crate::wire::measurement::{DECIMAL_COMMA, with_rotation};
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
@@ -17,15 +19,26 @@ pub struct NumberFormat {
     /// The CSV has decimal commas, and semicolons between its columns.
     #[arg(long, env = "KINCAL_DECIMAL_COMMA", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     pub decimal_comma: bool,
+    /// What rx_deg, ry_deg and rz_deg of a CSV with poses mean: intrinsic_xyz, extrinsic_xyz, intrinsic_zyx, …, or rotation_vector. Never guessed.
+    #[arg(long, env = "KINCAL_ROTATION", value_name = "CONVENTION", value_parser = convention)]
+    pub rotation: Option<RotationConvention>,
+}
+
+fn convention(name: &str) -> Result<RotationConvention, String> {
+    name.parse().map_err(|_| format!("it is {CONVENTIONS}"))
 }
 
 impl NumberFormat {
     /// The content type of a measurement set.
     pub fn content_type(self, set: &Path) -> String {
-        match (is_json(set), self.decimal_comma) {
-            (true, _) => "application/json".into(),
+        let plain = match (is_json(set), self.decimal_comma) {
+            (true, _) => return "application/json".into(),
             (false, true) => format!("text/csv; {DECIMAL_COMMA}"),
             (false, false) => "text/csv".into(),
+        };
+        match self.rotation {
+            Some(convention) => with_rotation(&plain, convention),
+            None => plain,
         }
     }
 }

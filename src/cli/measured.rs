@@ -2,7 +2,7 @@
 
 use super::files::{BYTE_ORDER_MARK, NumberFormat, is_json, read};
 use super::usage::Usage;
-use crate::measurement::Decimal;
+use crate::measurement::{Decimal, RotationConvention};
 use crate::wire::canonical;
 use crate::wire::columns::ColumnsBody;
 use crate::wire::measurement::{MAX_UPLOAD_BYTES, Upload};
@@ -36,6 +36,8 @@ pub struct Measured {
     pub columns: ColumnsBody,
     /// The decimal mark, if it was stated.
     pub decimal: Option<Decimal>,
+    /// What angles of poses mean, if it was stated.
+    pub rotation: Option<RotationConvention>,
     /// The set's file, whose lines issues name; nothing if there are two.
     pub shown: Vec<u8>,
 }
@@ -48,6 +50,7 @@ impl Measured {
             bytes: &self.bytes,
             columns: &self.columns,
             decimal: self.decimal,
+            rotation: self.rotation,
             frame,
         }
     }
@@ -65,6 +68,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
         Some(path) => named_columns(path)?,
     };
     let decimal = options.numbers.decimal_comma.then_some(Decimal::Comma);
+    let rotation = options.numbers.rotation;
     let instrument = options
         .instrument_export
         .as_ref()
@@ -86,6 +90,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
             bytes,
             columns,
             decimal,
+            rotation,
         });
     };
     let (content_type, form) = form(&[
@@ -97,6 +102,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
         bytes: form,
         columns,
         decimal,
+        rotation,
         shown: vec![],
     })
 }

@@ -72,6 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             bytes: &bytes,
             columns: &columns,
             decimal: None,
+            rotation: None,
             frame,
         };
         let read = from_file(&upload, robot.links.len());

@@ -160,6 +160,11 @@ async fn upload(
         // A CSV has no name field; its file name is used.
         parameters.extend(file_name(arguments).map(|name| ("name", name)));
         parameters.extend(files.decimal.map(|_| ("decimal", "comma".into())));
+        parameters.extend(
+            files
+                .rotation
+                .map(|convention| ("rotation", convention.to_string())),
+        );
         if !files.columns.0.is_empty() {
             parameters.push(("columns", serde_json::to_string(&files.columns)?));
         }

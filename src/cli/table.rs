@@ -208,6 +208,13 @@ fn subset(text: &mut String, name: &str, half: Option<&SubsetReport>) {
             row(&format!("{name} ({}), corrected", half.n_points), corrected),
         );
     }
+    if let Some(rotation) = &half.rotation {
+        let (before, after) = (rotation.before.rms_deg, rotation.after.rms_deg);
+        line(
+            text,
+            format!("{name}, rotation: rms {before:.4}° before, {after:.4}° after"),
+        );
+    }
 }
 
 fn columns() -> String {

@@ -66,6 +66,7 @@ fn refit(
         t_instrument_base: IsometryMatrix3::identity(),
         links: start,
         targets_mm,
+        target_rotations: vec![],
     };
     let fitted = observations(robot, &start.targets_mm, truth, SEEDS.0);
     let model = if parameters.is_empty() {
@@ -104,6 +105,7 @@ fn observations(
             position_mm: (flange * Point3::from(*p)).coords,
             target,
             weight: 1.0,
+            rotation: None,
         };
         targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()
     };

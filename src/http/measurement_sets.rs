@@ -1,6 +1,7 @@
 //! Measurement sets: uploads, stored byte for byte.
 
 use crate::calibration::upload_checks;
+use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
@@ -9,6 +10,7 @@ use crate::http::list_query::NamedListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access};
+use crate::operations::rotation_convention::with_best_convention;
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::Checker;
@@ -52,6 +54,9 @@ struct UploadQuery {
     /// Number format of a CSV file: `comma` for 12,5 with columns separated by semicolons. Never guessed.
     #[param(inline)]
     decimal: Option<Decimal>,
+    /// What `rx_deg ry_deg rz_deg` mean: `intrinsic_xyz`, `extrinsic_xyz`, `intrinsic_zyx`, …, or `rotation_vector`. Never guessed.
+    #[param(max_length = 40, example = "intrinsic_xyz")]
+    rotation: Option<String>,
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[param(min_length = 1, max_length = 200)]
     serial_number: Option<String>,
@@ -75,6 +80,7 @@ struct Upload {
     content_type: String,
     reading: Option<Reading>,
     misfit: Option<Misfit>,
+    insisted_on: Option<&'static str>,
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -82,7 +88,7 @@ struct Upload {
     post, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "createMeasurementSet",
     params(("robot_id" = String, Path, description = "The robot"), UploadQuery),
     request_body(
-        description = "A table: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`, or columns that `columns` maps; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`. A form has the parts `robot` and `instrument` (two files that are joined), or `table`, and perhaps `columns`",
+        description = "A table: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`, or columns that `columns` maps; of poses also `quat_w quat_x quat_y quat_z`, or `rx_deg ry_deg rz_deg` with `rotation`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm` or `std_x_mm std_y_mm std_z_mm`, `std_rotation_deg` or `std_rx_deg std_ry_deg std_rz_deg`, `kind`, `station`, `session`, `sequence`, `temperature_c`. A form has the parts `robot` and `instrument` (two files that are joined), or `table`, and perhaps `columns`",
         content(
             (String = "text/csv"),
             (MeasurementSetBody = "application/json"),
@@ -106,7 +112,14 @@ async fn create(
     access::require_in_use(&robot)?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
-    let content_type = content_type(&submission, query.decimal);
+    let mut content_type = content_type(&submission, query.decimal);
+    if let Some(name) = &query.rotation {
+        let convention = measurement::rotation_convention(name)?;
+        if is_json(&content_type) {
+            return Err(rotation_of_json().into());
+        }
+        content_type = measurement::with_rotation(&content_type, convention);
+    }
     let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;
     let mut upload = app
@@ -114,12 +127,15 @@ async fn create(
             parse_upload(&robot, &bytes, content_type, &columns, query)
         })
         .await?;
-    let mut insisted_on = None;
+    let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
         let kept =
             upload_check::diagnose(&app, &submission.caller, &robot_id, misfit, insist).await?;
         upload.warnings.push(kept.warning);
-        insisted_on = kept.insisted_on.map(|code| code.as_str().to_owned());
+        insisted_on = kept
+            .insisted_on
+            .map(|code| code.as_str().to_owned())
+            .or(insisted_on);
     }
     let new = NewMeasurementSet {
         robot_id,
@@ -167,6 +183,19 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
+/// Refusal of a convention beside JSON, whose poses have quaternions.
+fn rotation_of_json() -> Invalid {
+    let detail =
+        "points in JSON have a quaternion [w, x, y, z] and need no convention: leave rotation out";
+    Invalid::at("/rotation", "rotation_not_needed", detail)
+}
+
+fn is_json(content_type: &str) -> bool {
+    content_type
+        .to_ascii_lowercase()
+        .starts_with("application/json")
+}
+
 /// Parses an upload.
 fn parse_upload(
     body: &RobotBody,
@@ -179,10 +208,7 @@ fn parse_upload(
     check_serial_number(body, serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
-    let is_json = content_type
-        .to_ascii_lowercase()
-        .starts_with("application/json");
-    let (stated_frame, name, set, reading, content_type) = if is_json {
+    let (stated_frame, name, set, reading, content_type) = if is_json(&content_type) {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
         let set = upload.measurement_set(frame, n_joints)?;
@@ -194,9 +220,11 @@ fn parse_upload(
             bytes,
             columns,
             decimal: query.decimal,
+            rotation: None,
             frame: query.frame.unwrap_or(DEFAULT_FRAME),
         };
-        let (set, reading) = measurement::from_file(&upload, n_joints)?;
+        let (set, reading) = measurement::from_file(&upload, n_joints)
+            .map_err(|refusal| with_best_convention(refusal, &robot, &upload))?;
         (query.frame, query.name, set, reading, content_type)
     };
     let mut checker = Checker::default();
@@ -208,6 +236,9 @@ fn parse_upload(
     for warning in &mut warnings {
         warning.rows.truncate(MAX_WARNED_ROWS);
     }
+    let suspicion = upload_check::check_rotations(&robot, &set, query.insist)?;
+    let insisted_on = suspicion.as_ref().map(|_| ROTATION_SUSPECT);
+    warnings.extend(suspicion);
     if stated_frame.is_none() {
         warnings.push(frame_assumed());
     }
@@ -224,6 +255,7 @@ fn parse_upload(
         content_type,
         reading,
         misfit: upload_check::check_fit(body, set)?,
+        insisted_on,
     })
 }
 

@@ -2,12 +2,13 @@
 //! warning.
 
 use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
+use crate::calibration::upload_checks::rotations::{self, ROTATION_SUSPECT};
 use crate::http::auth::Caller;
 use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::release::{KeptMisfit, keep_misfit};
 use crate::store::{PageRequest, robots};
-use crate::wire::measurement::MeasurementSet;
+use crate::wire::measurement::{MeasurementSet, Warning};
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::{Invalid, Issue};
@@ -32,6 +33,38 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
         }),
         Alignment::Fits => None,
     })
+}
+
+/// Checks whether the rotations of poses fit the robot as they were read. The warning if the caller insists on them.
+///
+/// # Errors
+/// The reading that fits, if there is one and the caller does not insist.
+pub fn check_rotations(
+    robot: &Robot,
+    set: &MeasurementSet,
+    insist: Option<Insist>,
+) -> Result<Option<Warning>, Error> {
+    let Some(detail) = rotations::suspicion(robot, set) else {
+        return Ok(None);
+    };
+    let code = ROTATION_SUSPECT;
+    if insist == Some(Insist::RotationSuspect) {
+        return Ok(Some(Warning {
+            code: code.into(),
+            detail,
+            rows: vec![],
+        }));
+    }
+    let issue = Issue {
+        code: code.into(),
+        detail: format!("{detail}. If they are right all the same, insist: ?insist={code}"),
+        ..Issue::default()
+    };
+    Err(Invalid {
+        code,
+        issues: vec![issue],
+    }
+    .into())
 }
 
 /// Searches for the cause.

@@ -106,7 +106,7 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
         let of_target = common(
             before,
             after,
-            |p| matches!(p, Parameter::Target(t, _) if *t == target),
+            |p| matches!(p, Parameter::Target(t, _) | Parameter::TargetRotation(t, _) if *t == target),
         );
         placement.push(tested(before, after, &of_target, named_each));
     }
@@ -258,7 +258,9 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
 fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
     let of_link = match parameter {
         Parameter::Link(..) => parameter,
-        Parameter::BaseRotation(_) => Parameter::Link(0, Quantity::Alpha),
+        Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => {
+            Parameter::Link(0, Quantity::Alpha)
+        }
         Parameter::BaseTranslation(_) | Parameter::Target(..) => Parameter::Link(0, Quantity::A),
     };
     variable(of_link, reach_mm).width

@@ -16,8 +16,6 @@ use std::ops::ControlFlow;
 
 /// σ begins at this share of the reach, far below the noise of any robot.
 const FIRST_SIGMA: f64 = 1e-6;
-/// σ is at least this share of the reach: a picometre on an arm of a metre, the last digit of any file.
-pub const LEAST_SIGMA: f64 = 1e-12;
 /// Rounds of least squares and noise at most.
 const ROUNDS: usize = 15;
 /// Relative change of σ and widths that ends them.
@@ -162,7 +160,7 @@ pub fn estimate(
     stop_at_mm2: f64,
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) -> Estimate {
-    let least_sigma_mm = LEAST_SIGMA * problem.reach_mm;
+    let least_sigma_mm = problem.least_sigma_mm;
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
     let mut found = Estimate::before(problem, start, evidence);
     // between parts of the rows the monitor is told again where the search is
@@ -240,7 +238,7 @@ pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, 
     let x = problem.coordinates(model);
     let triangle = Rows::new(problem, &Watch::nobody()).triangle(&x);
     let first = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
-    let least_sigma_mm = LEAST_SIGMA * problem.reach_mm;
+    let least_sigma_mm = problem.least_sigma_mm;
     let evidence = triangle.evidence(problem, &x, first, least_sigma_mm);
     let posterior = triangle.solve(&x, &evidence);
     (evidence, posterior)

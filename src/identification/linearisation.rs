@@ -127,7 +127,8 @@ pub fn decomposition_at(
     )
 }
 
-/// The identification Jacobian at a model: mm that points move for one scale of each parameter, over sqrt(N points).
+/// The identification Jacobian at a model: mm that points move for one scale of each parameter, over sqrt(N points). Of poses, the rotation rows
+/// too.
 pub fn scaled_jacobian_at(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -135,7 +136,13 @@ pub fn scaled_jacobian_at(
     observations: &[Observation],
 ) -> DMatrix<f64> {
     let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
-    let shares = scale.iter().map(|s| s * per_point).collect();
+    let shares: Vec<f64> = scale.iter().map(|s| s * per_point).collect();
+    if observations.iter().any(|o| o.n_rows(model) > 3) {
+        let mut scaled = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
+        let columns = scaled.column_iter_mut().zip(&shares);
+        columns.for_each(|(mut column, share)| column *= *share);
+        return scaled;
+    }
     let space = SearchSpace::raw(model.clone(), parameters.to_vec(), shares);
     let mut linearisation = Linearisation::new(&space, observations);
     let n_rows = linearisation.n_rows();

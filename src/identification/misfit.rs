@@ -37,6 +37,7 @@ impl Misfit {
                 position_mm: Vector3::zeros(),
                 target,
                 weight,
+                rotation: None,
             })
             .collect();
         let mut of_held = weighted_jacobian(model, &self.held, &poses, &Vector3::zeros());
@@ -48,6 +49,37 @@ impl Misfit {
         let mut all = of_joints.resize_horizontally(n_of_joints + self.held.len(), 0.0);
         all.columns_mut(n_of_joints, self.held.len())
             .copy_from(&of_held);
+        all
+    }
+}
+
+impl Misfit {
+    /// As [`Self::features`], of how a measured pose is turned: its three rotation rows.
+    pub fn turns(&self, model: &KinematicModel, pose: &Observation) -> DMatrix<f64> {
+        let n_of_joints = count(model.links.len(), self.gravity.len());
+        let mut all = DMatrix::zeros(3, n_of_joints + self.held.len());
+        let measured = pose.rotation.as_ref();
+        let Some((measured, predicted)) = measured.zip(model.rotation(&pose.q_rad, pose.target))
+        else {
+            return all;
+        };
+        let root_mm = pose.weight.sqrt() * measured.mm_per_rad;
+        let reach_mm = reach_mm(&model.links).max(f64::MIN_POSITIVE);
+        let target = model.targets_mm[pose.target];
+        let turned = turns_of_joints(model, &pose.q_rad, &target, &self.gravity, reach_mm);
+        for (column, turn) in turned.into_iter().enumerate() {
+            let row = predicted.inverse_transform_vector(&turn) * root_mm;
+            all.column_mut(column).copy_from(&row);
+        }
+        if !self.held.is_empty() {
+            let here = std::slice::from_ref(pose);
+            let of_held = weighted_jacobian(model, &self.held, here, &Vector3::zeros());
+            let scales = prior_scales(&self.held, reach_mm);
+            for (k, scale) in scales.into_iter().enumerate() {
+                let column = of_held.fixed_view::<3, 1>(3, k) * (scale / PRIOR_ANGLE_RAD);
+                all.column_mut(n_of_joints + k).copy_from(&column);
+            }
+        }
         all
     }
 }
@@ -115,6 +147,36 @@ fn displacements(
         displacements.extend([lever * s, lever * c]);
     }
     displacements
+}
+
+/// Turn of the flange per rad of each feature, in the measuring frame, in the order of [`features`].
+fn turns_of_joints(
+    model: &KinematicModel,
+    q_rad: &[f64],
+    target_mm: &Vector3<f64>,
+    gravity: &[Vector3<f64>],
+    reach_mm: f64,
+) -> Vec<Vector3<f64>> {
+    let mut t_base_link = IsometryMatrix3::identity();
+    let mut origins = Vec::with_capacity(q_rad.len() + 1);
+    let mut axes = Vec::with_capacity(q_rad.len());
+    for (link, q) in model.links.iter().zip(q_rad) {
+        t_base_link *= t_previous_link(link, *q);
+        origins.push(t_base_link.translation.vector);
+        axes.push(Vector3::from(t_base_link.rotation.matrix().column(2)));
+    }
+    origins.push(t_base_link.rotation * target_mm + t_base_link.translation.vector);
+    let mut turns = Vec::with_capacity(count(q_rad.len(), gravity.len()));
+    for (joint, axis) in axes.iter().enumerate() {
+        let turn = model.t_instrument_base.rotation * axis;
+        for g in gravity {
+            let moment = |o: &Vector3<f64>| axis.dot(&(o - origins[joint]).cross(g)) / reach_mm;
+            turns.extend(origins[joint + 1..].iter().map(|o| turn * moment(o)));
+        }
+        let (s, c) = libm::sincos(q_rad[joint]);
+        turns.extend([turn * s, turn * c]);
+    }
+    turns
 }
 
 /// The directions of gravity to reckon with, in the base frame: the mounting's, or any where it is not known.

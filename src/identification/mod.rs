@@ -11,6 +11,7 @@ pub mod drift;
 pub mod estimate;
 pub mod evidence;
 pub mod fit;
+pub mod hand_eye;
 pub mod identifiability;
 pub mod linearisation;
 pub mod misfit;
@@ -20,6 +21,7 @@ pub mod outliers;
 mod parallel;
 pub mod parameters;
 mod parts;
+pub mod pose_rows;
 pub mod priors;
 pub mod problem;
 pub mod search_space;
@@ -33,8 +35,8 @@ pub mod workspace;
 
 pub use choices::{Model, Preset};
 
-use crate::kinematics::{Link, forward_kinematics};
-use nalgebra::{IsometryMatrix3, Vector3};
+use crate::kinematics::{Link, forward_kinematics, t_base_flange};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 
 /// A robot as measured: where its base stands in the measuring frame, its links, and the targets it carries.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +47,9 @@ pub struct KinematicModel {
     pub links: Vec<Link>,
     /// Target offsets in the flange frame, mm.
     pub targets_mm: Vec<Vector3<f64>>,
+    /// How each target is turned in the flange frame, where poses are measured; empty where positions alone are. A model without them predicts
+    /// positions, and of a measured pose only its position counts.
+    pub target_rotations: Vec<Rotation3<f64>>,
 }
 
 impl KinematicModel {
@@ -54,6 +59,7 @@ impl KinematicModel {
             t_instrument_base: IsometryMatrix3::identity(),
             links: links.to_vec(),
             targets_mm: vec![Vector3::zeros(); n_targets],
+            target_rotations: vec![],
         }
     }
 
@@ -61,6 +67,13 @@ impl KinematicModel {
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
         let p = forward_kinematics(&self.links, q_rad, &self.targets_mm[target]);
         self.t_instrument_base.rotation * p + self.t_instrument_base.translation.vector
+    }
+
+    /// How a target is turned in the measuring frame; `None` where the model does not know how it is turned in the flange frame.
+    pub fn rotation(&self, q_rad: &[f64], target: usize) -> Option<Rotation3<f64>> {
+        let of_target = self.target_rotations.get(target)?;
+        let flange = t_base_flange(&self.links, q_rad);
+        Some(self.t_instrument_base.rotation * flange.rotation * of_target)
     }
 }
 

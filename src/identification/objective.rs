@@ -2,8 +2,10 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, Quantity, left_jacobian};
+use crate::identification::pose_rows::{MeasuredRotation, TurnedBy, rotation_residual_rad};
 use crate::kinematics::{PositionJacobian, position_jacobian};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::collections::BTreeSet;
 
 /// One measured pose, ready to fit: joint values in the model's convention, position in the measuring frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,6 +18,31 @@ pub struct Observation {
     pub target: usize,
     /// Weight of the squared residual; 1 unless the points carry their own uncertainties.
     pub weight: f64,
+    /// How the target was turned, of a pose.
+    pub rotation: Option<MeasuredRotation>,
+}
+
+impl Observation {
+    /// The same without what it says of rotation.
+    pub fn position_alone(&self) -> Self {
+        Self {
+            rotation: None,
+            ..self.clone()
+        }
+    }
+
+    /// Rows that it has in a model: three of a position, six of a pose.
+    pub fn n_rows(&self, model: &KinematicModel) -> usize {
+        let is_pose = self.rotation.is_some() && self.target < model.target_rotations.len();
+        if is_pose { 6 } else { 3 }
+    }
+}
+
+/// Targets of which poses are measured, in order.
+pub fn posed_targets(observations: &[Observation]) -> Vec<usize> {
+    let posed = observations.iter().filter(|o| o.rotation.is_some());
+    let targets: BTreeSet<usize> = posed.map(|o| o.target).collect();
+    targets.into_iter().collect()
 }
 
 /// residual = measured − predicted of each observation, mm, unweighted.
@@ -26,35 +53,55 @@ pub fn residuals(model: &KinematicModel, observations: &[Observation]) -> Vec<Ve
         .collect()
 }
 
-/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11].
+/// How far a measured pose is turned from the predicted one, times the lengths by which rotation rows count, mm; `None` of a position.
+fn rotation_rows_mm(model: &KinematicModel, o: &Observation) -> Option<Vector3<f64>> {
+    let measured = o.rotation.as_ref()?;
+    let predicted = model.rotation(&o.q_rad, o.target)?;
+    Some(rotation_residual_rad(&predicted, measured) * measured.mm_per_rad)
+}
+
+/// Σ |row|² of an observation of weight 1, mm².
+pub fn squared_rows_mm2(model: &KinematicModel, o: &Observation) -> f64 {
+    let of_position = (o.position_mm - model.position(&o.q_rad, o.target)).norm_squared();
+    of_position + rotation_rows_mm(model, o).map_or(0.0, |rows| rows.norm_squared())
+}
+
+/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11]; of poses, that of the rotation rows included.
 pub fn cost(model: &KinematicModel, observations: &[Observation]) -> f64 {
-    residuals(model, observations)
+    observations
         .iter()
-        .zip(observations)
-        .map(|(r, o)| o.weight * r.norm_squared())
+        .map(|o| o.weight * squared_rows_mm2(model, o))
         .sum()
 }
 
-/// sqrt(weight) · residual, three rows per observation.
+/// sqrt(weight) · residual: three rows per position, six per pose.
 pub fn weighted_residuals(model: &KinematicModel, observations: &[Observation]) -> DVector<f64> {
-    let residuals = residuals(model, observations);
-    DVector::from_fn(3 * observations.len(), |row, _| {
-        observations[row / 3].weight.sqrt() * residuals[row / 3][row % 3]
-    })
+    let mut rows = Vec::with_capacity(3 * observations.len());
+    for (o, residual) in observations.iter().zip(residuals(model, observations)) {
+        let root = o.weight.sqrt();
+        rows.extend((residual * root).iter());
+        if let Some(turn) = rotation_rows_mm(model, o) {
+            rows.extend((turn * root).iter());
+        }
+    }
+    DVector::from_vec(rows)
 }
 
 /// The identification Jacobian: sqrt(weight) · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the
 /// residual is its negative. `base_rotation_rad` is the rotation vector by which `model`'s base differs from the reference that the
-/// deviations are counted from (zero at the reference).
+/// deviations are counted from (zero at the reference). Of poses the rotation rows follow those of the position; their targets are turned as in
+/// the reference.
 pub fn weighted_jacobian(
     model: &KinematicModel,
     parameters: &[Parameter],
     observations: &[Observation],
     base_rotation_rad: &Vector3<f64>,
 ) -> DMatrix<f64> {
-    let mut jacobian = DMatrix::zeros(3 * observations.len(), parameters.len());
+    let n_rows = observations.iter().map(|o| o.n_rows(model)).sum();
+    let mut jacobian = DMatrix::zeros(n_rows, parameters.len());
     let left = left_jacobian(base_rotation_rad);
-    for (row, observation) in observations.iter().enumerate() {
+    let mut row = 0;
+    for observation in observations {
         let target = &model.targets_mm[observation.target];
         let at = position_jacobian(
             &model.t_instrument_base,
@@ -67,9 +114,23 @@ pub fn weighted_jacobian(
         for (column, parameter) in parameters.iter().enumerate() {
             let derivative = derivative_by(parameter, &at, &turned, observation.target);
             for axis in 0..3 {
-                jacobian[(3 * row + axis, column)] = root * derivative[axis];
+                jacobian[(row + axis, column)] = root * derivative[axis];
             }
         }
+        let measured = observation.rotation.as_ref();
+        if let Some((measured, predicted)) =
+            measured.zip(model.rotation(&observation.q_rad, observation.target))
+        {
+            let by = TurnedBy::new(&at, left, Matrix3::identity(), observation.target);
+            let rows = by.rows(&predicted, measured) * (root * measured.mm_per_rad);
+            for (column, parameter) in parameters.iter().enumerate() {
+                let derivative = rows * by.axis(parameter);
+                for axis in 0..3 {
+                    jacobian[(row + 3 + axis, column)] = derivative[axis];
+                }
+            }
+        }
+        row += observation.n_rows(model);
     }
     jacobian
 }
@@ -91,5 +152,6 @@ pub fn derivative_by(
         Parameter::BaseRotation(axis) => turned.column(axis).into(),
         Parameter::Target(other, _) if other != target => Vector3::zeros(),
         Parameter::Target(_, axis) => at.target.column(axis).into(),
+        Parameter::TargetRotation(..) => Vector3::zeros(),
     }
 }

@@ -4,7 +4,7 @@ use crate::identification::KinematicModel;
 use crate::kinematics::Link;
 use crate::kinematics::batch::Moved;
 pub use crate::kinematics::rotation::{left_jacobian, rotation_exp, rotation_log};
-use nalgebra::{IsometryMatrix3, Translation3, Vector3};
+use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Vector3};
 
 /// Axes i-1 and i count as parallel (or antiparallel) below this |sin alpha_i|; about 1.1°.
 pub const PARALLEL_SINE: f64 = 0.02;
@@ -35,12 +35,14 @@ pub enum Parameter {
     BaseRotation(usize),
     /// Target offset along an axis of the flange frame.
     Target(usize, usize),
+    /// Rotation vector of a target about an axis of the flange frame, where its poses are measured.
+    TargetRotation(usize, usize),
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl Parameter {
-    /// Its name on the wire: `a_1`, `theta_offset_3`, `base_x`, `base_rx`, `target_0_z`.
+    /// Its name on the wire: `a_1`, `theta_offset_3`, `base_x`, `base_rx`, `target_0_z`, `target_0_rx`.
     pub fn name(&self) -> String {
         match self {
             Self::Link(link, quantity) => {
@@ -56,6 +58,7 @@ impl Parameter {
             Self::BaseTranslation(axis) => format!("base_{}", AXES[*axis]),
             Self::BaseRotation(axis) => format!("base_r{}", AXES[*axis]),
             Self::Target(target, axis) => format!("target_{target}_{}", AXES[*axis]),
+            Self::TargetRotation(target, axis) => format!("target_{target}_r{}", AXES[*axis]),
         }
     }
 
@@ -65,6 +68,7 @@ impl Parameter {
             self,
             Self::Link(_, Quantity::Alpha | Quantity::ThetaOffset | Quantity::Beta)
                 | Self::BaseRotation(_)
+                | Self::TargetRotation(..)
         )
     }
 
@@ -94,6 +98,12 @@ pub fn placement_parameters(n_targets: usize) -> Vec<Parameter> {
         .chain((0..3).map(Parameter::BaseRotation));
     let of_target = |target| (0..3).map(move |axis| Parameter::Target(target, axis));
     base.chain((0..n_targets).flat_map(of_target)).collect()
+}
+
+/// How targets are turned whose poses are measured.
+pub fn target_rotation_parameters(targets: &[usize]) -> Vec<Parameter> {
+    let of_target = |target: &usize| [0, 1, 2].map(|axis| Parameter::TargetRotation(*target, axis));
+    targets.iter().flat_map(of_target).collect()
 }
 
 /// Base pose, all five numbers of every link, and targets. Positions cannot tell all of them apart: what they leave open is settled by the
@@ -130,7 +140,7 @@ pub fn apply(
     model
 }
 
-/// As [`apply`], into a model of the same size, without allocating.
+/// As [`apply`], into a model of the same size, without allocating where positions alone are predicted.
 pub fn apply_into(
     reference: &KinematicModel,
     parameters: &[Parameter],
@@ -141,6 +151,7 @@ pub fn apply_into(
     model.targets_mm.copy_from_slice(&reference.targets_mm);
     let mut translation = Vector3::zeros();
     let mut rotation = Vector3::zeros();
+    let mut of_targets = vec![Vector3::zeros(); reference.target_rotations.len()];
     for (parameter, value) in parameters.iter().zip(deviation) {
         match *parameter {
             Parameter::Link(link, quantity) => {
@@ -149,7 +160,11 @@ pub fn apply_into(
             Parameter::BaseTranslation(axis) => translation[axis] += value,
             Parameter::BaseRotation(axis) => rotation[axis] += value,
             Parameter::Target(target, axis) => model.targets_mm[target][axis] += value,
+            Parameter::TargetRotation(target, axis) => of_targets[target][axis] += value,
         }
+    }
+    for (target, turn) in of_targets.iter().enumerate() {
+        model.target_rotations[target] = turned(&reference.target_rotations[target], turn);
     }
     model.t_instrument_base = moved_base(&reference.t_instrument_base, &translation, &rotation);
 }
@@ -176,11 +191,14 @@ pub fn deviation_from(
         Parameter::Target(target, axis) => {
             (model.targets_mm[target] - reference.targets_mm[target])[axis]
         }
+        Parameter::TargetRotation(target, axis) => rotation_log(
+            &(model.target_rotations[target] * reference.target_rotations[target].inverse()),
+        )[axis],
     }
 }
 
-/// Gives a parameter of `to` the value that it has in `from`, to the last bit. A rotation vector of the base is no number of the model, and is
-/// left as it is.
+/// Gives a parameter of `to` the value that it has in `from`, to the last bit. A rotation vector of the base or of a target is no number of the
+/// model, and is left as it is.
 pub fn copy_parameter(parameter: &Parameter, from: &KinematicModel, to: &mut KinematicModel) {
     match *parameter {
         Parameter::Link(link, quantity) => {
@@ -191,7 +209,7 @@ pub fn copy_parameter(parameter: &Parameter, from: &KinematicModel, to: &mut Kin
             let value = from.t_instrument_base.translation.vector[axis];
             to.t_instrument_base.translation.vector[axis] = value;
         }
-        Parameter::BaseRotation(_) => {}
+        Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => {}
         Parameter::Target(target, axis) => {
             to.targets_mm[target][axis] = from.targets_mm[target][axis];
         }
@@ -224,7 +242,14 @@ fn moved_base(
     )
 }
 
-/// A parameter as the kernels know it.
+fn turned(rotation: &Rotation3<f64>, turn: &Vector3<f64>) -> Rotation3<f64> {
+    match *turn == Vector3::zeros() {
+        true => *rotation,
+        false => rotation_exp(turn) * rotation,
+    }
+}
+
+/// A parameter as the kernels know it. They predict positions, which no turn of a target moves.
 pub fn moved(parameter: &Parameter) -> Moved {
     match *parameter {
         Parameter::Link(link, Quantity::A) => Moved::A(link),
@@ -235,5 +260,6 @@ pub fn moved(parameter: &Parameter) -> Moved {
         Parameter::BaseTranslation(axis) => Moved::BaseTranslation(axis),
         Parameter::BaseRotation(axis) => Moved::BaseRotation(axis),
         Parameter::Target(target, axis) => Moved::Target(target, axis),
+        Parameter::TargetRotation(..) => Moved::Nothing,
     }
 }

@@ -2,15 +2,18 @@
 //!
 //! Coordinate x_j is the deviation of variable j from the reference in units of its width, so that all coordinates are of the same
 //! size. A block holds the rows of one measurement and knows how many it has; nothing else counts rows. A row is
-//! sqrt(weight) · (measured − predicted), in mm. The priors are rows too, of which [`crate::identification::estimate`] takes care.
+//! sqrt(weight) · (measured − predicted), in mm; of a pose, three rows more: the rotation vector between the predicted and the measured target,
+//! times the length by which it counts. The priors are rows too, of which [`crate::identification::estimate`] takes care.
 
 use crate::identification::KinematicModel;
-use crate::identification::objective::{Observation, derivative_by};
+use crate::identification::objective::{Observation, derivative_by, posed_targets};
 use crate::identification::parameters::{
     Parameter, Quantity, apply_into, deviation_from, left_jacobian, placement_parameters,
+    target_rotation_parameters,
 };
+use crate::identification::pose_rows::{TurnedBy, rotation_residual_rad};
 use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jacobian};
-use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
+use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
 use std::ops::Range;
 
 /// How far a length of a link is off, as a share of the reach (one standard deviation): 0.5 mm on an arm of 1.7 m.
@@ -24,6 +27,22 @@ const OFFSET_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 pub const BASE_MM: f64 = 1.0;
 /// See [`BASE_MM`], rad (0.05°).
 pub const BASE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
+
+/// How far a length of a link is off, mm: positions are expected to scatter by as much.
+pub fn usual_length_mm(reach_mm: f64) -> f64 {
+    LENGTH_PER_REACH * reach_mm
+}
+
+/// And how far an angle between two axes is, rad.
+pub const USUAL_ANGLE_RAD: f64 = ANGLE_RAD;
+
+/// Length by which an angle of a pose counts before its noise is known, mm/rad: lengths and angles are as uncertain as those of links.
+pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
+    usual_length_mm(reach_mm) / ANGLE_RAD
+}
+
+/// σ is at least this share of the reach: a picometre on an arm of a metre, the last digit of any file.
+pub const LEAST_SIGMA: f64 = 1e-12;
 
 /// Numbers whose errors are alike, and whose priors therefore widen together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +102,8 @@ pub struct Placement {
     pub t_instrument_base: IsometryMatrix3<f64>,
     /// Target offsets in the flange frame, mm.
     pub targets_mm: Vec<Vector3<f64>>,
+    /// How targets are turned in the flange frame; empty where positions alone are measured.
+    pub target_rotations: Vec<Rotation3<f64>>,
 }
 
 /// The rows of one measurement.
@@ -103,6 +124,8 @@ pub struct Problem<'a> {
     pub variables: Vec<Variable>,
     /// Radius of the workspace, mm.
     pub reach_mm: f64,
+    /// Least noise of a row of weight 1, mm: that of the file's resolution, or what the instrument states.
+    pub least_sigma_mm: f64,
     parameters: Vec<Parameter>,
     blocks: Vec<Block<'a>>,
 }
@@ -136,7 +159,7 @@ pub fn variable(parameter: Parameter, reach_mm: f64) -> Variable {
             (ANGLE_RAD, Prior::OfKind(Kind::Angle))
         }
         Parameter::Link(_, Quantity::ThetaOffset) => (OFFSET_RAD, Prior::OfKind(Kind::Offset)),
-        Parameter::BaseRotation(_) => (1.0, Prior::Flat),
+        Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => (1.0, Prior::Flat),
         Parameter::BaseTranslation(_) | Parameter::Target(..) => (reach_mm, Prior::Flat),
     };
     Variable {
@@ -169,14 +192,53 @@ impl Block<'_> {
         let here = self.jacobian(model, &model.targets_mm[o.target]);
         let root = o.weight.sqrt();
         let left = o.position_mm - here.position_mm;
-        fill_rows(&mut residuals[self.rows.clone()], &(left * root));
+        let of_position = self.rows.start..self.rows.start + 3;
+        fill_rows(&mut residuals[of_position.clone()], &(left * root));
+        let base_turned = left_jacobian(&at.base_rotation_rad);
+        let mut jacobian = jacobian;
+        if let Some(jacobian) = jacobian.as_deref_mut() {
+            let turned = here.base_rotation * base_turned;
+            for (j, variable) in problem.variables.iter().enumerate() {
+                let column = &mut jacobian.column_mut(j);
+                let rows = &mut column.as_mut_slice()[of_position.clone()];
+                let derivative = derivative_by(&variable.parameter, &here, &turned, o.target);
+                fill_rows(rows, &(derivative * (-root * variable.width)));
+            }
+        }
+        if self.rows.len() == 6 {
+            let of_target = left_jacobian(&at.target_rotations_rad[o.target]);
+            let by = TurnedBy::new(&here, base_turned, of_target, o.target);
+            self.fill_rotation(problem, model, &by, residuals, jacobian);
+        }
+    }
+
+    /// The rotation rows of a pose.
+    fn fill_rotation(
+        &self,
+        problem: &Problem<'_>,
+        model: &KinematicModel,
+        by: &TurnedBy<'_>,
+        residuals: &mut [f64],
+        jacobian: Option<&mut DMatrix<f64>>,
+    ) {
+        let (o, of_rotation) = (self.measured, self.rows.start + 3..self.rows.end);
+        let Some(measured) = &o.rotation else { return };
+        let of_target = model.target_rotations[o.target];
+        let predicted = match self.flange {
+            Some(flange) => Some(model.t_instrument_base.rotation * flange.rotation * of_target),
+            None => model.rotation(&o.q_rad, o.target),
+        };
+        let Some(predicted) = predicted else { return };
+        let root_mm = o.weight.sqrt() * measured.mm_per_rad;
+        let left = rotation_residual_rad(&predicted, measured);
+        fill_rows(&mut residuals[of_rotation.clone()], &(left * root_mm));
         let Some(jacobian) = jacobian else { return };
-        let turned = here.base_rotation * left_jacobian(&at.base_rotation_rad);
+        let rows_by = by.rows(&predicted, measured);
         for (j, variable) in problem.variables.iter().enumerate() {
             let column = &mut jacobian.column_mut(j);
-            let rows = &mut column.as_mut_slice()[self.rows.clone()];
-            let derivative = derivative_by(&variable.parameter, &here, &turned, o.target);
-            fill_rows(rows, &(derivative * (-root * variable.width)));
+            let rows = &mut column.as_mut_slice()[of_rotation.clone()];
+            let derivative = rows_by * by.axis(&variable.parameter);
+            fill_rows(rows, &(derivative * (-root_mm * variable.width)));
         }
     }
 }
@@ -189,6 +251,7 @@ fn fill_rows(rows: &mut [f64], values: &Vector3<f64>) {
 struct At {
     model: KinematicModel,
     base_rotation_rad: Vector3<f64>,
+    target_rotations_rad: Vec<Vector3<f64>>,
 }
 
 impl<'a> Problem<'a> {
@@ -215,8 +278,13 @@ impl<'a> Problem<'a> {
             t_instrument_base: start.t_instrument_base,
             links: vec![],
             targets_mm: start.targets_mm,
+            target_rotations: start.target_rotations,
         };
-        let parameters = placement_parameters(reference.targets_mm.len());
+        let mut parameters = placement_parameters(reference.targets_mm.len());
+        if !reference.target_rotations.is_empty() {
+            let posed = posed_targets(observations);
+            parameters.extend(target_rotation_parameters(&posed));
+        }
         let known = observations.iter().zip(flanges.iter().map(Some));
         Self::of_blocks(reference, &parameters, known)
     }
@@ -229,7 +297,7 @@ impl<'a> Problem<'a> {
         let reach_mm = reach_mm(&reference.links, measured.clone().map(|(o, _)| o));
         let mut first = 0;
         let block = |(measured, flange): (&'a Observation, _)| {
-            let rows = first..first + measured.position_mm.len();
+            let rows = first..first + measured.n_rows(&reference);
             first = rows.end;
             Block {
                 rows,
@@ -245,6 +313,7 @@ impl<'a> Problem<'a> {
             reference,
             variables: parameters.iter().map(|p| variable(*p, reach_mm)).collect(),
             reach_mm,
+            least_sigma_mm: LEAST_SIGMA * reach_mm,
             parameters: parameters.to_vec(),
             blocks,
         }
@@ -361,9 +430,15 @@ impl<'a> Problem<'a> {
     fn at(&self, x: &[f64]) -> At {
         let deviation = self.deviation(x);
         let mut base_rotation_rad = Vector3::zeros();
+        let n_turned = self.reference.target_rotations.len();
+        let mut target_rotations_rad = vec![Vector3::zeros(); n_turned];
         for (parameter, value) in self.parameters.iter().zip(&deviation) {
-            if let Parameter::BaseRotation(axis) = parameter {
-                base_rotation_rad[*axis] = *value;
+            match parameter {
+                Parameter::BaseRotation(axis) => base_rotation_rad[*axis] = *value,
+                Parameter::TargetRotation(target, axis) => {
+                    target_rotations_rad[*target][*axis] = *value;
+                }
+                _ => {}
             }
         }
         let mut model = self.reference.clone();
@@ -371,6 +446,7 @@ impl<'a> Problem<'a> {
         At {
             model,
             base_rotation_rad,
+            target_rotations_rad,
         }
     }
 

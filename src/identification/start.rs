@@ -1,8 +1,10 @@
 //! Base pose and targets from nominal kinematics, with no starting guess from the user.
 
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
+use crate::identification::hand_eye::{base_and_target_rotation, target_rotation};
+use crate::identification::objective::{Observation, posed_targets};
 use crate::identification::problem::{Placement, Problem};
+use crate::kinematics::rotation::nearest_rotation;
 use crate::kinematics::{Link, t_base_flange};
 use crate::solvers::least_squares::{Options, minimize};
 use nalgebra::{
@@ -30,6 +32,7 @@ pub fn fit_base_and_targets(
         t_instrument_base: placement.t_instrument_base,
         links: links.to_vec(),
         targets_mm: placement.targets_mm,
+        target_rotations: placement.target_rotations,
     }
 }
 
@@ -42,8 +45,11 @@ pub fn fit_targets(
 ) -> KinematicModel {
     let mut model = KinematicModel::nominal(links, n_targets);
     let mut weights = vec![0.0; n_targets];
+    let mut flanges = Vec::with_capacity(observations.len());
     for o in observations {
-        let in_flange = t_base_flange(links, &o.q_rad).inverse() * Point3::from(o.position_mm);
+        let flange = t_base_flange(links, &o.q_rad);
+        flanges.push(flange);
+        let in_flange = flange.inverse() * Point3::from(o.position_mm);
         model.targets_mm[o.target] += in_flange.coords * o.weight;
         weights[o.target] += o.weight;
     }
@@ -52,13 +58,57 @@ pub fn fit_targets(
             *target /= weight;
         }
     }
+    let base = Rotation3::identity();
+    model.target_rotations = target_rotations(&flanges, observations, n_targets, &base);
     model
+}
+
+/// Flange in the base frame and target in the measuring frame at each pose of a target.
+fn pairs_of(
+    target: usize,
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+) -> Vec<(Rotation3<f64>, Rotation3<f64>)> {
+    let of_target = observations.iter().zip(flanges);
+    of_target
+        .filter(|(o, _)| o.target == target && o.weight > 0.0)
+        .filter_map(|(o, flange)| Some((flange.rotation, o.rotation?.rotation)))
+        .collect()
+}
+
+/// How targets are turned with the base turned as given; none where no pose was measured.
+fn target_rotations(
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+    n_targets: usize,
+    base: &Rotation3<f64>,
+) -> Vec<Rotation3<f64>> {
+    if posed_targets(observations).is_empty() {
+        return vec![];
+    }
+    let of = |target| target_rotation(base, &pairs_of(target, flanges, observations));
+    (0..n_targets)
+        .map(|target| of(target).unwrap_or_else(Rotation3::identity))
+        .collect()
+}
+
+/// How the base is turned by the poses of the target that has most of them; `None` where there are none.
+fn base_rotation_of_poses(
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+) -> Option<Rotation3<f64>> {
+    let pairs = posed_targets(observations)
+        .into_iter()
+        .map(|target| pairs_of(target, flanges, observations))
+        .max_by_key(Vec::len)?;
+    base_and_target_rotation(&pairs).map(|(base, _)| base)
 }
 
 /// Base pose and target offsets that fit `observations` best (least squares), of a robot whose flange is known in its base frame at each of them.
 ///
 /// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations), from Kabsch's fit with the targets
-/// at the flange, and from the 24 rotations of the cube; each is polished by least squares, and the lowest cost wins.
+/// at the flange, and from the 24 rotations of the cube; of poses, from the closed form of their rotations first. Each is polished by least
+/// squares, and the lowest cost wins.
 pub fn place(
     flanges: &[IsometryMatrix3<f64>],
     observations: &[Observation],
@@ -79,7 +129,13 @@ pub fn place(
         linear_rotation(&few, &few_flanges, n_targets),
         Some(kabsch_rotation(observations, flanges)),
     ];
-    let first = best(direct.into_iter().flatten().collect());
+    let of_poses = base_rotation_of_poses(flanges, observations);
+    let first = best(
+        of_poses
+            .into_iter()
+            .chain(direct.into_iter().flatten())
+            .collect(),
+    );
     let found = match first {
         Some((cost_mm2, placement)) if is_good(cost_mm2, observations) => Some(placement),
         first => {
@@ -92,6 +148,7 @@ pub fn place(
     found.unwrap_or_else(|| Placement {
         t_instrument_base: IsometryMatrix3::identity(),
         targets_mm: vec![Vector3::zeros(); n_targets],
+        target_rotations: vec![],
     })
 }
 
@@ -115,6 +172,7 @@ fn polished(
     let placement = Placement {
         t_instrument_base: model.t_instrument_base,
         targets_mm: model.targets_mm,
+        target_rotations: model.target_rotations,
     };
     (fit.cost, placement)
 }
@@ -154,11 +212,13 @@ pub fn align_in_closed_form(
     let Placement {
         t_instrument_base,
         targets_mm,
+        target_rotations,
     } = with_rotation(observations, &flanges, n_targets, rotation);
     Some(KinematicModel {
         t_instrument_base,
         links: links.to_vec(),
         targets_mm,
+        target_rotations,
     })
 }
 
@@ -219,6 +279,7 @@ fn with_rotation(
         targets_mm: (0..n_targets)
             .map(|target| vector(3 + 3 * target))
             .collect(),
+        target_rotations: target_rotations(flanges, observations, n_targets, &rotation),
     }
 }
 
@@ -328,16 +389,6 @@ pub fn rigid_motion(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> IsometryMatri
         Translation3::from(centre_to - rotation * centre_from),
         rotation,
     )
-}
-
-/// The rotation nearest to a matrix (orthogonal Procrustes).
-fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
-    let svd = m.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
-    let (u, v_t) = (svd.u?, svd.v_t?);
-    let sign = (u * v_t).determinant().signum();
-    Some(Rotation3::from_matrix_unchecked(
-        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t,
-    ))
 }
 
 /// The 24 rotations that map the axes onto axes.

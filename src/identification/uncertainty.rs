@@ -16,14 +16,14 @@
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
-use crate::identification::estimate::{LEAST_SIGMA, evidence_at};
+use crate::identification::estimate::evidence_at;
 use crate::identification::evidence::{Evidence, Posterior, Triangle};
 use crate::identification::misfit::Misfit;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
 use crate::identification::problem::Problem;
 use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Scale of the half-Cauchy prior of σm, rad: joints that turn by 0.3 mrad under the weight of an arm's end are usual.
 const USUAL_MISFIT_RAD: f64 = 3e-4;
@@ -42,7 +42,8 @@ pub struct Session<'a> {
     pub model: &'a KinematicModel,
     /// Its problem, with the priors of its parameters.
     pub problem: &'a Problem<'a>,
-    /// The problem's observations, every one with some weight.
+    /// The problem's observations, every one with some weight. A pose is two of them, three rows each: its position without, then the same with
+    /// its rotation.
     pub observations: &'a [Observation],
     /// The number of each observation's configuration.
     pub configurations: &'a [usize],
@@ -104,6 +105,13 @@ struct Rows<'a> {
     columns: Columns,
     x: Vec<f64>,
     points_of: Vec<Vec<usize>>,
+}
+
+/// How a station that is turned turns a pose that was measured from it, by its rotation rows; `None` of positions.
+fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<f64>> {
+    let measured = o.rotation.as_ref()?;
+    let predicted = model.rotation(&o.q_rad, o.target)?;
+    Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
 }
 
 /// What the points of several configurations share.
@@ -168,9 +176,23 @@ impl<'a> Rows<'a> {
             .evaluate(&self.x, &mut residuals, Some(&mut matrix));
         for (k, point) in points.iter().enumerate() {
             let o = &observations[*point];
+            if o.rotation.is_some() {
+                matrix
+                    .view_mut(
+                        (3 * k, self.columns.without_features()),
+                        (3, self.columns.n_features),
+                    )
+                    .copy_from(&-misfit.turns(model, o));
+            }
             // a station that stands elsewhere moves what was measured from it
             if let Some(station) = stations[*point] {
                 let first = self.columns.n_parameters + 6 * station;
+                if let Some(turned) = turned_by_station(model, o) {
+                    matrix
+                        .fixed_view_mut::<3, 3>(3 * k, first + 3)
+                        .copy_from(&turned);
+                    continue;
+                }
                 let from_base = o.position_mm - model.t_instrument_base.translation.vector;
                 for axis in 0..3 {
                     let along = Vector3::ith(axis, o.weight.sqrt());
@@ -301,7 +323,7 @@ impl Rows<'_> {
     /// The posterior, with σm and σ. `links` has the widths that the estimate of links alone has found.
     fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
         let (columns, problem) = (&self.columns, self.session.problem);
-        let least_mm = LEAST_SIGMA * problem.reach_mm;
+        let least_mm = problem.least_sigma_mm;
         let mut x = problem.coordinates(self.session.model);
         x.resize(columns.all(), 0.0);
         let without = columns.without_features();
@@ -470,6 +492,7 @@ impl Uncertainty {
             position_mm: Vector3::zeros(),
             target,
             weight: 1.0,
+            rotation: None,
         }];
         let p = self.n_parameters;
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());

@@ -20,6 +20,8 @@ pub struct LinkColumns {
     pub theta_offset: Vector3<f64>,
     /// ∂p/∂beta, mm/rad.
     pub beta: Vector3<f64>,
+    /// The axis about which beta turns. Those of alpha and theta_offset are `a` and `d`.
+    pub beta_axis: Vector3<f64>,
 }
 
 /// One target position and its derivatives, in the measuring frame.
@@ -99,5 +101,6 @@ pub fn link_columns(
         d: z_after,
         theta_offset: z_after.cross(&(p - origin_after)),
         beta: y_beta.cross(&(p - origin_beta)),
+        beta_axis: y_beta,
     }
 }

@@ -50,6 +50,16 @@ pub fn left_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + k * a + k * k * b
 }
 
+/// The rotation nearest to a matrix (orthogonal Procrustes).
+pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
+    let svd = m.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let sign = (u * v_t).determinant().signum();
+    Some(Rotation3::from_matrix_unchecked(
+        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t,
+    ))
+}
+
 /// The pose a part `share` (0 to 1) of the way from one pose to another: along the straight line, and about the axis of the turn.
 pub fn between(
     from: &IsometryMatrix3<f64>,
@@ -67,3 +77,5 @@ pub fn between(
 
 /// Below this the series of the formulas above is exact to rounding (its next term is angle⁴/1920 < 1e-16 relative).
 const SMALL_ANGLE_RAD: f64 = 1e-3;
+/// Iteration limit of a singular value decomposition.
+const SVD_ITERATIONS: usize = 10_000;

@@ -83,7 +83,7 @@ pub const LENGTHS: [(&str, f64); 5] = [
 ];
 
 /// Columns that need no unit.
-pub const PLAIN: [&str; 9] = [
+pub const PLAIN: [&str; 24] = [
     "configuration",
     "target",
     "subset",
@@ -93,6 +93,21 @@ pub const PLAIN: [&str; 9] = [
     "session",
     "sequence",
     "temperature_c",
+    "kind",
+    "quat_w",
+    "quat_x",
+    "quat_y",
+    "quat_z",
+    "rx_deg",
+    "ry_deg",
+    "rz_deg",
+    "std_x_mm",
+    "std_y_mm",
+    "std_z_mm",
+    "std_rotation_deg",
+    "std_rx_deg",
+    "std_ry_deg",
+    "std_rz_deg",
 ];
 
 fn unit_of(text: &str) -> Option<Unit> {

@@ -3,7 +3,12 @@
 use crate::measurement::conventions::{Decimal, Frame, Subset};
 use crate::measurement::csv_columns::{Column, parse_header};
 use crate::measurement::csv_issue::whole;
+use crate::measurement::csv_pose::{
+    MAX_QUATERNION_OFF, MAX_ROTATION_RAD, MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, PoseCells,
+    PoseColumn,
+};
 use crate::measurement::csv_text::{decode, refuse_endless_rows};
+use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::{MeasurementSet, Point};
 use std::borrow::Cow;
 
@@ -61,6 +66,40 @@ pub fn parse_with_times(
     n_joints: usize,
     is_time: fn(&str) -> bool,
 ) -> Result<MeasurementSet, ParseError> {
+    let conventions = Conventions {
+        decimal,
+        rotation: None,
+        is_time,
+    };
+    parse_as(conventions, bytes, frame, n_joints)
+}
+
+/// What a file does not say of itself.
+#[derive(Clone, Copy)]
+pub struct Conventions {
+    /// How it writes numbers.
+    pub decimal: Decimal,
+    /// What rx_deg, ry_deg and rz_deg mean.
+    pub rotation: Option<RotationConvention>,
+    /// What `measured_at` may hold.
+    pub is_time: fn(&str) -> bool,
+}
+
+/// As [`parse_with_times`], of a file that may have poses.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_as(
+    conventions: Conventions,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, ParseError> {
+    let Conventions {
+        decimal,
+        rotation,
+        is_time,
+    } = conventions;
     let text = decode(bytes, decimal)?;
     refuse_endless_rows(text.as_bytes(), decimal.separator())?;
     let mut reader = csv::ReaderBuilder::new();
@@ -73,7 +112,7 @@ pub fn parse_with_times(
         .headers()
         .map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?
         .clone();
-    let columns = parse_header(&header, n_joints)?;
+    let columns = parse_header(&header, n_joints, rotation)?;
     let mut issues = Vec::new();
     let mut points = Vec::new();
     let mut record = csv::StringRecord::new();
@@ -98,6 +137,7 @@ pub fn parse_with_times(
                     &Reading {
                         n_joints,
                         decimal,
+                        rotation,
                         is_time,
                     },
                     &mut issues,
@@ -152,8 +192,13 @@ pub(super) fn parse_row(
     }
     let mut point = Point::empty(reading.n_joints, row);
     let before = issues.len();
+    let mut of_pose = PoseCells::default();
     for ((cell, column), name) in record.iter().zip(columns).zip(header) {
-        if let Err((code, detail)) = fill(&mut point, *column, cell.trim(), reading) {
+        let filled = match column {
+            Column::OfPose(column) => fill_pose(&mut of_pose, *column, cell.trim(), reading),
+            column => fill(&mut point, *column, cell.trim(), reading),
+        };
+        if let Err((code, detail)) = filled {
             let detail = format!("row {row}, column {name}: {detail}");
             issues.push(Issue {
                 row: Some(row),
@@ -162,6 +207,17 @@ pub(super) fn parse_row(
                 detail,
             });
         }
+    }
+    if issues.len() == before
+        && let Err((column, code, detail)) = of_pose.finish(&mut point, reading.rotation)
+    {
+        let detail = format!("row {row}, column {column}: {detail}");
+        issues.push(Issue {
+            row: Some(row),
+            column: Some(column.into()),
+            code,
+            detail,
+        });
     }
     (issues.len() == before).then_some(point)
 }
@@ -200,7 +256,37 @@ type CellError = (&'static str, String);
 pub(super) struct Reading {
     pub(super) n_joints: usize,
     pub(super) decimal: Decimal,
+    pub(super) rotation: Option<RotationConvention>,
     pub(super) is_time: fn(&str) -> bool,
+}
+
+/// The cell of a column that only poses have.
+fn fill_pose(
+    cells: &mut PoseCells,
+    column: PoseColumn,
+    cell: &str,
+    reading: &Reading,
+) -> Result<(), CellError> {
+    let degree = std::f64::consts::PI / 180.0;
+    let (factor, least, most) = match column {
+        PoseColumn::Quaternion(_) => (1.0, f64::NEG_INFINITY, 1.0 + MAX_QUATERNION_OFF),
+        PoseColumn::Angle(_) => (degree, f64::NEG_INFINITY, MAX_ROTATION_RAD),
+        PoseColumn::StdAxis(_) => (1.0, MIN_STD_MM, MAX_STD_MM),
+        PoseColumn::StdRotationAxis(_) | PoseColumn::StdRotation => {
+            (degree, MIN_STD_ROTATION_RAD, MAX_STD_ROTATION_RAD)
+        }
+        PoseColumn::Kind => {
+            cells.set_kind(&label(cell)?);
+            return Ok(());
+        }
+    };
+    let value = number(cell, reading.decimal, factor, most)?;
+    if value < least {
+        let detail = format!("{cell} is not a standard uncertainty; it has to be positive");
+        return Err(("out_of_range", detail));
+    }
+    cells.set(column, value);
+    Ok(())
 }
 
 fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Result<(), CellError> {
@@ -243,6 +329,8 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
             }
             point.sweep_joint = Some(joint);
         }
+        // see fill_pose
+        Column::OfPose(_) => {}
     }
     Ok(())
 }

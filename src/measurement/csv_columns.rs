@@ -1,6 +1,8 @@
 //! The header of a file of measurements: which columns there are, and in which unit.
 
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
+use crate::measurement::csv_pose::{PoseColumn, header_issues, pose_column};
+use crate::measurement::rotation_convention::RotationConvention;
 use std::collections::BTreeMap;
 
 /// What a column holds, and the factor from its unit to mm or rad.
@@ -18,12 +20,14 @@ pub(super) enum Column {
     Sequence,
     TemperatureC,
     SweepJoint,
+    OfPose(PoseColumn),
 }
 
 /// What each column of a header holds; refused where one is unknown, missing or in two units.
 pub(super) fn parse_header(
     header: &csv::StringRecord,
     n_joints: usize,
+    rotation: Option<RotationConvention>,
 ) -> Result<Vec<Column>, ParseError> {
     let mut issues = Vec::new();
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
@@ -46,6 +50,11 @@ pub(super) fn parse_header(
     }
     if issues.is_empty() {
         issues = missing_columns(&columns, n_joints);
+    }
+    if issues.is_empty() {
+        let has = |name: &str| seen.contains_key(name);
+        let of_poses = header_issues(&has, rotation).into_iter();
+        issues.extend(of_poses.map(|(column, code, detail)| column_issue(&column, code, detail)));
     }
     if issues.is_empty() {
         Ok(columns)
@@ -72,7 +81,10 @@ pub(super) fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
         "sequence" => Column::Sequence,
         "temperature_c" => Column::TemperatureC,
         "sweep_joint" => Column::SweepJoint,
-        _ => return joint_column(name, n_joints),
+        _ => match pose_column(name) {
+            Some(of_pose) => Column::OfPose(of_pose),
+            None => return joint_column(name, n_joints),
+        },
     };
     Ok(plain)
 }
@@ -85,7 +97,8 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
         } else {
             format!(
                 "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, subset, \
-                 measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint"
+                 measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint, kind; of poses quat_w quat_x quat_y quat_z or rx_deg \
+                 ry_deg rz_deg, std_x_mm …, std_rotation_deg or std_rx_deg …"
             )
         };
         return Err(column_issue(

@@ -1,8 +1,8 @@
 //! A measurement set: joint values and where the instrument saw the target.
 
 use crate::measurement::conventions::{Frame, Subset};
-use nalgebra::Vector3;
-use std::collections::BTreeMap;
+use nalgebra::{Rotation3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One measured position.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +30,14 @@ pub struct Point {
     pub temperature_c: Option<f64>,
     /// The joint this point sweeps (1-based), in a file of sweeps.
     pub sweep_joint: Option<usize>,
+    /// How the target was turned in the measuring frame, of a pose.
+    pub rotation: Option<Rotation3<f64>>,
+    /// The three angles that it was written by, rad, where it was.
+    pub rotation_angles_rad: Option<Vector3<f64>>,
+    /// The position's standard uncertainty along each axis of the measuring frame, mm.
+    pub std_axes_mm: Option<Vector3<f64>>,
+    /// Standard uncertainty of a coordinate of the rotation vector, rad.
+    pub std_rotation_rad: Option<f64>,
 }
 
 /// All points of one upload, in file order.
@@ -56,7 +64,19 @@ impl Point {
             sequence: row as i64,
             temperature_c: None,
             sweep_joint: None,
+            rotation: None,
+            rotation_angles_rad: None,
+            std_axes_mm: None,
+            std_rotation_rad: None,
         }
+    }
+}
+
+impl Point {
+    /// Standard uncertainty of a coordinate of the position, mm: where it is stated by axis, the root mean square of the three.
+    pub fn position_std_mm(&self) -> Option<f64> {
+        let of_axes = self.std_axes_mm.map(|axes| axes.norm() / 3.0_f64.sqrt());
+        self.std_mm.or(of_axes)
     }
 }
 
@@ -75,12 +95,23 @@ impl MeasurementSet {
 
     /// Configurations in order of their first row.
     pub fn configurations(&self) -> Vec<&str> {
-        let mut seen = std::collections::BTreeSet::new();
+        let mut seen = BTreeSet::new();
         self.points
             .iter()
             .map(|p| p.configuration.as_str())
             .filter(|c| seen.insert(*c))
             .collect()
+    }
+
+    /// True if poses were measured, not positions alone.
+    pub fn has_poses(&self) -> bool {
+        self.points.iter().any(|p| p.rotation.is_some())
+    }
+
+    /// Targets whose poses were measured.
+    pub fn posed_targets(&self) -> BTreeSet<usize> {
+        let posed = self.points.iter().filter(|p| p.rotation.is_some());
+        posed.map(|p| p.target).collect()
     }
 
     /// Number of targets: one more than the largest index.

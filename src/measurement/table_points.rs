@@ -6,6 +6,8 @@ use crate::measurement::conventions::{Decimal, Frame};
 use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
+use crate::measurement::csv_pose::header_issues;
+use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::{MeasurementSet, Point};
 use crate::measurement::table::{Next, Table};
 use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
@@ -76,6 +78,8 @@ pub struct TableOptions<'a> {
     pub n_joints: usize,
     /// What it must hold.
     pub needs: Needs,
+    /// What angles of poses mean.
+    pub rotation: Option<RotationConvention>,
     /// What `measured_at` may hold.
     pub is_time: fn(&str) -> bool,
 }
@@ -99,7 +103,7 @@ pub struct Preview {
 /// [`TableError`] with line, row, column and a remedy for everything that is wrong.
 pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableError> {
     let table = Table::find(source, options.mapping)?;
-    let columns = resolve(&table, options.mapping, options.n_joints, options.needs);
+    let columns = resolved(&table, options);
     if !columns.issues.is_empty() {
         return Err(ParseError::new(columns.issues).into());
     }
@@ -109,6 +113,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
     let reading = Reading {
         n_joints: options.n_joints,
         decimal,
+        rotation: options.rotation,
         is_time: options.is_time,
     };
     let mut content = Rows::default();
@@ -141,6 +146,24 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
     })
 }
 
+/// The columns of a table; what is wrong with those of poses as a whole is among their issues.
+fn resolved(table: &Table, options: &TableOptions) -> Columns {
+    let mut columns = resolve(table, options.mapping, options.n_joints, options.needs);
+    if options.needs != Needs::Joints && columns.issues.is_empty() {
+        let has = |name: &str| columns.used.iter().any(|used| used.means == name);
+        let of_poses = header_issues(&has, options.rotation).into_iter();
+        columns.issues = of_poses
+            .map(|(column, code, detail)| Issue {
+                row: None,
+                column: Some(column),
+                code,
+                detail,
+            })
+            .collect();
+    }
+    columns
+}
+
 /// Reads a table that holds joint values and positions.
 ///
 /// # Errors
@@ -167,7 +190,7 @@ pub fn preview(
     n_rows: usize,
 ) -> Result<Preview, TableError> {
     let table = Table::find(source, options.mapping)?;
-    let columns = resolve(&table, options.mapping, options.n_joints, options.needs);
+    let columns = resolved(&table, options);
     let parts = Parts::new(&table, &columns, options);
     let decimal = parts.decimal(options.mapping).unwrap_or(Decimal::Point);
     let understood = parts.understood(&columns, decimal, options);
@@ -250,7 +273,11 @@ impl<'t> Parts<'t> {
         let is_number = |column: &Column| {
             matches!(
                 column,
-                Column::Joint(..) | Column::Position(..) | Column::StdMm | Column::TemperatureC
+                Column::Joint(..)
+                    | Column::Position(..)
+                    | Column::StdMm
+                    | Column::TemperatureC
+                    | Column::OfPose(_)
             )
         };
         let numbers: Vec<(usize, Option<Column>)> = self

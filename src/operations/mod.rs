@@ -12,6 +12,7 @@ mod plan_poses;
 mod posture;
 mod predict;
 pub mod robot_models;
+pub mod rotation_convention;
 mod table_preview;
 pub mod urdf;
 pub mod xml_limits;

@@ -28,6 +28,7 @@ pub fn preview_table(
     let options = UploadOptions {
         columns: files.columns.as_ref().unwrap_or(columns),
         decimal,
+        rotation: None,
         frame: Frame::Instrument,
         n_joints,
         is_time: crate::wire::time::is_rfc3339,

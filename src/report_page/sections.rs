@@ -231,6 +231,12 @@ fn half_rows(name: &str, half: &SubsetReport) -> Markup {
         (row(&format!("{name} ({})", half.n_points), "before", &half.before))
         (row("", "after", &half.after))
         @if let Some(corrected) = half.corrected.as_ref().filter(|corrected| **corrected != half.after) { (row("", "after, with corrections", corrected)) }
+        @if let Some(rotation) = &half.rotation {
+            tr {
+                td { (name) ", rotation, rms" } td { "before, after" }
+                td.n colspan="4" { (format!("{:.4}°, {:.4}°", rotation.before.rms_deg, rotation.after.rms_deg)) }
+            }
+        }
     }
 }
 

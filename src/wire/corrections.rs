@@ -9,7 +9,7 @@ use crate::kinematics::{
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::target::{Target, target_position};
+use crate::wire::target::{Target, target_position, target_rotations};
 use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -291,6 +291,7 @@ impl CorrectionsContent {
                 targets_mm: (0..n_targets)
                     .map(|target| target_mm(target).unwrap_or_else(Vector3::zeros))
                     .collect(),
+                target_rotations: target_rotations(&self.targets, segment),
             },
             corrections: Corrections {
                 compliance: Compliance {

@@ -1,12 +1,16 @@
 //! Measurement sets: parsing of CSV and JSON, and their summary.
 
+use crate::measurement::RotationConvention;
+use crate::measurement::csv::Conventions;
 use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
+use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
+use crate::measurement::rotation_convention::CONVENTIONS;
 pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point};
 pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};
-use crate::wire::angle::to_radians;
+use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
@@ -59,6 +63,9 @@ pub struct PointBody {
     pub q_deg: Vec<f64>,
     /// Measured position of the target, mm.
     pub position_mm: [f64; 3],
+    /// How the target was turned in the measuring frame, of a pose: w, x, y, z, of length 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
     /// Points of one arm configuration share this label; default: equal joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub configuration: Option<String>,
@@ -72,6 +79,9 @@ pub struct PointBody {
     /// Its own standard uncertainty, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_mm: Option<f64>,
+    /// Standard uncertainty of the rotation about each axis, degrees, of a pose.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_rotation_deg: Option<f64>,
     /// Label of the instrument's set-up.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub station: Option<String>,
@@ -141,6 +151,32 @@ pub fn declared_decimal(content_type: &str) -> Option<Decimal> {
     })
 }
 
+/// Parameter of a content type that declares what the angles of poses mean; stored like [`DECIMAL_COMMA`].
+const ROTATION: &str = "rotation=";
+
+/// A content type that declares a convention of rotations.
+pub fn with_rotation(content_type: &str, convention: RotationConvention) -> String {
+    format!("{content_type}; {ROTATION}{convention}")
+}
+
+/// Convention of rotations, from a CSV file's content type.
+fn declared_rotation(content_type: &str) -> Option<RotationConvention> {
+    let mut parameters = content_type.split(';').skip(1).map(str::trim);
+    parameters.find_map(|parameter| parameter.strip_prefix(ROTATION)?.parse().ok())
+}
+
+/// Parses the name of a convention of rotations.
+///
+/// # Errors
+/// [`Invalid`] with what it may be.
+pub fn rotation_convention(name: &str) -> Result<RotationConvention, Invalid> {
+    name.parse().map_err(|_| {
+        let shown: String = name.chars().take(40).collect();
+        let detail = format!("{shown:?} is no convention of rotations; it is {CONVENTIONS}");
+        Invalid::at("/rotation", "unknown_rotation", detail)
+    })
+}
+
 /// Check of `measured_at`: new uploads must have a time, older stored ones may have any label.
 type TimeCheck = fn(&str) -> bool;
 
@@ -155,6 +191,8 @@ pub struct Upload<'a> {
     pub columns: &'a ColumnsBody,
     /// Its decimal mark, where the caller states it beside the content type.
     pub decimal: Option<Decimal>,
+    /// What angles of poses mean, where the caller states it beside the content type.
+    pub rotation: Option<RotationConvention>,
     /// The frame of every position.
     pub frame: Frame,
 }
@@ -169,6 +207,7 @@ pub fn from_table(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<Measure
         bytes,
         columns: &ColumnsBody::default(),
         decimal: None,
+        rotation: None,
         frame,
     };
     Ok(from_file(&upload, n_joints)?.0)
@@ -203,6 +242,9 @@ pub fn from_file(
         decimal: upload
             .decimal
             .or_else(|| declared_decimal(upload.content_type)),
+        rotation: upload
+            .rotation
+            .or_else(|| declared_rotation(upload.content_type)),
         frame: upload.frame,
         n_joints,
         is_time: is_rfc3339,
@@ -225,20 +267,29 @@ pub fn from_upload(
     if is_json(content_type) {
         return parse_json(bytes, frame, n_joints, |_| true);
     }
+    let rotation = declared_rotation(content_type);
     if let Some(reading) = reading_json {
-        return table_upload::read_again(content_type, reading, bytes, frame, n_joints);
+        let stored = StoredTable {
+            content_type,
+            reading_json: reading,
+            bytes,
+            rotation,
+        };
+        return table_upload::read_again(&stored, frame, n_joints);
     }
-    let decimal = declared_decimal(content_type).unwrap_or_default();
-    measurement::csv::parse_with_times(decimal, bytes, frame, n_joints, |_| true).map_err(|error| {
-        Invalid {
-            code: "invalid_measurements",
-            issues: error
-                .issues
-                .into_iter()
-                .take(MAX_ISSUES)
-                .map(csv_issue)
-                .collect(),
-        }
+    let conventions = Conventions {
+        decimal: declared_decimal(content_type).unwrap_or_default(),
+        rotation,
+        is_time: |_| true,
+    };
+    measurement::csv::parse_as(conventions, bytes, frame, n_joints).map_err(|error| Invalid {
+        code: "invalid_measurements",
+        issues: error
+            .issues
+            .into_iter()
+            .take(MAX_ISSUES)
+            .map(csv_issue)
+            .collect(),
     })
 }
 
@@ -318,6 +369,7 @@ impl MeasurementSetBody {
             );
             checker.note(format!("/points/{i}/std_mm"), "mixed_std_mm", detail);
         }
+        self.check_kinds(&mut checker);
         checker.finish("invalid_measurements")?;
         let points = self
             .points
@@ -326,6 +378,35 @@ impl MeasurementSetBody {
             .map(|(row, point)| point.point(row))
             .collect();
         Ok(MeasurementSet::new(frame, points))
+    }
+
+    /// Poses and positions are sets of their own.
+    fn check_kinds(&self, checker: &mut Checker) {
+        let n_poses = self
+            .points
+            .iter()
+            .filter(|p| p.quaternion.is_some())
+            .count();
+        let lacks = |p: &PointBody| n_poses > 0 && p.quaternion.is_none();
+        if let Some(i) = self.points.iter().position(lacks) {
+            let detail = format!(
+                "{n_poses} of {} points are poses and this one has no quaternion; upload positions and poses as sets of their own",
+                self.points.len()
+            );
+            checker.note(format!("/points/{i}/quaternion"), "mixed_kinds", detail);
+        }
+        let with_std = self
+            .points
+            .iter()
+            .filter(|p| p.std_rotation_deg.is_some())
+            .count();
+        if with_std > 0 && with_std < self.points.len() {
+            let detail = format!(
+                "{with_std} of {} points have std_rotation_deg; give it to every pose or to none",
+                self.points.len()
+            );
+            checker.note("/points", "mixed_std_rotation_deg", detail);
+        }
     }
 
     /// The frame in the body, else that in the query; none if neither has one.
@@ -386,6 +467,19 @@ impl PointBody {
                 format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
             checker.note(format!("{at}/std_mm"), "out_of_range", detail);
         }
+        if let Some(Err((code, detail))) = self.quaternion.map(unit_quaternion) {
+            checker.note(format!("{at}/quaternion"), code, detail);
+        }
+        let range_deg = to_degrees(MIN_STD_ROTATION_RAD)..=to_degrees(MAX_STD_ROTATION_RAD);
+        if let Some(std) = self.std_rotation_deg.filter(|std| !range_deg.contains(std)) {
+            let detail =
+                format!("{std}: a standard uncertainty of a rotation is above 0 and at most 90°");
+            checker.note(format!("{at}/std_rotation_deg"), "out_of_range", detail);
+        }
+        if self.std_rotation_deg.is_some() && self.quaternion.is_none() {
+            let detail = "a position has no rotation whose uncertainty this could be";
+            checker.note(format!("{at}/std_rotation_deg"), "mixed_kinds", detail);
+        }
         if let Some(temperature_c) = self.temperature_c {
             checker.magnitude(
                 format!("{at}/temperature_c"),
@@ -424,6 +518,10 @@ impl PointBody {
             sequence: self.sequence.unwrap_or(row as i64),
             temperature_c: self.temperature_c,
             sweep_joint: None,
+            rotation: self.quaternion.and_then(|q| unit_quaternion(q).ok()),
+            std_axes_mm: None,
+            std_rotation_rad: self.std_rotation_deg.map(to_radians),
+            rotation_angles_rad: None,
         }
     }
 }

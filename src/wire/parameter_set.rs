@@ -13,7 +13,7 @@ use crate::wire::measurement::{Frame, Warning};
 pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
 pub use crate::wire::target::Target;
-use crate::wire::target::target_position;
+use crate::wire::target::{target_position, target_rotations};
 use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -199,6 +199,7 @@ impl ParameterSetContent {
             t_instrument_base: IsometryMatrix3::from(&self.t_instrument_base),
             links: self.kinematic_links(),
             targets_mm: (0..n_targets).map(target_mm).collect(),
+            target_rotations: target_rotations(&self.targets, segment),
         }
     }
 
@@ -268,6 +269,7 @@ fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Targe
         target: *target,
         segment: moved(*target).then_some(*segment as u32),
         position_mm: (*position).into(),
+        quaternion: None,
     };
     let mut targets: Vec<Target> = report
         .target_segments
@@ -275,6 +277,9 @@ fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Targe
         .zip(targets_mm)
         .map(of)
         .collect();
+    for (target, rotation) in targets.iter_mut().zip(&report.target_rotations) {
+        target.quaternion = Some(Target::quaternion_of(rotation));
+    }
     targets.sort_by_key(|t| (t.target, t.segment));
     targets
 }

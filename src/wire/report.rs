@@ -4,7 +4,8 @@ use crate::calibration::CalibrationReport;
 use crate::calibration::report::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, FinalErrors, MethodComparison, ParameterOutcome, PointErrors,
-    PoseRepeatability, PriorOutcome, Repeatability, SubsetErrors,
+    PoseRepeatability, PriorOutcome, Repeatability, RotationErrors, RotationErrorsOfBoth,
+    SubsetErrors,
 };
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
@@ -15,8 +16,8 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
     ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
     Evidence as VerifyEvidence, FinalFitReport, IdentifiabilityReport, ParameterReport,
-    PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report, SubsetReport,
-    ToolUncertaintyReport,
+    PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report,
+    RotationErrorsReport, RotationReport, SubsetReport, ToolUncertaintyReport,
 };
 
 /// Facts of a run that the core does not know.
@@ -215,6 +216,27 @@ impl From<&SubsetErrors> for SubsetReport {
             before: (&s.before).into(),
             after: (&s.after).into(),
             corrected: s.corrected.as_ref().map(Into::into),
+            rotation: s.rotation.map(Into::into),
+        }
+    }
+}
+
+impl From<RotationErrorsOfBoth> for RotationReport {
+    fn from(r: RotationErrorsOfBoth) -> Self {
+        Self {
+            n_poses: r.n_poses,
+            before: r.before.into(),
+            after: r.after.into(),
+        }
+    }
+}
+
+impl From<RotationErrors> for RotationErrorsReport {
+    fn from(e: RotationErrors) -> Self {
+        Self {
+            mean_deg: to_degrees(e.mean_rad),
+            rms_deg: to_degrees(e.rms_rad),
+            max_deg: to_degrees(e.max_rad),
         }
     }
 }
@@ -232,6 +254,8 @@ impl From<&PointErrors> for PointReport {
             before_vector_mm: Some(p.before_vector_mm.into()),
             after_vector_mm: Some(p.after_vector_mm.into()),
             corrected_vector_mm: p.corrected_vector_mm.map(Into::into),
+            before_rotation_deg: p.rotation_rad.map(|both| to_degrees(both[0])),
+            after_rotation_deg: p.rotation_rad.map(|both| to_degrees(both[1])),
             outlier: p.is_outlier,
         }
     }

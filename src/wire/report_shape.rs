@@ -121,6 +121,31 @@ pub struct SubsetReport {
     /// Of the links with corrections: as `after` if none is used, absent if corrections were not searched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<ErrorsReport>,
+    /// Rotation errors of the poses; absent if positions alone were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<RotationReport>,
+}
+
+/// Angles between measured poses and where the robots have them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RotationReport {
+    /// Poses in it.
+    pub n_poses: usize,
+    /// Of the nominal robot.
+    pub before: RotationErrorsReport,
+    /// Of the identified links.
+    pub after: RotationErrorsReport,
+}
+
+/// Mean, root mean square and maximum of the angles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RotationErrorsReport {
+    /// Mean, degrees.
+    pub mean_deg: f64,
+    /// Root mean square, degrees.
+    pub rms_deg: f64,
+    /// Largest, degrees.
+    pub max_deg: f64,
 }
 
 /// The delivered parameters beside those that were verified.
@@ -162,6 +187,12 @@ pub struct PointReport {
     /// Measured − predicted by the links with corrections, in the measuring frame, mm; as `corrected_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_vector_mm: Option<[f64; 3]>,
+    /// Angle between the measured pose and that of the nominal robot, degrees; absent of a position.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub before_rotation_deg: Option<f64>,
+    /// And that of the identified robot, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after_rotation_deg: Option<f64>,
     /// A warning names the point as an outlier, and comparisons leave it out; absent if false.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub outlier: bool,

@@ -23,6 +23,8 @@ pub enum Insist {
     RobotMismatch,
     /// No hypothesis brings the robot near the points.
     PoorAlignment,
+    /// The rotations seem to be written by another convention.
+    RotationSuspect,
 }
 
 impl Insist {
@@ -35,6 +37,7 @@ impl Insist {
             Self::JointMapSuspect => "joint_map_suspect",
             Self::RobotMismatch => "robot_mismatch",
             Self::PoorAlignment => "poor_alignment",
+            Self::RotationSuspect => "rotation_suspect",
         }
     }
 

@@ -5,7 +5,7 @@ use crate::measurement::join::join;
 use crate::measurement::table_columns::Needs;
 use crate::measurement::table_points::{self, Content, Preview, TableError, TableOptions};
 use crate::measurement::table_text::Source;
-use crate::measurement::{Decimal, Frame, MeasurementSet};
+use crate::measurement::{Decimal, Frame, MeasurementSet, RotationConvention};
 use crate::wire::columns::{ColumnsBody, FilePart};
 use crate::wire::issue::{Invalid, Issue, MAX_ISSUES};
 use crate::wire::multipart::{self, is_multipart};
@@ -77,6 +77,8 @@ pub struct UploadOptions<'a> {
     pub columns: &'a ColumnsBody,
     /// The decimal mark, where it is stated beside the mapping.
     pub decimal: Option<Decimal>,
+    /// What angles of poses mean.
+    pub rotation: Option<RotationConvention>,
     /// The frame of the positions.
     pub frame: Frame,
     /// The robot's number of links.
@@ -128,17 +130,34 @@ fn joined(
     Ok((MeasurementSet::new(frame, points), reading))
 }
 
+/// A stored upload, and how it was read.
+#[derive(Clone, Copy, Debug)]
+pub struct StoredTable<'a> {
+    /// Its content type.
+    pub content_type: &'a str,
+    /// [`Reading`].
+    pub reading_json: &'a str,
+    /// Its bytes.
+    pub bytes: &'a [u8],
+    /// What angles of poses mean.
+    pub rotation: Option<RotationConvention>,
+}
+
 /// Reads a stored upload in the way that was stored with it.
 ///
 /// # Errors
 /// [`Invalid`]; does not happen for what was accepted once.
 pub fn read_again(
-    content_type: &str,
-    reading_json: &str,
-    bytes: &[u8],
+    stored: &StoredTable<'_>,
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
+    let StoredTable {
+        content_type,
+        reading_json,
+        bytes,
+        rotation,
+    } = *stored;
     let reading: Reading = serde_json::from_str(reading_json)
         .map_err(|error| Invalid::at("", "unreadable", error.to_string()))?;
     let files = Files::new(content_type, bytes)?;
@@ -146,6 +165,7 @@ pub fn read_again(
     let options = UploadOptions {
         columns: &columns,
         decimal: None,
+        rotation,
         frame,
         n_joints,
         is_time: |_| true,
@@ -214,6 +234,7 @@ fn one(
             mapping: &mapping,
             n_joints: options.n_joints,
             needs: needs(part),
+            rotation: options.rotation,
             is_time: options.is_time,
         };
         table_points::read(source, &options).map_err(|error| table_error(&error))
@@ -238,6 +259,7 @@ pub fn preview(
         mapping: &mapping,
         n_joints: options.n_joints,
         needs: needs(part),
+        rotation: options.rotation,
         is_time: options.is_time,
     };
     table_points::preview(source, &options, n_rows)

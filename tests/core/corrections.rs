@@ -76,6 +76,7 @@ fn derivatives_equal_central_differences() {
             position_mm: random.vector() * 1000.0,
             target: i % 2,
             weight: 1.0 + i as f64,
+            rotation: None,
         })
         .collect();
     let network = ResidualNetwork {

@@ -65,6 +65,7 @@ impl Making {
             t_instrument_base: IsometryMatrix3::from_parts(at, turn),
             links,
             targets_mm: vec![self.target_mm],
+            target_rotations: vec![],
         }
     }
 
@@ -78,6 +79,7 @@ impl Making {
                 q_rad,
                 target: 0,
                 weight: 1.0,
+                rotation: None,
             }
         };
         (0..n).map(one).collect()

@@ -67,6 +67,7 @@ impl Upload {
                 t_instrument_base: report.t_instrument_base,
                 links: report.links.clone(),
                 targets_mm: report.targets_mm.clone(),
+                target_rotations: vec![],
             },
             corrected: report.corrected.clone(),
         };

@@ -25,6 +25,7 @@ fn identified(robot: &Robot, set: &MeasurementSet) -> KinematicModel {
         t_instrument_base: report.t_instrument_base,
         links: report.links,
         targets_mm: report.targets_mm,
+        target_rotations: vec![],
     }
 }
 

@@ -49,6 +49,7 @@ fn simulated(
         t_instrument_base: truth.0,
         links: robot.links.clone(),
         targets_mm: vec![Vector3::new(0.0, 0.0, truth.1)],
+        target_rotations: vec![],
     };
     let measured = |p: &Point| {
         let noise = Vector3::new(normal(), normal(), normal()) * noise_mm;

@@ -110,6 +110,7 @@ fn observations(set: &MeasurementSet, subset: Option<Subset>) -> Vec<Observation
             position_mm: p.position_mm,
             target: p.target,
             weight: 1.0,
+            rotation: None,
         })
         .collect()
 }
@@ -411,6 +412,7 @@ fn base_and_targets_are_found_wherever_the_instrument_stands() {
             ),
             links: robot.links.clone(),
             targets_mm: vec![Vector3::new(120.0, -35.0, 90.0 - 10.0 * f64::from(k))],
+            target_rotations: vec![],
         };
         let set = measured_on(&truth, &like, Frame::Instrument);
         let found = start::fit_base_and_targets(&robot.links, &observations(&set, None), 1);
@@ -506,6 +508,7 @@ fn sweeps_merge_z_t_into_d6_and_take_it_out_again() {
         t_instrument_base: report.t_instrument_base,
         links: report.links,
         targets_mm: report.targets_mm,
+        target_rotations: vec![],
     };
     assert!(
         cost(&delivered, &observations(&set, None)) < 1e-10,
@@ -1021,6 +1024,7 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
             position_mm: p.position_mm,
             target: 0,
             weight: 1.0,
+            rotation: None,
         })
         .collect();
     let parameters = paper_parameters(links.len());
@@ -1068,6 +1072,7 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
         target: 0,
         // Some points have a larger weight.
         weight: if p.q_rad[0] > 0.0 { 2.5 } else { 1.0 },
+        rotation: None,
     };
     let nominal = KinematicModel::nominal(&links, 1);
     for set in ["first.csv", "first_noisy.csv"] {

@@ -19,6 +19,7 @@ mod numeric_solvers;
 mod paper_pins;
 mod partial;
 mod planning;
+mod poses;
 mod priors;
 mod real_robots;
 mod repeatability;

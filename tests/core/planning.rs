@@ -31,6 +31,7 @@ fn model_of(robot: &Robot, target_mm: Vector3<f64>) -> KinematicModel {
         t_instrument_base: IsometryMatrix3::identity(),
         links: robot.links.clone(),
         targets_mm: vec![target_mm],
+        target_rotations: vec![],
     }
 }
 
@@ -44,6 +45,7 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
             position_mm: Vector3::zeros(),
             target: 0,
             weight: 1.0,
+            rotation: None,
         };
         weighted_jacobian(
             &model,
@@ -199,6 +201,7 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
             position_mm: Vector3::zeros(),
             target: 0,
             weight: 1.0,
+            rotation: None,
         })
         .collect();
     let alone = plan(&PlanRequest {

@@ -474,6 +474,7 @@ fn a_session_that_ends_badly_is_not_said_to_have_moved() {
             t_instrument_base: report.t_instrument_base,
             links: report.links.clone(),
             targets_mm: report.targets_mm.clone(),
+            target_rotations: vec![],
         };
         for q in poses(20, &mut random) {
             let off = (found.position(&q, 0) - truth.position(&q, 0)).norm();

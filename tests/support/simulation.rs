@@ -289,6 +289,7 @@ pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> 
         Parameter::BaseTranslation(axis) => Some(truth.t_instrument_base.translation.vector[axis]),
         Parameter::BaseRotation(_) => None,
         Parameter::Target(target, axis) => Some(truth.targets_mm[target][axis]),
+        Parameter::TargetRotation(..) => None,
     }
 }
 
@@ -320,6 +321,7 @@ pub fn found(report: &kincal::calibration::CalibrationReport) -> KinematicModel 
         t_instrument_base: report.t_instrument_base,
         links: report.links.clone(),
         targets_mm: report.targets_mm.clone(),
+        target_rotations: vec![],
     }
 }
 

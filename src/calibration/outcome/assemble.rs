@@ -16,7 +16,7 @@ use crate::calibration::solve::final_fit::Final;
 use crate::calibration::solve::most_probable::DETERMINED;
 use crate::calibration::solve::solution::Found;
 use crate::calibration::validation::coverage::shows_little;
-use crate::calibration::validation::errors::{self, corrected_errors, errors};
+use crate::calibration::validation::errors::{self, corrected_errors, errors, rotation_errors};
 use crate::calibration::validation::repeatability::repeatability;
 use crate::calibration::validation::session_fit::own_scatter_mm;
 use crate::calibration::validation::verdict;
@@ -154,6 +154,7 @@ pub fn report(
                 before: &KinematicModel,
                 after: &KinematicModel,
                 robot: Option<&IdentifiedRobot>| {
+        let rotation = rotation_errors((before, points), (after, points));
         let (before, after) = (errors(before, points)?, errors(after, points)?);
         let corrected = robot.and_then(|robot| {
             if robot.corrected.is_some() {
@@ -167,6 +168,7 @@ pub fn report(
             before,
             after,
             corrected,
+            rotation,
         })
     };
     let Some(identify) = both(&problem.identify, &problem.nominal, model, robot.as_ref()) else {
@@ -217,6 +219,10 @@ pub fn report(
                 None => after.errors(),
             });
         let n_points = after.observed.all.len();
+        let rotation = rotation_errors(
+            (&before.model, &before.observed.all),
+            (&after.model, &after.observed.all),
+        );
         verify = before
             .errors()
             .zip(after.errors())
@@ -225,6 +231,7 @@ pub fn report(
                 before,
                 after,
                 corrected,
+                rotation,
             });
         let mut there = errors::per_point(
             (&before.observed, &before.model),
@@ -263,7 +270,7 @@ pub fn report(
         of_verify_set = vec![];
     }
     let fit = fit.map(|told| advised(told, request.refused_as.as_deref()));
-    let (links, t_instrument_base, targets_mm) = as_delivered(problem, delivered_model);
+    let as_delivered = as_delivered(problem, delivered_model);
     let misfit = fit
         .as_ref()
         .map(|told| told.code)
@@ -345,9 +352,10 @@ pub fn report(
         identifiability,
         comparison: answer.comparison,
         warnings: vec![],
-        links,
-        t_instrument_base,
-        targets_mm,
+        links: as_delivered.links,
+        t_instrument_base: as_delivered.t_instrument_base,
+        targets_mm: as_delivered.targets_mm,
+        target_rotations: as_delivered.target_rotations,
         target_segments: problem.screening.targets.segments.clone(),
         corrected: corrected.map(|c| corrected_as_delivered(problem, c)),
         corrections: corrections.map(|c| c.evidence),

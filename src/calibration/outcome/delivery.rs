@@ -4,25 +4,16 @@ use crate::calibration::problem::Problem;
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
 use crate::identification::corrected::CorrectedModel;
-use crate::kinematics::Link;
 use crate::measurement::Frame;
-use nalgebra::{IsometryMatrix3, Vector3};
+use nalgebra::IsometryMatrix3;
 
 /// Links, base and targets as the cell gets them: with sweeps, z_t is taken out of d of the last link again and becomes the target.
-pub fn as_delivered(
-    problem: &Problem<'_>,
-    model: &KinematicModel,
-) -> (Vec<Link>, IsometryMatrix3<f64>, Vec<Vector3<f64>>) {
-    let KinematicModel {
-        links,
-        t_instrument_base,
-        targets_mm,
-    } = delivered(problem, model);
-    (
-        links,
-        base_as_delivered(problem, &t_instrument_base),
-        targets_mm,
-    )
+pub fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
+    let delivered = delivered(problem, model);
+    KinematicModel {
+        t_instrument_base: base_as_delivered(problem, &delivered.t_instrument_base),
+        ..delivered
+    }
 }
 
 /// Links and base of a robot with corrections as the cell gets them.

@@ -87,7 +87,9 @@ impl Problem<'_> {
     pub fn reported(&self, model: &KinematicModel, parameter: &Parameter) -> f64 {
         let last_d = Parameter::Link(model.links.len() - 1, Quantity::D);
         match parameter {
-            Parameter::BaseRotation(_) => deviation_from(&self.nominal, model, parameter),
+            Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => {
+                deviation_from(&self.nominal, model, parameter)
+            }
             p if *p == last_d => {
                 let frames = self
                     .request

@@ -48,6 +48,7 @@ pub fn estimated(
         o.q_rad
             .iter()
             .chain(o.position_mm.iter())
+            .chain(o.rotation.iter().flat_map(|r| r.rotation.matrix().iter()))
             .map(|x| x.to_bits())
             .collect()
     };
@@ -68,15 +69,39 @@ pub fn estimated(
         }
         None => vec![],
     };
+    let rows = problem.rows(&observations, &held);
+    let (observations, configurations, stations) =
+        in_threes(&observations, &configurations, &stations);
     uncertainty(Session {
         model,
-        problem: &problem.rows(&observations, &held),
+        problem: &rows,
         observations: &observations,
         configurations: &configurations,
         stations: &stations,
         misfit,
         watch,
     })
+}
+
+/// Each pose as two observations of three rows: position and rotation. What the poses of a configuration share is apart for both.
+fn in_threes(
+    observations: &[Observation],
+    configurations: &[usize],
+    stations: &[Option<usize>],
+) -> (Vec<Observation>, Vec<usize>, Vec<Option<usize>>) {
+    let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
+    let (mut all, mut of_all, mut station_of) = (vec![], vec![], vec![]);
+    for (i, o) in observations.iter().enumerate() {
+        all.push(o.position_alone());
+        of_all.push(configurations[i]);
+        station_of.push(stations[i]);
+        if o.rotation.is_some() {
+            all.push(o.clone());
+            of_all.push(configurations[i] + n_configurations);
+            station_of.push(stations[i]);
+        }
+    }
+    (all, of_all, station_of)
 }
 
 /// Why no uncertainty is stated; `None` where it is.
@@ -192,6 +217,7 @@ mod tests {
             before: errors(2.0),
             after: errors(0.5),
             corrected,
+            rotation: None,
         };
         let of_links = ToolUncertainty {
             mean_mm: 0.1,

@@ -57,6 +57,14 @@ impl FittedTargets {
                     &name[name.len() - 1..]
                 )
             }
+            Parameter::TargetRotation(fitted, _) if fitted >= self.n_targets => {
+                let (target, segment) = self.segments[fitted];
+                let name = parameter.name();
+                format!(
+                    "target_{target}_segment_{segment}_{}",
+                    &name[name.len() - 2..]
+                )
+            }
             _ => parameter.name(),
         }
     }
@@ -119,6 +127,9 @@ impl Arrangement {
             let o = &mut observed.all[point];
             o.target = at[&(observed.targets[point], self.segments[point])];
             o.position_mm = (motion * Point3::from(observed.positions_mm[point])).coords;
+            if let Some((of_pose, measured)) = o.rotation.as_mut().zip(observed.rotations[point]) {
+                of_pose.rotation = motion.rotation * measured;
+            }
         }
     }
 

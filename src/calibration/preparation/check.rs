@@ -2,7 +2,9 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::equations::{generic_jacobian, model_rank, n_equations};
-use crate::calibration::preparation::observe::{DEFAULT_VERIFY_FRACTION, free_parameters, observe};
+use crate::calibration::preparation::observe::{
+    DEFAULT_VERIFY_FRACTION, free_parameters, observe, with_target_rotations,
+};
 use crate::calibration::preparation::placement::nominal_model;
 use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
 use crate::calibration::settings::settings;
@@ -34,9 +36,10 @@ const FEWEST_AT_REST: usize = 6;
 /// `search_box_too_small`, `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_model(request)?;
+    check_poses(request)?;
     let observed = observe(request)?;
     let n_targets = n_targets(request);
-    let parameters = free_parameters(request, n_targets)?;
+    let parameters = with_target_rotations(free_parameters(request, n_targets)?, &observed.all);
     check_network(request, &parameters)?;
     let identify = observed.of(Subset::Identify);
     check_targets(request, &identify, n_targets)?;
@@ -69,6 +72,25 @@ fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
         return Err(unusable("model_mismatch", detail));
     }
     Ok(())
+}
+
+/// What a job with poses cannot do yet is refused.
+fn check_poses(request: &CalibrationRequest) -> Result<(), Error> {
+    if !request.set.has_poses() {
+        return Ok(());
+    }
+    let refused = match request.method {
+        _ if request.model() == Model::Paper => {
+            "model \"paper\" is identified from positions, and the set has poses: ask for model \"complete\", or upload the set without its \
+             rotation columns"
+        }
+        Method::Pso | Method::BpnnPso => {
+            "swarms take positions alone, and the set has poses: ask for method \"auto\" or \"least_squares\", or upload the set without its \
+             rotation columns"
+        }
+        Method::Auto | Method::LeastSquares => return Ok(()),
+    };
+    Err(unusable("poses_not_supported", refused))
 }
 
 /// True if the request may start from this network: trained on the same model and link parameters.
@@ -145,7 +167,9 @@ fn check_determined(
     }
     let needed = model_rank(&request.robot, parameters, n_targets);
     if found < needed {
-        let more = ((needed - found).div_ceil(3) as f64 / identify_share(request)).ceil();
+        let per_configuration = if request.set.has_poses() { 6 } else { 3 };
+        let more =
+            ((needed - found).div_ceil(per_configuration) as f64 / identify_share(request)).ceil();
         let detail = format!(
             "{found} equations from distinct configurations in the identify subset cannot fix {needed} independent parameters ({}); measure at least {more} more \
              configurations, spread over the workspace, or hold parameters",

@@ -5,9 +5,11 @@ use crate::identification::identifiability::{decompose, prior_scales};
 use crate::identification::linearisation::scaled_jacobian_at;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
+use crate::identification::pose_rows::MeasuredRotation;
+use crate::identification::problem::usual_mm_per_rad;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::set::Configurations;
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,10 +22,17 @@ const ZERO: f64 = 1e-9;
 /// Positions of three and more points on a rigid flange fix six numbers, however many points there are.
 const EQUATIONS_PER_CONFIGURATION: usize = 6;
 
-/// Equations from distinct configurations: three for each target seen there, six at most. Counted until there are `enough`.
+/// What of a target was measured.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Part {
+    Position,
+    Rotation,
+}
+
+/// Equations from distinct configurations: three for each target seen there and for each that is turned, six at most. Counted until there are `enough`.
 pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
     let mut configurations = Configurations::default();
-    let mut targets_at: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+    let mut targets_at: BTreeMap<usize, BTreeSet<(usize, Part)>> = BTreeMap::new();
     let mut found = 0;
     for (row, o) in observations.iter().enumerate() {
         if found >= enough {
@@ -34,7 +43,10 @@ pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
             .or_default();
         let of = |n_targets: usize| (3 * n_targets).min(EQUATIONS_PER_CONFIGURATION);
         let before = of(targets.len());
-        targets.insert(o.target);
+        targets.insert((o.target, Part::Position));
+        if o.rotation.is_some() {
+            targets.insert((o.target, Part::Rotation));
+        }
         found += of(targets.len()) - before;
     }
     found
@@ -61,12 +73,13 @@ pub fn generic_jacobian(
 ) -> DMatrix<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
-    let observations: Vec<Observation> = (0..n_poses)
+    let mut observations: Vec<Observation> = (0..n_poses)
         .map(|i| Observation {
             q_rad: (0..robot.links.len()).map(|_| angle()).collect(),
             position_mm: Vector3::zeros(),
             target: i % n_targets.max(1),
             weight: 1.0,
+            rotation: None,
         })
         .collect();
     let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));
@@ -78,6 +91,21 @@ pub fn generic_jacobian(
         // off every axis of the robot, where a target is generic
         for (i, target) in model.targets_mm.iter_mut().enumerate() {
             *target = Vector3::new(0.036 + 0.01 * i as f64, -0.025, 0.057) * reach_mm;
+        }
+    }
+    // poses, where parameters are only seen by them
+    if parameters
+        .iter()
+        .any(|p| matches!(p, Parameter::TargetRotation(..)))
+    {
+        let mm_per_rad = usual_mm_per_rad(reach_mm);
+        model.target_rotations = vec![Rotation3::identity(); model.targets_mm.len()];
+        for o in &mut observations {
+            let predicted = model.rotation(&o.q_rad, o.target);
+            o.rotation = predicted.map(|rotation| MeasuredRotation {
+                rotation,
+                mm_per_rad,
+            });
         }
     }
     let scale = prior_scales(parameters, reach_mm);

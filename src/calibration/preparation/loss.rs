@@ -4,11 +4,12 @@ use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
 use crate::identification::KinematicModel;
 use crate::identification::estimate::FitSummary;
-use crate::identification::objective::{Observation, residuals};
+use crate::identification::objective::{Observation, residuals, squared_rows_mm2};
+use crate::identification::pose_rows::{MeasuredRotation, rotation_residual_rad};
 use crate::kinematics::batch::Bound;
+use crate::kinematics::rotation::rotation_exp;
 use crate::solvers::least_squares::{Iteration, Termination};
 use crate::solvers::loss::{self as losses, HUBER_K_95, TUKEY_C_95};
-use nalgebra::Vector3;
 use std::ops::ControlFlow;
 
 /// Reweightings at most; a handful is usual.
@@ -125,29 +126,41 @@ impl PointLoss {
         if !(scale_mm > 0.0 && mean_slope > SMALLEST_SLOPE) {
             return observations.to_vec();
         }
-        let pulled = residuals(model, observations)
-            .into_iter()
-            .zip(&lengths)
-            .map(|(e, s)| e * (loss.weight(*s) / mean_slope - 1.0));
+        let factors = lengths.iter().map(|s| loss.weight(*s) / mean_slope - 1.0);
         observations
             .iter()
-            .zip(pulled)
-            .map(|(o, change)| Observation {
-                position_mm: o.position_mm + change,
+            .zip(residuals(model, observations))
+            .zip(factors)
+            .map(|((o, e), factor)| Observation {
+                position_mm: o.position_mm + e * factor,
+                rotation: pulled_rotation(model, o, factor),
                 ..o.clone()
             })
             .collect()
     }
 }
 
-/// Length of each weighted residual, mm.
+/// A measured rotation with its residual 1 + `factor` times as large.
+fn pulled_rotation(
+    model: &KinematicModel,
+    o: &Observation,
+    factor: f64,
+) -> Option<MeasuredRotation> {
+    let measured = o.rotation?;
+    let Some(predicted) = model.rotation(&o.q_rad, o.target) else {
+        return Some(measured);
+    };
+    let w = rotation_residual_rad(&predicted, &measured);
+    Some(MeasuredRotation {
+        rotation: measured.rotation * rotation_exp(&(w * factor)),
+        ..measured
+    })
+}
+
+/// Length of each weighted residual, mm; of poses, rotation rows included.
 fn lengths(model: &KinematicModel, observations: &[Observation]) -> Vec<f64> {
-    residuals(model, observations)
-        .iter()
-        .map(Vector3::norm)
-        .zip(observations)
-        .map(|(e, o)| o.weight.sqrt() * e)
-        .collect()
+    let length = |o: &Observation| o.weight.sqrt() * squared_rows_mm2(model, o).sqrt();
+    observations.iter().map(length).collect()
 }
 
 /// Least squares, of points with any weights.

@@ -9,6 +9,7 @@ pub mod loss;
 pub mod motions;
 pub mod observe;
 pub mod placement;
+pub mod pose_weights;
 pub mod prepare;
 pub mod screening;
 pub mod stated_priors;

@@ -135,7 +135,9 @@ pub fn fit_motions(
     let (mut nominal, mut model) = (None, None);
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
-        let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
+        // what moved is told by positions alone
+        let of_position = |p: &usize| observed.all[*p].position_alone();
+        let fitted: Vec<Observation> = points.iter().map(of_position).collect();
         if subset.is_some() && arrangement.motions.len() < 2 {
             break;
         }
@@ -171,7 +173,8 @@ fn move_setups(
     points: &[usize],
 ) -> bool {
     let columns = Columns::new(model, &observed.all);
-    let fitted: Vec<Observation> = points.iter().map(|p| observed.all[*p].clone()).collect();
+    let of_position = |p: &usize| observed.all[*p].position_alone();
+    let fitted: Vec<Observation> = points.iter().map(of_position).collect();
     let derivatives = derivatives(model, parameters, &fitted, &columns, arrangement, points);
     let moving = moving(arrangement, points);
     let n_seen = derivatives.ncols() - 6 * moving.len();

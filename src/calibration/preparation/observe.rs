@@ -2,11 +2,15 @@
 
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice, VerifySource};
 use crate::calibration::{Error, unusable};
-use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, complete_parameters, paper_parameters};
-use crate::kinematics::Robot;
+use crate::identification::objective::{Observation, posed_targets};
+use crate::identification::parameters::{
+    Parameter, complete_parameters, paper_parameters, target_rotation_parameters,
+};
+use crate::identification::pose_rows::MeasuredRotation;
+use crate::identification::problem::usual_mm_per_rad;
+use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Subset, split};
-use nalgebra::{IsometryMatrix3, Point3, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Share of the configurations kept for verification where nothing else is said.
@@ -25,6 +29,8 @@ pub struct Observed {
     pub targets: Vec<usize>,
     /// Where each point was measured, mm, before the fit carried it anywhere.
     pub positions_mm: Vec<Vector3<f64>>,
+    /// And how its target was turned there, of poses.
+    pub rotations: Vec<Option<Rotation3<f64>>>,
 }
 
 impl Observed {
@@ -40,6 +46,7 @@ impl Observed {
             configurations: set.points.iter().map(|p| p.configuration.clone()).collect(),
             targets: all.iter().map(|o| o.target).collect(),
             positions_mm: all.iter().map(|o| o.position_mm).collect(),
+            rotations: all.iter().map(|o| Some(o.rotation?.rotation)).collect(),
             all,
         }
     }
@@ -127,12 +134,21 @@ fn observations(
     to_base: &IsometryMatrix3<f64>,
     subsets: &[Subset],
 ) -> Vec<Observation> {
-    let weights = weights(set, subsets);
+    // poses are weighed once the noise of position and rotation is known
+    let weights = match set.has_poses() {
+        true => vec![1.0; set.points.len()],
+        false => weights(set, subsets),
+    };
+    let mm_per_rad = usual_mm_per_rad(reach_mm(&robot.links));
     let observation = |(point, weight): (&crate::measurement::Point, f64)| Observation {
         q_rad: robot.q_model_rad(&point.q_rad),
         position_mm: (to_base * Point3::from(point.position_mm)).coords,
         target: point.target,
         weight,
+        rotation: point.rotation.map(|rotation| MeasuredRotation {
+            rotation: to_base.rotation * rotation,
+            mm_per_rad,
+        }),
     };
     set.points.iter().zip(weights).map(observation).collect()
 }
@@ -142,7 +158,7 @@ pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
     let all: Option<Vec<f64>> = set
         .points
         .iter()
-        .map(|p| p.std_mm.map(|std| 1.0 / (std * std)))
+        .map(|p| p.position_std_mm().map(|std| 1.0 / (std * std)))
         .collect();
     all.map_or(0.0, |precisions| {
         (precisions.len() as f64 / precisions.iter().sum::<f64>()).sqrt()
@@ -155,7 +171,7 @@ fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
     let all: Option<Vec<f64>> = set
         .points
         .iter()
-        .map(|p| p.std_mm.map(|std| 1.0 / (std * std)))
+        .map(|p| p.position_std_mm().map(|std| 1.0 / (std * std)))
         .collect();
     let Some(precisions) = all else {
         return vec![1.0; set.points.len()];
@@ -198,6 +214,15 @@ pub fn model_parameters(request: &CalibrationRequest, n_targets: usize) -> Vec<P
         Model::Paper => paper_parameters(links.len()),
         Model::Complete => complete_parameters(links.len(), n_targets),
     }
+}
+
+/// Parameters of a fit to some points: those that are free, and how targets are turned whose poses were measured.
+pub fn with_target_rotations(
+    mut parameters: Vec<Parameter>,
+    observations: &[Observation],
+) -> Vec<Parameter> {
+    parameters.extend(target_rotation_parameters(&posed_targets(observations)));
+    parameters
 }
 
 /// The free parameters: the model's, less what the request holds.

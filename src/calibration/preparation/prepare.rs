@@ -2,8 +2,9 @@
 
 use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::preparation::motions::parameters_of;
-use crate::calibration::preparation::observe::{Observed, observe};
+use crate::calibration::preparation::observe::{Observed, observe, with_target_rotations};
 use crate::calibration::preparation::placement::nominal_model;
+use crate::calibration::preparation::pose_weights::weigh_poses;
 use crate::calibration::preparation::screening::screen;
 use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
@@ -33,7 +34,8 @@ impl<'a> Problem<'a> {
     ) -> Result<Self, Error> {
         let (screening, arrangement) = screen(request, &mut observed, watch)?;
         let identify = observed.of(Subset::Identify);
-        let parameters = parameters_of(request, &screening.targets)?;
+        let parameters =
+            with_target_rotations(parameters_of(request, &screening.targets)?, &identify);
         let nominal = nominal_model(request, &identify, screening.targets.len());
         let scale = prior_scales(&parameters, reach_mm(&nominal.links, identify.iter()));
         let decomposition = decomposition_at(&nominal, &parameters, &scale, &identify);
@@ -57,7 +59,9 @@ impl<'a> Problem<'a> {
             nominal,
             decomposition,
             priors,
+            least_sigma_mm: None,
         };
+        weigh_poses(&mut problem);
         problem.priors = stated_priors(&problem)?;
         Ok(problem)
     }

@@ -121,7 +121,10 @@ pub fn prior_faults(request: &CalibrationRequest) -> Vec<PriorFault> {
 }
 
 fn may_be_known(parameter: &Parameter) -> bool {
-    !matches!(parameter, Parameter::BaseRotation(_))
+    !matches!(
+        parameter,
+        Parameter::BaseRotation(_) | Parameter::TargetRotation(..)
+    )
 }
 
 /// Nominal value of a link's parameter, mm or degrees.

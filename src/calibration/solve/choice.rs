@@ -1,6 +1,7 @@
 //! Which method runs, from where, and why.
 
 use crate::calibration::preparation::placement::placed;
+use crate::calibration::preparation::pose_weights::start_of_poses;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Method;
 use crate::identification::KinematicModel;
@@ -43,14 +44,27 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
     let n_targets = problem.screening.targets.len();
     let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
     let network = problem.network().map(|_| remembered(problem));
-    let best = best_start(
-        &problem.nominal,
-        network.as_ref(),
-        &problem.parameters,
-        &problem.identify,
-        &placed,
-    );
-    let (method, reason) = evidence(&best);
+    let has_poses = problem.request.set.has_poses();
+    let mut best = match has_poses {
+        true => start_of_poses(problem),
+        false => best_start(
+            &problem.nominal,
+            network.as_ref(),
+            &problem.parameters,
+            &problem.identify,
+            &placed,
+        ),
+    };
+    let (mut method, mut reason) = evidence(&best);
+    if has_poses && method != Method::LeastSquares {
+        method = Method::LeastSquares;
+        reason = format!(
+            "{reason}, which takes positions alone; of poses, least squares goes on from there"
+        );
+    }
+    if has_poses && best.model != problem.nominal {
+        best.model = placed(best.model.links.clone(), &problem.identify);
+    }
     Choice {
         method,
         cold_start: best.model.clone(),

@@ -149,6 +149,19 @@ pub fn left_out_for_priors() -> Warning {
     }
 }
 
+/// That none were looked for beside poses.
+pub fn left_out_for_poses() -> Warning {
+    // corrections are fitted to positions; what they would do to the rotations of poses is not
+    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because poses were measured: corrections are \
+                  identified from positions alone so far. The set predicts by its links alone; upload the set without its rotation columns to have \
+                  corrections";
+    Warning {
+        code: "corrections_left_out",
+        detail: detail.into(),
+        rows: vec![],
+    }
+}
+
 /// That none were looked for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
@@ -309,6 +322,7 @@ pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> Ide
             t_instrument_base: placement.t_instrument_base,
             links: corrected.model.links.clone(),
             targets_mm: placement.targets_mm,
+            target_rotations: placement.target_rotations,
         };
         CorrectedModel {
             model,

@@ -184,6 +184,7 @@ impl<'a> Problem<'a> {
             nominal: self.nominal.clone(),
             decomposition: self.decomposition.clone(),
             priors: None,
+            least_sigma_mm: self.least_sigma_mm,
         };
         problem.priors = stated_priors(&problem)?;
         Ok(problem.decomposed_with_tool_of(model))

@@ -122,6 +122,7 @@ impl Problem<'_> {
     /// Some points, the priors that the parameters have by themselves or by the request, and the deviations of those that are held.
     pub fn rows<'p>(&self, observations: &'p [Observation], held: &[Held]) -> problem::Problem<'p> {
         let mut rows = problem::Problem::new(self.nominal.clone(), &self.parameters, observations);
+        rows.least_sigma_mm = self.least_sigma_mm.unwrap_or(rows.least_sigma_mm);
         if self.request.set.frame == Frame::Base {
             rows = rows.with_known_base();
         }

@@ -2,6 +2,7 @@
 //! and what is said of that is what a job of kind verify would say.
 
 pub mod alignment;
+pub mod rotations;
 
 use crate::calibration::report::Warning;
 use crate::calibration::upload_checks::alignment::{Alignment, align};

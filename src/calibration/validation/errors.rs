@@ -1,10 +1,13 @@
 //! Position errors of a robot at measured points.
 
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::report::{Errors, PointErrors, SubsetErrors};
+use crate::calibration::report::{
+    Errors, PointErrors, RotationErrors, RotationErrorsOfBoth, SubsetErrors,
+};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, residuals};
+use crate::identification::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
@@ -52,6 +55,49 @@ fn of_points(points: &[&PointErrors]) -> Option<SubsetErrors> {
         before: sizes(|point| Some(point.before_mm))?,
         after: sizes(|point| Some(point.after_mm))?,
         corrected: sizes(|point| point.corrected_vector_mm.map(|v| v.norm())),
+        rotation: rotations_of_points(points),
+    })
+}
+
+/// Angle between the measured and the predicted target of each observation, rad; `None` of positions.
+pub fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<f64>> {
+    let angle = |o: &Observation| {
+        let predicted = model.rotation(&o.q_rad, o.target)?;
+        Some(rotation_residual_rad(&predicted, o.rotation.as_ref()?).norm())
+    };
+    observations.iter().map(angle).collect()
+}
+
+/// Rotation errors of two robots, each with the points as they are laid out for it; `None` where no pose was measured.
+pub fn rotation_errors(
+    before: (&KinematicModel, &[Observation]),
+    after: (&KinematicModel, &[Observation]),
+) -> Option<RotationErrorsOfBoth> {
+    let of = |(model, points)| angles_rad(model, points).into_iter().flatten().collect();
+    of_angles(of(before), of(after))
+}
+
+fn rotations_of_points(points: &[&PointErrors]) -> Option<RotationErrorsOfBoth> {
+    let of = |which: usize| -> Vec<f64> {
+        let angles = points.iter().filter_map(|point| point.rotation_rad);
+        angles.map(|both| both[which]).collect()
+    };
+    of_angles(of(0), of(1))
+}
+
+fn of_angles(before: Vec<f64>, after: Vec<f64>) -> Option<RotationErrorsOfBoth> {
+    let statistics = |angles: &[f64]| {
+        let n = angles.len() as f64;
+        (!angles.is_empty()).then(|| RotationErrors {
+            mean_rad: angles.iter().sum::<f64>() / n,
+            rms_rad: (angles.iter().map(|a| a * a).sum::<f64>() / n).sqrt(),
+            max_rad: angles.iter().fold(0.0, |m, a| m.max(*a)),
+        })
+    };
+    Some(RotationErrorsOfBoth {
+        n_poses: after.len(),
+        before: statistics(&before)?,
+        after: statistics(&after)?,
     })
 }
 
@@ -83,6 +129,10 @@ pub fn per_point(
     (observed_after, after): (&Observed, &KinematicModel),
     robot: Option<&IdentifiedRobot>,
 ) -> Vec<PointErrors> {
+    let (angles_before, angles_after) = (
+        angles_rad(before, &observed.all),
+        angles_rad(after, &observed_after.all),
+    );
     let (before, after) = (
         residuals(before, &observed.all),
         residuals(after, &observed_after.all),
@@ -108,6 +158,9 @@ pub fn per_point(
             before_vector_mm: before[i],
             after_vector_mm: after[i],
             corrected_vector_mm: corrected(i),
+            rotation_rad: angles_before[i]
+                .zip(angles_after[i])
+                .map(|(before, after)| [before, after]),
             is_outlier: false,
         })
         .collect()

@@ -144,9 +144,14 @@ pub fn fitted_as_well_as_can_be(
     if n_equations < EQUATIONS_PER_NUMBER * (6 + 3 * n_targets) {
         return None;
     }
-    let fitted = fit_base_and_targets(links, observations, n_targets);
+    // scatter is that of positions, of poses too
+    let observations: Vec<Observation> = observations
+        .iter()
+        .map(Observation::position_alone)
+        .collect();
+    let fitted = fit_base_and_targets(links, &observations, n_targets);
     let parameters = complete_parameters(links.len(), n_targets);
-    let problem = Problem::new(fitted, &parameters, observations);
+    let problem = Problem::new(fitted, &parameters, &observations);
     let start = vec![0.0; parameters.len()];
     let go_on = &mut |_| ControlFlow::Continue(());
     Some(estimate(&problem, &start, 0.0, go_on).model)

@@ -169,7 +169,8 @@ impl<'a> Layout<'a> {
             return 0;
         }
         let n_targets = self.screening.targets.len().max(self.set.n_targets());
-        6 * self.arrangement.motions.len() + 3 * n_targets
+        let n_turned = 3 * self.set.posed_targets().len();
+        6 * self.arrangement.motions.len() + 3 * n_targets + n_turned
     }
 }
 
@@ -197,10 +198,12 @@ fn placing(
     }
 }
 
-/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified.
+/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified, turned
+/// as they are if poses are scored.
 pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     let same_frame = set.frame == Frame::Base && in_base_frame(request);
-    !same_frame || set.n_targets() > request.set.n_targets()
+    let is_turned = !set.has_poses() || request.set.has_poses();
+    !same_frame || set.n_targets() > request.set.n_targets() || !is_turned
 }
 
 /// Whether the positions are in the base frame, so that nothing has to be placed.

@@ -11,7 +11,9 @@ use crate::calibration::report::{
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::{stage, watched};
 use crate::calibration::validation::coverage::shows_little;
-use crate::calibration::validation::errors::{corrected_errors, per_point, verify_without};
+use crate::calibration::validation::errors::{
+    corrected_errors, per_point, rotation_errors, verify_without,
+};
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{
     nominal_fit, own_scatter_mm, session_fit, times_worse,
@@ -171,7 +173,7 @@ fn check_enough(
 ) -> Result<(), Error> {
     let (n_targets, n_stations) = (set.n_targets(), n_stations(set));
     let n_refitted = if refit || n_stations > 1 {
-        6 * n_stations + 3 * n_targets
+        6 * n_stations + 3 * n_targets + 3 * set.posed_targets().len()
     } else {
         0
     };
@@ -241,6 +243,10 @@ pub fn verify(
         before,
         after,
         corrected,
+        rotation: rotation_errors(
+            (&scored.before.model, &scored.before.observed.all),
+            (&scored.after.model, &scored.after.observed.all),
+        ),
     };
     Ok(report(request, identified.is_some(), scored, errors))
 }
@@ -270,10 +276,17 @@ fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>)
     let n_targets = request.set.n_targets();
     let is_placed = match identified {
         // which target is which is only known of those that were identified
-        Some(model) => base_is_known(request, model) && n_targets <= model.targets_mm.len(),
-        None => in_base_frame(request) && n_targets <= 1,
+        Some(model) => {
+            let is_turned = !request.set.has_poses() || !model.target_rotations.is_empty();
+            base_is_known(request, model) && n_targets <= model.targets_mm.len() && is_turned
+        }
+        None => in_base_frame(request) && n_targets <= 1 && !request.set.has_poses(),
     };
-    if is_placed { 0 } else { 6 + 3 * n_targets }
+    if is_placed {
+        0
+    } else {
+        6 + 3 * n_targets + 3 * request.set.posed_targets().len()
+    }
 }
 
 fn score(
@@ -391,6 +404,7 @@ fn report(
             before: none,
             after: none,
             corrected: None,
+            rotation: None,
         },
         verify: Some(verify),
         verify_without_outliers: verify_without(&per_point, &scored.outliers),
@@ -419,6 +433,7 @@ fn report(
         t_instrument_base: scored.after.model.t_instrument_base,
         target_segments: scored.after.segments,
         targets_mm: scored.after.model.targets_mm,
+        target_rotations: scored.after.model.target_rotations,
         corrected: scored.corrected.and_then(|robot| robot.corrected),
         corrections: None,
         repeatability: None,

@@ -12,6 +12,7 @@
 //! Positions never show the zero of the last joint: a reflector that sits elsewhere on the flange explains them as well. It is as well known as
 //! its prior says, which is as wide as the zeros of the other joints show, or as the request states.
 
+use crate::calibration::preparation::observe::with_target_rotations;
 use crate::calibration::problem;
 use crate::calibration::report::{FlangeRotation, Warning};
 use crate::calibration::solve::most_probable::HELD;
@@ -47,7 +48,10 @@ pub fn flange_rotation(
     if observations.is_empty() {
         return None;
     }
-    let parameters = complete_parameters(robot.links.len(), n_targets);
+    let parameters = with_target_rotations(
+        complete_parameters(robot.links.len(), n_targets),
+        &observations,
+    );
     let nominal = fit_base_and_targets(&robot.links, &observations, n_targets);
     let mut points = Problem::new(nominal, &parameters, &observations);
     state_priors_of_links(problem, &parameters, &mut points);

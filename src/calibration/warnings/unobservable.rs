@@ -19,6 +19,8 @@ pub const N_CONFIGURATIONS: usize = 64;
 const NOTICED_PER_REACH: f64 = 1e-3 / 1700.0;
 /// See [`NOTICED_PER_REACH`]; 0.001°.
 const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
+/// Share of a scale at which what is not seen is looked at, see [`unseen`].
+const FIRST_ORDER: f64 = 1e-3;
 /// A point of the tool this far from the reflector, as a share of the reach (100 mm of 1.7 m), should be no less certain than
 const TOOL_PER_REACH: f64 = 100.0 / 1700.0;
 /// ... so many times what the points scatter by.
@@ -47,7 +49,7 @@ pub fn warning(
     };
     let all = match uncertainty {
         Some(found) => flange(&[&found.of_parameters()]),
-        None => flange(&[&problem.decomposition.unseen_directions()]),
+        None => unseen(problem, model),
     };
     let reach_mm = reach_mm(&problem.request.robot.links);
     let is_seen = match uncertainty {
@@ -77,6 +79,22 @@ pub fn warning(
         detail,
         rows: vec![],
     })
+}
+
+/// What the points do not see at all, to first order: with poses, base and target turn with what is not seen, and of a whole scale the square would
+/// be noticed.
+fn unseen(problem: &Problem<'_>, model: &KinematicModel) -> AtFlange {
+    let share = match problem.request.set.has_poses() {
+        true => FIRST_ORDER,
+        false => 1.0,
+    };
+    let directions = problem.decomposition.unseen_directions() * share;
+    let robot = &problem.request.robot;
+    let found = at_flange(robot, model, &problem.parameters, &[&directions]);
+    AtFlange {
+        shift_mm: found.shift_mm / share,
+        turn_rad: found.turn_rad / share,
+    }
 }
 
 /// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored

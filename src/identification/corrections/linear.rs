@@ -137,7 +137,7 @@ impl<'a> Pose<'a> {
             Parameter::Target(target, axis) if target == own_target => {
                 self.flange_rotation.column(axis).into()
             }
-            Parameter::Target(..) => Vector3::zeros(),
+            Parameter::Target(..) | Parameter::TargetRotation(..) => Vector3::zeros(),
         }
     }
 

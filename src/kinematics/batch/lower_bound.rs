@@ -366,6 +366,6 @@ fn place(moved: &Moved) -> Option<(usize, u8)> {
         Moved::Beta(link) => Some((link, 2)),
         Moved::D(link) => Some((link, 3)),
         Moved::ThetaOffset(link) => Some((link, 4)),
-        Moved::Target(..) => Some((usize::MAX, 0)),
+        Moved::Target(..) | Moved::Nothing => Some((usize::MAX, 0)),
     }
 }

@@ -368,7 +368,7 @@ fn column<const W: usize>(
             tip,
         ),
         Moved::Target(of, axis) if of == target => flange.axes[axis],
-        Moved::Target(..) => splat(Vector3::zeros()),
+        Moved::Target(..) | Moved::Nothing => splat(Vector3::zeros()),
     }
 }
 

@@ -27,6 +27,8 @@ pub enum Moved {
     BaseRotation(usize),
     /// A target along an axis of the flange frame, mm.
     Target(usize, usize),
+    /// What moves no position: how a target is turned.
+    Nothing,
 }
 
 /// How the chain ends at the base.
@@ -222,6 +224,7 @@ impl LaneRobots {
                         &mut self.targets_mm[target][axis],
                     );
                 }
+                Moved::Nothing => {}
             }
         }
     }

@@ -63,6 +63,7 @@ fn random_model(random: &mut ChaCha8Rng, n_links: usize, n_targets: usize) -> Ki
         ),
         targets_mm: (0..n_targets).map(|_| vector(200.0)).collect(),
         links: random_links(random, n_links),
+        target_rotations: vec![],
     }
 }
 
@@ -193,6 +194,7 @@ fn every_column_of_the_jacobian_equals_central_differences() {
             position_mm: Vector3::zeros(),
             target: 1,
             weight: 2.25,
+            rotation: None,
         };
         let turned = Vector3::new(
             at[5 * n_links + 3],

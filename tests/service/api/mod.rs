@@ -29,6 +29,7 @@ mod overview;
 mod parameter_sets;
 mod patch_robots;
 mod pose_plans;
+mod poses;
 mod problems;
 mod release;
 mod report_page;

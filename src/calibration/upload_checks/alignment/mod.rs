@@ -13,6 +13,7 @@ mod suspect;
 pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD};
 pub use hypotheses::{Hypothesis, hypotheses};
 
+use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
 use explanation::{observations, of_one_target_and_station};
@@ -29,13 +30,14 @@ pub enum Alignment {
 }
 
 /// Codes of refusals by suspicion: a caller may insist on the upload all the same.
-pub const SUSPICIONS: [&str; 6] = [
+pub const SUSPICIONS: [&str; 7] = [
     "unit_suspect",
     "column_suspect",
     "frame_suspect",
     "joint_map_suspect",
     "robot_mismatch",
     "poor_alignment",
+    ROTATION_SUSPECT,
 ];
 
 /// The check of every upload.

@@ -1,0 +1,248 @@
+//! How position and rotation of poses are weighed: a variance for each, estimated.
+//!
+//! The variance of a row is what the instrument states for it and what the robot does beside, which is estimated for positions and for rotations
+//! each: after a fit, the squares that the rows of a class leave are worth their number less what the fit takes of them (its leverages). Weights and
+//! fit take turns until neither changes [Förstner 1979; Paule & Mandel 1982]. A stated noise is thus a lower bound: a T-Mac states 0.01 mm where
+//! links miss by 0.45.
+
+use crate::calibration::preparation::placement::placed;
+use crate::calibration::problem::Problem;
+use crate::identification::estimate::{Estimate, estimate};
+use crate::identification::linearisation::decomposition_at;
+use crate::identification::multistart::{BestStart, best_start};
+use crate::identification::objective::Observation;
+use crate::identification::parameters::Parameter;
+use crate::identification::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
+use crate::measurement::{MeasurementSet, Point, Subset};
+use nalgebra::DMatrix;
+use std::ops::ControlFlow;
+
+/// Fits and weights take turns so often at most; three to five are usual.
+const ROUNDS: usize = 12;
+/// Relative change of both standard deviations that ends them.
+const FOUND: f64 = 1e-3;
+/// With fewer redundant equations of a class, both are estimated together, in their usual proportion.
+const LEAST_FREEDOM: f64 = 10.0;
+/// The proportion of both is within this factor of the usual one, to either side.
+const MOST_APART: f64 = 100.0;
+/// A variance is at least this share of the usual one: that of residuals which are rounding.
+const LEAST_VARIANCE: f64 = 1e-18;
+/// Halvings of the interval in which a variance is searched.
+const HALVINGS: usize = 200;
+
+/// What rows scatter by beside what the instrument states, one standard deviation of a coordinate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Noise {
+    position_mm: f64,
+    rotation_rad: f64,
+}
+
+/// Rows that share a variance: the squared length of each residual of three rows, with what is stated for a row.
+#[derive(Default)]
+struct Class {
+    squares: Vec<(f64, f64)>,
+    freedom: f64,
+}
+
+/// What an instrument states for a point, one standard deviation of a coordinate, mm and rad; 0 where it states nothing.
+fn stated(point: &Point) -> (f64, f64) {
+    let position_mm = point.position_std_mm().unwrap_or(0.0);
+    (position_mm, point.std_rotation_rad.unwrap_or(0.0))
+}
+
+/// The start by the positions of poses: whether joints are far off shows in positions alone.
+pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
+    let n_targets = problem.screening.targets.len();
+    let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
+    let positions = problem.identify.iter().map(Observation::position_alone);
+    let positions: Vec<Observation> = positions.collect();
+    let is_of_position = |p: &&Parameter| !matches!(p, Parameter::TargetRotation(..));
+    let parameters = problem.parameters.iter().filter(is_of_position);
+    let parameters: Vec<Parameter> = parameters.copied().collect();
+    best_start(&problem.nominal, None, &parameters, &positions, &placed)
+}
+
+/// Weighs the poses of a problem, those to verify as well; what they see is taken anew. Positions alone stay as they are.
+pub fn weigh_poses(problem: &mut Problem<'_>) {
+    if !problem.request.set.has_poses() {
+        return;
+    }
+    let n_targets = problem.screening.targets.len();
+    let start = start_of_poses(problem).model;
+    let mut model = match start == problem.nominal {
+        true => start,
+        false => placed(problem.request, start.links, &problem.identify, n_targets),
+    };
+    let reach_mm = problem::reach_mm(&problem.nominal.links, problem.identify.iter());
+    let mut noise = Noise {
+        position_mm: usual_length_mm(reach_mm),
+        rotation_rad: USUAL_ANGLE_RAD,
+    };
+    for _ in 0..ROUNDS {
+        apply(problem, &noise);
+        let rows = problem.rows(&problem.identify, &[]);
+        let go_on = &mut |_| ControlFlow::Continue(());
+        let found = estimate(&rows, &rows.coordinates(&model), 0.0, go_on);
+        let next = estimated(problem, &rows, &found, reach_mm);
+        let near = |a: f64, b: f64| (a - b).abs() <= FOUND * b;
+        let is_found = near(next.position_mm, noise.position_mm)
+            && near(next.rotation_rad, noise.rotation_rad);
+        (noise, model) = (next, found.model);
+        if is_found {
+            break;
+        }
+    }
+    apply(problem, &noise);
+    // before: the nominal robot, placed with the same weights as the identified one
+    let counting = problem.identify.iter().filter(|o| o.weight > 0.0);
+    let counting: Vec<Observation> = counting.cloned().collect();
+    let links = problem.nominal.links.clone();
+    problem.nominal = placed(problem.request, links, &counting, n_targets);
+    problem.decomposition = decomposition_at(
+        &problem.nominal,
+        &problem.parameters,
+        &problem.decomposition.scale,
+        &problem.identify,
+    );
+}
+
+/// Variance of a coordinate of a point's position and rotation, mm² and rad².
+fn variances(point: &Point, noise: &Noise) -> (f64, f64) {
+    let (position_mm, rotation_rad) = stated(point);
+    (
+        position_mm * position_mm + noise.position_mm * noise.position_mm,
+        rotation_rad * rotation_rad + noise.rotation_rad * noise.rotation_rad,
+    )
+}
+
+/// Weights by these variances, 1 on average over the points to identify. Points that do not count stay without weight.
+fn apply(problem: &mut Problem<'_>, noise: &Noise) {
+    let set = &problem.request.set;
+    let all = &mut problem.observed.all;
+    let is_fitted =
+        |row: &usize| problem.observed.subsets[*row] == Subset::Identify && all[*row].weight > 0.0;
+    let fitted: Vec<usize> = (0..all.len()).filter(is_fitted).collect();
+    let precision = |row: &usize| 1.0 / variances(&set.points[*row], noise).0;
+    let mean = fitted.iter().map(precision).sum::<f64>() / fitted.len().max(1) as f64;
+    for (point, o) in set.points.iter().zip(all.iter_mut()) {
+        let (position_mm2, rotation_rad2) = variances(point, noise);
+        if o.weight > 0.0 {
+            o.weight = 1.0 / (position_mm2 * mean);
+        }
+        if let Some(rotation) = &mut o.rotation {
+            rotation.mm_per_rad = (position_mm2 / rotation_rad2).sqrt();
+        }
+    }
+    problem.identify = problem.observed.of(Subset::Identify);
+    problem.least_sigma_mm = least_sigma_mm(set, &fitted);
+}
+
+/// What is stated for the points that are fitted, one standard deviation of a row of weight 1, mm; `None` where one of them states nothing.
+fn least_sigma_mm(set: &MeasurementSet, fitted: &[usize]) -> Option<f64> {
+    let stated = fitted.iter().map(|row| stated(&set.points[*row]).0);
+    let precisions: f64 = stated.map(|std| 1.0 / (std * std)).sum();
+    let std_mm = (fitted.len() as f64 / precisions).sqrt();
+    (std_mm.is_finite() && std_mm > 0.0).then_some(std_mm)
+}
+
+/// What the rows scatter by after a fit.
+fn estimated(
+    problem: &Problem<'_>,
+    rows: &problem::Problem<'_>,
+    found: &Estimate,
+    reach_mm: f64,
+) -> Noise {
+    let [position, rotation] = classes(problem, rows, found);
+    let (length_mm, angle_rad) = (usual_length_mm(reach_mm), USUAL_ANGLE_RAD);
+    let usual = |class: &Class, usual: f64| -> Vec<(f64, f64, f64)> {
+        let terms = class.squares.iter();
+        terms
+            .map(|(square, stated)| (*square, *stated, usual * usual))
+            .collect()
+    };
+    let of_position = usual(&position, length_mm);
+    let of_rotation = usual(&rotation, angle_rad);
+    if position.freedom < LEAST_FREEDOM || rotation.freedom < LEAST_FREEDOM {
+        let both = [of_position, of_rotation].concat();
+        let scale = variance_over_usual(&both, position.freedom + rotation.freedom).sqrt();
+        return Noise {
+            position_mm: scale * length_mm,
+            rotation_rad: scale * angle_rad,
+        };
+    }
+    let of =
+        |terms: &[(f64, f64, f64)], class: &Class| variance_over_usual(terms, class.freedom).sqrt();
+    let (position, rotation) = (of(&of_position, &position), of(&of_rotation, &rotation));
+    Noise {
+        position_mm: position * length_mm,
+        rotation_rad: rotation.clamp(position / MOST_APART, position * MOST_APART) * angle_rad,
+    }
+}
+
+/// Residuals of positions and of rotations, and what the fit leaves free of each.
+fn classes(problem: &Problem<'_>, rows: &problem::Problem<'_>, found: &Estimate) -> [Class; 2] {
+    let (n_rows, p) = (rows.n_rows(), found.x.len());
+    let (mut residuals, mut jacobian) = (vec![0.0; n_rows], DMatrix::zeros(n_rows, p));
+    rows.evaluate(&found.x, &mut residuals, Some(&mut jacobian));
+    let sigma_mm = found.evidence.sigma_mm;
+    let taken = jacobian * (&found.posterior.root / sigma_mm);
+    let to_identify = problem
+        .observed
+        .subsets
+        .iter()
+        .zip(&problem.request.set.points);
+    let points = to_identify
+        .filter(|(subset, _)| **subset == Subset::Identify)
+        .map(|(_, point)| point);
+    let mut classes = [Class::default(), Class::default()];
+    let mut row = 0;
+    let counting = problem
+        .identify
+        .iter()
+        .zip(points)
+        .filter(|(o, _)| o.weight > 0.0);
+    for (o, point) in counting {
+        let (position_mm, rotation_rad) = stated(point);
+        let mut add = |class: usize, root: f64, stated: f64| {
+            let here = row..row + 3;
+            let square: f64 = residuals[here.clone()].iter().map(|r| r * r).sum();
+            let leverage = taken.rows(row, 3).norm_squared();
+            let class: &mut Class = &mut classes[class];
+            class
+                .squares
+                .push((square / (root * root), stated * stated));
+            class.freedom += 3.0 - leverage;
+            row += 3;
+        };
+        add(0, o.weight.sqrt(), position_mm);
+        if let Some(measured) = &o.rotation {
+            add(1, o.weight.sqrt() * measured.mm_per_rad, rotation_rad);
+        }
+    }
+    classes
+}
+
+/// The factor c² for which Σ square/(stated² + c²·usual²) is as large as the freedom; terms are (square, stated², usual²). 0 where what is
+/// stated is enough.
+fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
+    let freedom = freedom.max(1.0);
+    let sum = |c2: f64| -> f64 {
+        let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);
+        terms.iter().map(term).sum()
+    };
+    if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
+        return (sum(1.0) / freedom).max(LEAST_VARIANCE);
+    }
+    let (mut low, mut high) = (LEAST_VARIANCE, 1.0 / LEAST_VARIANCE);
+    if sum(low) <= freedom {
+        return low;
+    }
+    for _ in 0..HALVINGS {
+        let middle = (low * high).sqrt();
+        match sum(middle) > freedom {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    high
+}

@@ -1,0 +1,50 @@
+//! How base and target are turned, in closed form from poses: R_measured = R_base · R_flange(q) · R_target, the rotation part of AX = ZB.
+//!
+//! With X = R_targetᵀ and Z = R_base, R_measured·X = Z·R_flange. Σ tr((R_measured·X)ᵀ·Z·R_flange) = vec(X)ᵀ·K·vec(Z) with
+//! K = Σ R_flangeᵀ ⊗ R_measuredᵀ; X and Z are the singular vectors of its largest singular value, projected onto the rotations
+//! [Shah 2013, Journal of Mechanisms and Robotics 5, 031007]. Three poses whose flanges are turned about two axes are enough.
+
+use crate::kinematics::rotation::nearest_rotation;
+use nalgebra::{Matrix3, Rotation3, SMatrix};
+
+/// Iteration limit of the singular value decomposition.
+const SVD_ITERATIONS: usize = 10_000;
+
+/// (Z, Xᵀ): base in the measuring frame and target in the flange frame. Each pair is a flange in the base frame and its target in the measuring
+/// frame. `None` where the decomposition fails.
+pub fn base_and_target_rotation(
+    pairs: &[(Rotation3<f64>, Rotation3<f64>)],
+) -> Option<(Rotation3<f64>, Rotation3<f64>)> {
+    let mut k = SMatrix::<f64, 9, 9>::zeros();
+    for (flange, measured) in pairs {
+        let (f, m) = (flange.matrix().transpose(), measured.matrix().transpose());
+        k += f.kronecker(&m);
+    }
+    let svd = k.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
+    let largest = svd.singular_values.imax();
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    let x = Matrix3::from_iterator(u.column(largest).iter().copied());
+    let z = Matrix3::from_iterator(v_t.row(largest).iter().copied());
+    // singular vectors come with either sign, both with the same
+    let sign = z.determinant().signum();
+    let (x, z) = (
+        nearest_rotation(&(x * sign))?,
+        nearest_rotation(&(z * sign))?,
+    );
+    Some((z, x.inverse()))
+}
+
+/// How a target is turned in the flange frame, with the base's rotation given: the mean over its poses.
+pub fn target_rotation(
+    base: &Rotation3<f64>,
+    pairs: &[(Rotation3<f64>, Rotation3<f64>)],
+) -> Option<Rotation3<f64>> {
+    let in_flange = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
+        *(flange.inverse() * base.inverse() * measured).matrix()
+    };
+    let sum: Matrix3<f64> = pairs.iter().map(in_flange).sum();
+    if pairs.is_empty() {
+        return None;
+    }
+    nearest_rotation(&sum)
+}

@@ -1,0 +1,76 @@
+//! Rotation rows of a measured pose: rotation vector from where the model has the target to where it was measured, and its derivatives.
+
+use crate::identification::parameters::{Parameter, Quantity, left_jacobian, rotation_log};
+use crate::kinematics::PositionJacobian;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// How the target of a pose was turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredRotation {
+    /// The target in the measuring frame.
+    pub rotation: Rotation3<f64>,
+    /// Length by which an angle counts beside the position: the standard deviation of a coordinate of the position over that of one of the
+    /// rotation vector, mm/rad.
+    pub mm_per_rad: f64,
+}
+
+/// w = log(R_predictedᵀ · R_measured): the turn from the predicted to the measured target, about axes of the target, rad.
+pub fn rotation_residual_rad(
+    predicted: &Rotation3<f64>,
+    measured: &MeasuredRotation,
+) -> Vector3<f64> {
+    rotation_log(&(predicted.inverse() * measured.rotation))
+}
+
+/// What turns a target: the axis of each parameter, in the measuring frame.
+pub struct TurnedBy<'a> {
+    at: &'a PositionJacobian,
+    base: Matrix3<f64>,
+    of_target: Matrix3<f64>,
+    target: usize,
+}
+
+impl<'a> TurnedBy<'a> {
+    /// `base` and `of_target` are the left Jacobians of the rotation vectors by which base and target are turned from the reference.
+    pub fn new(
+        at: &'a PositionJacobian,
+        base: Matrix3<f64>,
+        of_target: Matrix3<f64>,
+        target: usize,
+    ) -> Self {
+        Self {
+            at,
+            base,
+            of_target: at.target * of_target,
+            target,
+        }
+    }
+
+    /// Small rotation of the target, in the measuring frame, per unit of a parameter: rad/mm or rad/rad.
+    pub fn axis(&self, parameter: &Parameter) -> Vector3<f64> {
+        match *parameter {
+            Parameter::Link(link, Quantity::Alpha) => self.at.links[link].a,
+            Parameter::Link(link, Quantity::ThetaOffset) => self.at.links[link].d,
+            Parameter::Link(link, Quantity::Beta) => self.at.links[link].beta_axis,
+            Parameter::BaseRotation(axis) => self.base.column(axis).into(),
+            Parameter::TargetRotation(target, axis) if target == self.target => {
+                self.of_target.column(axis).into()
+            }
+            Parameter::Link(_, Quantity::A | Quantity::D)
+            | Parameter::BaseTranslation(_)
+            | Parameter::Target(..)
+            | Parameter::TargetRotation(..) => Vector3::zeros(),
+        }
+    }
+
+    /// From a small rotation δ of the prediction to the change of the prediction's rows: with w = log(E), E = R_predᵀ·R_meas,
+    /// log(exp(−R_predᵀ·δ)·E) = w − J(w)⁻¹·R_predᵀ·δ, J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the negative.
+    pub fn rows(&self, predicted: &Rotation3<f64>, measured: &MeasuredRotation) -> Matrix3<f64> {
+        let w = rotation_residual_rad(predicted, measured);
+        // singular at whole turns only, and w is at most half of one
+        let inverse = left_jacobian(&w)
+            .try_inverse()
+            .unwrap_or_else(Matrix3::identity);
+        inverse * predicted.matrix().transpose()
+    }
+}

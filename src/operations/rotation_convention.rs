@@ -1,0 +1,32 @@
+//! What is said to an upload whose angles come without a convention: which one fits best.
+
+use crate::calibration::upload_checks::rotations::best_convention;
+use crate::measurement::RotationConvention;
+use crate::measurement::csv_pose::ROTATION_REQUIRED;
+use crate::wire::Invalid;
+use crate::wire::angle::to_degrees;
+use crate::wire::measurement::{Upload, from_file};
+use crate::wire::robot::Robot;
+
+/// The refusal of a file, with the convention that fits best where one is missing. Nothing is guessed: the user has to state it.
+pub fn with_best_convention(mut refusal: Invalid, robot: &Robot, upload: &Upload<'_>) -> Invalid {
+    let missing = refusal.issues.iter_mut();
+    let Some(issue) = missing.into_iter().find(|i| i.code == ROTATION_REQUIRED) else {
+        return refusal;
+    };
+    // any convention: what is compared are the angles themselves
+    let with_any = Upload {
+        rotation: Some(RotationConvention::RotationVector),
+        ..*upload
+    };
+    let read = from_file(&with_any, robot.links.len());
+    if let Some(best) = read.ok().and_then(|(set, _)| best_convention(robot, &set)) {
+        issue.detail = format!(
+            "{}. {} fits this robot best: half of the poses to {:.2}°",
+            issue.detail,
+            best.name,
+            to_degrees(best.median_rad)
+        );
+    }
+    refusal
+}

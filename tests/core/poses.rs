@@ -1,0 +1,248 @@
+//! Measured poses: six rows each, weighed by a variance of positions and one of rotations, from the closed form to the report.
+
+use crate::data::{paper_robot, real_data, robot};
+use crate::simulation::{Normal, true_robot};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
+use kincal::identification::KinematicModel;
+use kincal::identification::hand_eye::base_and_target_rotation;
+use kincal::identification::objective::Observation;
+use kincal::identification::parameters::{complete_parameters, target_rotation_parameters};
+use kincal::identification::pose_rows::MeasuredRotation;
+use kincal::identification::problem::Problem;
+use kincal::identification::start::fit_base_and_targets;
+use kincal::kinematics::rotation::{rotation_exp, rotation_log};
+use kincal::kinematics::{Robot, t_base_flange};
+use kincal::measurement::csv::{self, Conventions};
+use kincal::measurement::{Decimal, Frame, MeasurementSet, Point};
+use nalgebra::{DMatrix, DVector, Vector3};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// Joint values of simulated poses: everywhere between these limits and their negatives, degrees.
+const LIMITS_DEG: [f64; 6] = [150.0, 60.0, 70.0, 170.0, 110.0, 170.0];
+
+fn nominal() -> Robot {
+    paper_robot()
+}
+
+/// A robot with errors of 0.3 mm and 0.05°, somewhere in the room, with a target that is turned on its flange.
+fn truth(nominal: &Robot, random: &mut Normal) -> KinematicModel {
+    let mut truth = true_robot(nominal, 1, random);
+    truth.target_rotations = vec![rotation_exp(&random.vector())];
+    truth
+}
+
+/// Noise of each coordinate of position (mm) and rotation vector (rad).
+#[derive(Clone, Copy)]
+struct Noise {
+    position_mm: f64,
+    rotation_rad: f64,
+}
+
+const TRACKED: Noise = Noise {
+    position_mm: 0.1,
+    rotation_rad: 1e-3,
+};
+
+fn measured(truth: &KinematicModel, n: usize, noise: Noise, random: &mut Normal) -> MeasurementSet {
+    let points = (0..n)
+        .map(|row| {
+            let q_rad = random.pose(&LIMITS_DEG);
+            let turned = rotation_exp(&(random.vector() * noise.rotation_rad));
+            Point {
+                position_mm: truth.position(&q_rad, 0) + random.vector() * noise.position_mm,
+                rotation: truth.rotation(&q_rad, 0).map(|rotation| rotation * turned),
+                q_rad,
+                ..Point::empty(6, row)
+            }
+        })
+        .collect();
+    MeasurementSet::new(Frame::Instrument, points)
+}
+
+fn run(request: &CalibrationRequest) -> CalibrationReport {
+    calibrate(request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn has(report: &CalibrationReport, code: &str) -> bool {
+    report.warnings.iter().any(|warning| warning.code == code)
+}
+
+fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
+    let observation = |p: &Point| Observation {
+        q_rad: nominal.q_model_rad(&p.q_rad),
+        position_mm: p.position_mm,
+        target: p.target,
+        weight: 1.0,
+        rotation: p.rotation.map(|rotation| MeasuredRotation {
+            rotation,
+            mm_per_rad: 400.0,
+        }),
+    };
+    set.points.iter().map(observation).collect()
+}
+
+/// Central differences over a thousandth of a coordinate err by 1e-6/6 of a turn's third derivative.
+const DIFFERENCES: f64 = 1e-6;
+
+#[test]
+fn derivatives_of_a_poses_rows_are_those_of_central_differences() {
+    let (nominal, mut random) = (nominal(), Normal::new(1));
+    let truth = truth(&nominal, &mut random);
+    // residuals of the size of a radian, where the derivative of the logarithm matters
+    let coarse = Noise {
+        position_mm: 50.0,
+        rotation_rad: 0.5,
+    };
+    let set = measured(&truth, 9, coarse, &mut random);
+    let points = observations(&nominal, &set);
+    let mut parameters = complete_parameters(6, 1);
+    parameters.extend(target_rotation_parameters(&[0]));
+    let problem = Problem::new(truth, &parameters, &points);
+    let x: Vec<f64> = parameters.iter().map(|_| 0.5 * random.draw()).collect();
+    let (n, p) = (problem.n_rows(), x.len());
+    assert_eq!((n, p), (54, 42));
+    let residuals = |x: &[f64]| {
+        let mut rows = DVector::zeros(n);
+        problem.evaluate(x, rows.as_mut_slice(), None);
+        rows
+    };
+    let mut jacobian = DMatrix::zeros(n, p);
+    problem.evaluate(&x, &mut vec![0.0; n], Some(&mut jacobian));
+    for j in 0..p {
+        let at = |step: f64| {
+            let mut x = x.clone();
+            x[j] += step;
+            residuals(&x)
+        };
+        let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
+        let error = (difference - jacobian.column(j)).norm() / jacobian.column(j).norm();
+        assert!(error < DIFFERENCES, "{:?}: {error}", parameters[j]);
+    }
+}
+
+/// Rotations of a closed form without noise, rad: rounding.
+const EXACT_RAD: f64 = 1e-9;
+/// And positions, mm.
+const EXACT_MM: f64 = 1e-6;
+
+#[test]
+fn three_poses_turned_about_two_axes_place_base_and_target_without_a_guess() {
+    let (nominal, mut random) = (nominal(), Normal::new(2));
+    for _ in 0..20 {
+        let mut truth = truth(&nominal, &mut random);
+        truth.links.clone_from(&nominal.links);
+        let mut set = measured(
+            &truth,
+            3,
+            Noise {
+                position_mm: 0.0,
+                rotation_rad: 0.0,
+            },
+            &mut random,
+        );
+        // the second pose differs from the first by joint 1 alone, the third by joint 5 alone
+        for (row, joint) in [(1, 0), (2, 4)] {
+            let mut q_rad = set.points[0].q_rad.clone();
+            q_rad[joint] += 0.7;
+            set.points[row].position_mm = truth.position(&q_rad, 0);
+            set.points[row].rotation = truth.rotation(&q_rad, 0);
+            set.points[row].q_rad = q_rad;
+        }
+        let points = observations(&nominal, &set);
+        let pairs: Vec<_> = points
+            .iter()
+            .map(|o| {
+                let flange = t_base_flange(&nominal.links, &o.q_rad).rotation;
+                (flange, o.rotation.unwrap().rotation)
+            })
+            .collect();
+        let (base, target) = base_and_target_rotation(&pairs).unwrap();
+        let off = rotation_log(&(truth.t_instrument_base.rotation.inverse() * base)).norm();
+        assert!(off < EXACT_RAD, "base {off}");
+        let off = rotation_log(&(truth.target_rotations[0].inverse() * target)).norm();
+        assert!(off < EXACT_RAD, "target {off}");
+        let placed = fit_base_and_targets(&nominal.links, &points, 1);
+        for o in &points {
+            let off = (placed.position(&o.q_rad, 0) - o.position_mm).norm();
+            assert!(off < EXACT_MM, "{off} mm");
+        }
+    }
+}
+
+#[test]
+fn one_target_shows_27_combinations_three_show_33_and_poses_30() {
+    let (nominal, mut random) = (nominal(), Normal::new(3));
+    let truth = truth(&nominal, &mut random);
+    let poses = run(&CalibrationRequest::new(
+        nominal.clone(),
+        measured(&truth, 60, TRACKED, &mut random),
+    ));
+    assert_eq!(
+        (poses.identifiability.rank, poses.identifiability.model_rank),
+        (30, 30)
+    );
+    let positions = |n_targets: usize, random: &mut Normal| {
+        let mut truth = true_robot(&nominal, n_targets, random);
+        truth.targets_mm = [
+            [80.0, 20.0, 100.0],
+            [-60.0, 70.0, 90.0],
+            [10.0, -90.0, 150.0],
+        ][..n_targets]
+            .iter()
+            .map(|p| Vector3::from(*p))
+            .collect();
+        let points = (0..60 * n_targets)
+            .map(|row| {
+                let q_rad = random.pose(&LIMITS_DEG);
+                let target = row % n_targets;
+                Point {
+                    position_mm: truth.position(&q_rad, target) + random.vector() * 0.03,
+                    q_rad,
+                    target,
+                    ..Point::empty(6, row)
+                }
+            })
+            .collect();
+        let set = MeasurementSet::new(Frame::Instrument, points);
+        let report = run(&CalibrationRequest::new(nominal.clone(), set));
+        (
+            report.identifiability.rank,
+            report.identifiability.model_rank,
+        )
+    };
+    assert_eq!(positions(1, &mut random), (27, 27));
+    assert_eq!(positions(3, &mut random), (33, 33));
+}
+
+fn ur10(file: &str, root: &Path) -> (Robot, MeasurementSet) {
+    let folder = root.join("ur10_tmac");
+    let conventions = Conventions {
+        decimal: Decimal::Point,
+        rotation: Some("intrinsic_xyz".parse().unwrap()),
+        is_time: |_| true,
+    };
+    let bytes = std::fs::read(folder.join(file)).unwrap();
+    let set = csv::parse_as(conventions, &bytes, Frame::Instrument, 6).unwrap();
+    (robot(&folder.join("robot.json")), set)
+}
+
+#[test]
+fn a_measured_robot_is_identified_from_poses_by_the_halves_of_its_file() {
+    let Some(root) = real_data() else {
+        return;
+    };
+    for (file, most_mm, most_deg) in [("data_B.csv", 0.46, 0.053), ("data_D.csv", 0.415, 0.053)] {
+        let (robot, set) = ur10(file, &root);
+        let report = run(&CalibrationRequest::new(robot, set));
+        let verify = report.verify.unwrap();
+        let rotation = verify.rotation.unwrap();
+        println!("{file}: {verify:?}");
+        for w in &report.warnings {
+            println!("{}: {} {:?}", w.code, w.detail, w.rows.len());
+        }
+        assert!(verify.after.rms_mm <= most_mm, "{}", verify.after.rms_mm);
+        let rms_deg = rotation.after.rms_rad.to_degrees();
+        assert!(rms_deg <= most_deg, "{rms_deg}");
+    }
+}
