@@ -388,6 +388,7 @@ impl<'a> Problem<'a> {
             reference: self.reference.clone(),
             variables: self.variables.clone(),
             reach_mm: self.reach_mm,
+            least_sigma_mm: self.least_sigma_mm,
             parameters: self.parameters.clone(),
             blocks: blocks.map(&mut after_the_last).collect(),
         }

@@ -5,7 +5,9 @@ use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::identification::evidence::Noise;
 use crate::identification::misfit::Misfit;
-use crate::identification::parameters::{Parameter, complete_parameters};
+use crate::identification::parameters::{
+    Parameter, complete_parameters, target_rotation_parameters,
+};
 use crate::identification::uncertainty::Uncertainty;
 use crate::kinematics::Link;
 use crate::wire::canonical::canonical_sha256;
@@ -30,6 +32,9 @@ pub struct StoredEstimate {
     links: Vec<[f64; 5]>,
     /// Targets in the flange frame, mm.
     targets_mm: Vec<[f64; 3]>,
+    /// How targets are turned in it, row by row, where poses were measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    target_rotations: Vec<[[f64; 3]; 3]>,
     /// Noise of a coordinate, mm, and its degrees of freedom.
     noise_std_mm: f64,
     noise_freedom: f64,
@@ -89,15 +94,16 @@ impl StoredEstimate {
         } = estimate;
         let names = |parameters: &[Parameter]| parameters.iter().map(Parameter::name).collect();
         let link = |l: &Link| [l.a_mm, l.alpha_rad, l.d_mm, l.theta_offset_rad, l.beta_rad];
-        let rotation = found.t_instrument_base.rotation.matrix();
+        let rows = |r: &Rotation3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)]));
         Ok(Self {
             model,
             geometry_sha256: geometry_sha256(robot)?,
             parameters: names(parameters),
-            rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)])),
+            rotation: rows(&found.t_instrument_base.rotation),
             translation_mm: found.t_instrument_base.translation.vector.into(),
             links: found.links.iter().map(link).collect(),
             targets_mm: found.targets_mm.iter().map(|t| (*t).into()).collect(),
+            target_rotations: found.target_rotations.iter().map(rows).collect(),
             noise_std_mm: noise.std_mm,
             noise_freedom: noise.freedom,
             uncertainty: StoredUncertainty {
@@ -152,7 +158,12 @@ impl TryFrom<&StoredEstimate> for Estimate {
     type Error = String;
 
     fn try_from(stored: &StoredEstimate) -> Result<Self, String> {
-        let all = complete_parameters(stored.links.len(), stored.targets_mm.len());
+        let n_targets = stored.targets_mm.len();
+        let turned: Vec<usize> = (0..n_targets).collect();
+        let all: Vec<Parameter> = complete_parameters(stored.links.len(), n_targets)
+            .into_iter()
+            .chain(target_rotation_parameters(&turned))
+            .collect();
         let parameters = |names: &[String]| -> Result<Vec<Parameter>, String> {
             let of_name = |name: &String| {
                 let found = all.iter().find(|parameter| parameter.name() == *name);
@@ -167,7 +178,9 @@ impl TryFrom<&StoredEstimate> for Estimate {
             theta_offset_rad,
             beta_rad,
         };
-        let rotation = Matrix3::from_fn(|i, j| stored.rotation[i][j]);
+        let rotation = |rows: &[[f64; 3]; 3]| {
+            Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| rows[i][j]))
+        };
         let found = &stored.uncertainty;
         let root = found.root.matrix()?;
         let of_noise = found.of_noise.matrix()?;
@@ -180,7 +193,7 @@ impl TryFrom<&StoredEstimate> for Estimate {
             model: KinematicModel {
                 t_instrument_base: IsometryMatrix3::from_parts(
                     Translation3::from(Vector3::from(stored.translation_mm)),
-                    Rotation3::from_matrix_unchecked(rotation),
+                    rotation(&stored.rotation),
                 ),
                 links: stored.links.iter().copied().map(link).collect(),
                 targets_mm: stored
@@ -188,6 +201,7 @@ impl TryFrom<&StoredEstimate> for Estimate {
                     .iter()
                     .map(|t| Vector3::from(*t))
                     .collect(),
+                target_rotations: stored.target_rotations.iter().map(rotation).collect(),
             },
             uncertainty: Uncertainty {
                 noise_std_mm: found.noise_std_mm,

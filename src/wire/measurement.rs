@@ -16,7 +16,7 @@ use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::suspicion::Insist;
-use crate::wire::table_upload::{self, Files, UploadOptions};
+use crate::wire::table_upload::{self, Files, StoredTable, UploadOptions};
 use crate::wire::time::is_rfc3339;
 use crate::wire::understood::{JoinedFiles, Reading, UnderstoodBody};
 pub use crate::wire::warning::Warning;
