@@ -322,7 +322,8 @@ async fn tables_in_json_are_the_tables_in_csv() {
         .await
         .problem(422, "invalid_table");
     assert_eq!(problem["errors"][0]["pointer"], "/0/a_mm");
-    for body in ["[]", "{}", "[1]", "[{\"a_mm\": 1}]"] {
+    let mixed = json!([rows[0], 5]).to_string();
+    for body in ["[]", "{}", "[1]", "[{\"a_mm\": 1}]", &mixed] {
         let answer = import(&app, "format=mdh", "application/json", body).await;
         answer.problem(422, "invalid_table");
     }
