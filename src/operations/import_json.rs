@@ -34,13 +34,9 @@ pub fn csv_of_json(bytes: &[u8]) -> Result<Vec<u8>, Invalid> {
         },
         _ => ("", &document),
     };
-    let rows: Vec<&Map<String, Value>> = match rows.as_array() {
-        Some(rows) if rows.len() <= MAX_LINKS && !rows.is_empty() => {
-            rows.iter().filter_map(Value::as_object).collect()
-        }
-        _ => vec![],
-    };
-    if rows.is_empty() {
+    let all = rows.as_array().map_or(&[][..], Vec::as_slice);
+    let rows: Vec<&Map<String, Value>> = all.iter().filter_map(Value::as_object).collect();
+    if rows.is_empty() || rows.len() != all.len() || rows.len() > MAX_LINKS {
         let detail = format!(
             "a table is a list of 1 to {MAX_LINKS} objects, one per link, or {{\"rows\": [...]}}"
         );

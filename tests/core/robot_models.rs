@@ -247,7 +247,7 @@ fn arms_move_as_the_public_descriptions() {
 
 /// A row of a table: alpha, a, d, theta.
 fn row(row: &Value, convention: &str, q: f64) -> Matrix4<f64> {
-    let [alpha, a, d, theta] = [0, 1, 2, 3].map(|i| row[i].as_f64().unwrap());
+    let [alpha, a, d, theta] = [0usize, 1, 2, 3].map(|i| row[i].as_f64().unwrap());
     let about_z = turn(Z, q + theta.to_radians()) * shift(0.0, 0.0, d);
     let about_x = shift(a, 0.0, 0.0) * turn(X, alpha.to_radians());
     match convention {
@@ -290,7 +290,7 @@ fn arms_without_a_description_move_as_their_second_source() {
             let arm = rows.iter().zip(&q).enumerate().map(|(i, (numbers, q))| {
                 row(numbers, convention, q * table["sign"][i].as_f64().unwrap())
             });
-            let theirs = before * arm.product::<Matrix4<f64>>() * behind;
+            let theirs = before * arm.fold(Matrix4::identity(), |t, step| t * step) * behind;
             let apart = apart_mm(&of_library(&robot, &q), &theirs);
             assert!(apart < SAME_MM, "{id}: {apart} mm");
         }
