@@ -7,7 +7,7 @@ import { VIEWS, view } from "./scene.js";
 import { arm, ground } from "./solids.js";
 
 /** More arrows than this hide each other. Of each group of neighbours the one with the largest error is drawn. */
-const MAX_DRAWN = 4000;
+const MAX_DRAWN = 2000;
 /** The longest arrow, as a share of the scene. */
 const LONGEST = 0.13;
 /** Share of the points whose errors are within the scale; the few above it have its last colour. */
@@ -63,7 +63,9 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
   const rescale = () => {
     Object.assign(state, scaleOf(points, placed, stages, state, scene.eye.size));
     fill(key, legendOf(state));
-    fill(lead, arrowsSaid(state, points.length, said));
+    fill(lead, arrowsSaid(state, points.length, stages, said));
+    // for whoever cannot look at a canvas, such as a test
+    scene.canvas.setAttribute("data-drawn", state.drawn.filter(Boolean).length);
     scene.redraw();
   };
   const refresh = () => {
@@ -140,9 +142,9 @@ function legendOf({ stage, top }) {
   return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${number((top * (i + 1)) / LEVELS.length, 2)} mm` : `above ${number((top * i) / LEVELS.length, 2)} mm`));
 }
 
-function arrowsSaid({ stage, factor, share, drawn }, n, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {
+function arrowsSaid({ stage, factor, share, drawn }, n, stages, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {
   if (!stage) return "";
-  const some = share > 1 ? ` Of every ${share} neighbouring points only the one with the largest error is drawn: ${drawn.filter(Boolean).length.toLocaleString("en-GB")} of ${n.toLocaleString("en-GB")}.` : "";
+  const some = share > 1 ? ` Of every ${share} neighbouring points only the one with the largest error ${stages.find(([name]) => name === stage).at(-1)} is drawn: ${drawn.filter(Boolean).length.toLocaleString("en-GB")} of ${n.toLocaleString("en-GB")}.` : "";
   return `${said} ${factor.toLocaleString("en-GB")} times as long.${some}`;
 }
 
