@@ -156,6 +156,7 @@ fn request(rows: usize) -> CalibrationRequest {
         previous: Some(PreviousSession {
             set: before,
             frames: None,
+            estimate: None,
         }),
         ..CalibrationRequest::new(nominal, now)
     }
