@@ -303,6 +303,7 @@ fn of_points_that_fit_no_robot_nothing_is_said_to_have_changed_or_not() {
         previous: Some(PreviousSession {
             set: first,
             frames: None,
+            estimate: None,
         }),
         ..CalibrationRequest::new(paper_robot(), second)
     };

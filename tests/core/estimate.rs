@@ -271,6 +271,7 @@ fn a_robot_that_sags_is_placed_by_least_squares() {
     let placement = Placement {
         t_instrument_base: truth.t_instrument_base,
         targets_mm: truth.targets_mm.clone(),
+        target_rotations: vec![],
     };
     for (o, flange) in points.iter_mut().zip(&flanges) {
         o.position_mm = position(flange, &placement);

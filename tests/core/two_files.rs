@@ -41,6 +41,7 @@ fn read(body: &[u8], columns: &str) -> Result<(MeasurementSet, Option<Reading>),
         bytes: body,
         columns: &columns,
         decimal: None,
+        rotation: None,
         frame: Frame::Base,
     };
     from_file(&upload, 6)

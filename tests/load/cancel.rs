@@ -44,6 +44,7 @@ fn cancellation_of_twenty_thousand_rows_is_heard_at_every_stage() {
         previous: Some(PreviousSession {
             set: before,
             frames: None,
+            estimate: None,
         }),
         ..CalibrationRequest::new(nominal, now)
     };

@@ -149,6 +149,7 @@ fn read(bytes: &[u8], columns: &str) -> Result<(MeasurementSet, Option<Reading>)
         bytes,
         columns: &columns,
         decimal: None,
+        rotation: None,
         frame: Frame::Instrument,
     };
     from_file(&upload, 6)

@@ -226,8 +226,8 @@ async fn two_files_are_joined_kept_as_they_came_and_read_the_same_by_the_worker(
         .get(&format!("/v1/measurement-sets/{}/points", text(&set["id"])))
         .await;
     assert_eq!(
-        (points.header("content-type"), points.bytes),
-        (Some(form), body.clone().into_bytes())
+        (points.header("content-type"), points.bytes.as_slice()),
+        (Some(form), body.as_bytes())
     );
     let preview = app
         .post(
