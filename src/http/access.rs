@@ -5,7 +5,9 @@ use crate::http::{App, Error};
 use crate::store::{
     self, FramesRow, JobRow, MeasurementSetRow, NetworkRow, ParameterSetRow, RobotRow,
 };
-use crate::store::{frames, jobs, measurement_sets, networks, parameter_sets, robots};
+use crate::store::{
+    frames, jobs, measurement_sets, networks, parameter_sets, robot_versions, robots,
+};
 use crate::wire::robot::RobotBody;
 use crate::wire::{id, json};
 
@@ -47,7 +49,7 @@ pub async fn robot_of_set(
     if row.version == set.robot_version {
         return Ok(now);
     }
-    let then = robots::at_version(&app.store, &set.robot_id, set.robot_version).await?;
+    let then = robot_versions::robot_at(&app.store, &set.robot_id, set.robot_version).await?;
     Ok(robot_body(&then)?.with_limits_of(&now))
 }
 

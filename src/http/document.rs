@@ -1,7 +1,7 @@
 //! The OpenAPI document: the documentation of each route, and what all routes have in common.
 
 use crate::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES};
-use crate::http::document_examples;
+use crate::http::document_examples::Examples;
 use crate::http::routes::routes;
 use crate::wire::problem::PROBLEM_JSON;
 use crate::wire::{Problem, bounds};
@@ -146,11 +146,14 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
             })
             .collect(),
     );
-    document_examples::write(&mut document);
+    let examples = Examples::new(&document);
+    for item in document.paths.paths.values_mut() {
+        operations(item).for_each(|(_, operation)| examples.write(operation));
+    }
     document
 }
 
-pub(super) fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
+fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
     let methods = [
         Method::GET,
         Method::POST,

@@ -2,7 +2,8 @@
 //! here; names of fields have the values that a reader expects.
 
 use serde_json::{Map, Value, json};
-use utoipa::openapi::{OpenApi, RefOr};
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::{Content, OpenApi, RefOr, Schema};
 
 /// Deepest nesting of an example.
 const MAX_DEPTH: usize = 12;
@@ -66,9 +67,57 @@ fn text(field: &str, shape: &str) -> Value {
 }
 
 /// Schemas of the document by name.
-struct Schemas(Map<String, Value>);
+pub struct Examples(Map<String, Value>);
 
-impl Schemas {
+impl Examples {
+    /// The examples that follow from a document's schemas.
+    pub fn new(document: &OpenApi) -> Self {
+        let components = document.components.as_ref();
+        let schemas = components.map(|components| serde_json::to_value(&components.schemas));
+        match schemas {
+            Some(Ok(Value::Object(schemas))) => Self(schemas),
+            _ => Self(Map::new()),
+        }
+    }
+
+    /// Writes an example into every body of an operation.
+    pub fn write(&self, operation: &mut Operation) {
+        let complete = |media_type: &str, content: &mut RefOr<Content>| {
+            if let RefOr::T(content) = content
+                && content.example.is_none()
+            {
+                content.example = self.of_body(media_type, content.schema.as_ref());
+            }
+        };
+        if let Some(RefOr::T(body)) = &mut operation.request_body {
+            for (media_type, content) in &mut body.content {
+                complete(media_type, content);
+            }
+        }
+        for (status, response) in &mut operation.responses.responses {
+            if let (true, RefOr::T(response)) = (status.starts_with('2'), response) {
+                for (media_type, content) in &mut response.content {
+                    complete(media_type, content);
+                }
+            }
+        }
+    }
+
+    fn of_body(&self, media_type: &str, schema: Option<&RefOr<Schema>>) -> Option<Value> {
+        Some(match media_type {
+            "application/json" => {
+                let schema = serde_json::to_value(schema?).ok()?;
+                self.example(&schema, "", "", 0)
+            }
+            "application/yaml" => json!({"openapi": "3.1.0"}),
+            "text/csv" => CSV.into(),
+            "application/xml" => XML.into(),
+            "text/html" => "<!doctype html><title>kincal</title>".into(),
+            "text/plain" => "ok\n".into(),
+            _ => return None,
+        })
+    }
+
     fn example(&self, schema: &Value, field: &str, shape: &str, depth: usize) -> Value {
         if depth > MAX_DEPTH {
             return Value::Null;
@@ -175,65 +224,6 @@ fn bounded(schema: &Value, text: Value) -> Value {
     }
 }
 
-/// Writes an example into every body of every operation.
-pub fn write(document: &mut OpenApi) {
-    let schemas = document
-        .components
-        .as_ref()
-        .and_then(|components| serde_json::to_value(&components.schemas).ok());
-    let Some(Value::Object(schemas)) = schemas else {
-        return;
-    };
-    let schemas = Schemas(schemas);
-    for item in document.paths.paths.values_mut() {
-        for (_, operation) in super::document::operations(item) {
-            if let Some(RefOr::T(body)) = &mut operation.request_body {
-                for (media_type, content) in &mut body.content {
-                    if let RefOr::T(content) = content {
-                        content.example = content
-                            .example
-                            .take()
-                            .or_else(|| of_body(&schemas, media_type, content.schema.as_ref()));
-                    }
-                }
-            }
-            for (status, response) in &mut operation.responses.responses {
-                let RefOr::T(response) = response else {
-                    continue;
-                };
-                for (media_type, content) in &mut response.content {
-                    if let RefOr::T(content) = content
-                        && status.starts_with('2')
-                    {
-                        content.example = content
-                            .example
-                            .take()
-                            .or_else(|| of_body(&schemas, media_type, content.schema.as_ref()));
-                    }
-                }
-            }
-        }
-    }
-}
-
-fn of_body(
-    schemas: &Schemas,
-    media_type: &str,
-    schema: Option<&RefOr<utoipa::openapi::Schema>>,
-) -> Option<Value> {
-    Some(match media_type {
-        "application/json" => {
-            let schema = serde_json::to_value(schema?).ok()?;
-            schemas.example(&schema, "", "", 0)
-        }
-        "text/csv" => CSV.into(),
-        "application/xml" => XML.into(),
-        "text/html" => "<!doctype html><title>kincal</title>".into(),
-        "text/plain" => "ok\n".into(),
-        _ => return None,
-    })
-}
-
 /// A reference to a shape, for tests.
 #[cfg(test)]
 fn reference(name: &str) -> Value {
@@ -242,24 +232,17 @@ fn reference(name: &str) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::{Schemas, reference};
+    use super::{Examples, reference};
     use crate::http::openapi;
     use crate::wire::job::JobRequestBody;
     use crate::wire::robot::{Robot, RobotBody};
     use crate::wire::robot_patch::RobotPatchBody;
-    use serde_json::Value;
     use serde_json::from_value;
 
     #[test]
     fn the_examples_of_requests_are_requests() {
-        let document = openapi();
-        let components = document.components.unwrap();
-        let schemas = serde_json::to_value(&components.schemas).unwrap();
-        let Value::Object(schemas) = schemas else {
-            panic!("no schemas")
-        };
-        let schemas = Schemas(schemas);
-        let of = |name: &str| schemas.example(&reference(name), "", "", 0);
+        let examples = Examples::new(&openapi());
+        let of = |name: &str| examples.example(&reference(name), "", "", 0);
         let robot: RobotBody = from_value(of("RobotBody")).unwrap();
         Robot::try_from(&robot).unwrap();
         let job: JobRequestBody = from_value(of("JobRequestBody")).unwrap();

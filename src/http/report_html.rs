@@ -5,7 +5,7 @@ use crate::http::extract::Id;
 use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::report_page::{self, Sources};
-use crate::store::{jobs, policies, robots};
+use crate::store::{jobs, policies, robot_versions};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -30,7 +30,7 @@ async fn report_html(
     Id(id): Id,
 ) -> Result<Response, Error> {
     let job = access::job(&app, &caller, &id).await?;
-    let robot = robots::at_version(&app.store, &job.robot_id, job.robot_version).await?;
+    let robot = robot_versions::robot_at(&app.store, &job.robot_id, job.robot_version).await?;
     let set = access::measurement_set(&app, &caller, &job.measurement_set_id).await?;
     let parameter_set = match &job.parameter_set_id {
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
     ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, jobs,
-    measurement_sets, networks, parameter_sets, robots, verifications,
+    measurement_sets, networks, parameter_sets, robot_versions, verifications,
 };
 use crate::wire::verification::Verification;
 
@@ -163,7 +163,7 @@ impl JobInputs {
     pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
         // Reads concurrently; each read takes its own connection.
         let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
-            robots::at_version(store, &job.robot_id, job.robot_version),
+            robot_versions::robot_at(store, &job.robot_id, job.robot_version),
             MeasurementSetInput::read(store, &job.measurement_set_id),
             load(
                 job.verify_set_id.as_deref(),

@@ -98,16 +98,22 @@ pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<R
     robots::get_in(tx, id).await
 }
 
-/// The robot document of a version, in JSON.
+/// A robot as it was in a version.
 ///
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
-pub async fn body(store: &Store, robot_id: &str, version: i64) -> Result<String> {
+pub async fn robot_at(store: &Store, robot_id: &str, version: i64) -> Result<RobotRow> {
+    let mut row = robots::get(store, robot_id).await?;
+    if row.version == version {
+        return Ok(row);
+    }
     let query = match version > 1 {
         true => sqlx::query_scalar(AT).bind(robot_id).bind(version),
         false => sqlx::query_scalar(FIRST).bind(robot_id),
     };
-    Ok(query.fetch_one(store.readers()).await?)
+    row.body_json = query.fetch_one(store.readers()).await?;
+    row.version = version;
+    Ok(row)
 }
 
 /// The versions after one of them, by robot and number.

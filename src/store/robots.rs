@@ -6,9 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{
-    AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx, robot_versions,
-};
+use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// A robot as it is now.
@@ -307,19 +305,6 @@ pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
         .bind(id)
         .fetch_one(store.readers())
         .await?)
-}
-
-/// The robot with the document of an earlier version.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
-pub async fn at_version(store: &Store, id: &str, version: i64) -> Result<RobotRow> {
-    let mut row = get(store, id).await?;
-    if row.version != version {
-        row.body_json = robot_versions::body(store, id, version).await?;
-        row.version = version;
-    }
-    Ok(row)
 }
 
 pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {

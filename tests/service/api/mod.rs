@@ -8,6 +8,7 @@ mod cell_pc;
 mod check_robot;
 mod closed_loop;
 mod command_line;
+mod commands;
 mod compensate;
 mod contract;
 mod corrections;

@@ -5,7 +5,7 @@ use crate::engines::for_each_engine;
 use crate::fixtures::{a_candidate, a_job, a_robot, a_set};
 use kincal::jobs::JobInputs;
 use kincal::store::verify::{Options, verify};
-use kincal::store::{Conflict, Error, RobotEdit, audit, robot_versions, robots};
+use kincal::store::{Conflict, Error, RobotEdit, audit, robot_versions};
 use reqwest::Method;
 use serde_json::{Value, json};
 use sqlx::AssertSqlSafe;
@@ -254,7 +254,7 @@ fn versions_are_kept_by_the_schema_and_covered_by_the_chain() {
         );
         let third = try_edit(edit(2, "third", false)).await.unwrap();
         assert_eq!((third.version, third.joint_map_version), (3, 2));
-        let first = robots::at_version(store, &robot.id, 1).await.unwrap();
+        let first = robot_versions::robot_at(store, &robot.id, 1).await.unwrap();
         assert_eq!(first.body_json, robot.body_json);
 
         // A set of version 1 has another joint map than the robot.
