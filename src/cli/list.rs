@@ -4,6 +4,7 @@ use super::client::ServerArguments;
 use super::runtime::block_on;
 use super::terminal;
 use super::terminal::{Output, in_commands, plain};
+pub use super::text_table::columns;
 use crate::wire::page::{ArchivedFilter, Sort};
 use anyhow::Context;
 use serde_json::Value;
@@ -519,29 +520,4 @@ pub fn cells(item: &Value, columns: &[&str]) -> Vec<String> {
         other => other.to_string(),
     };
     columns.iter().map(|column| cell(&item[*column])).collect()
-}
-
-/// A table whose columns are as wide as their widest cell.
-pub fn columns(names: &[&str], rows: &[Vec<String>]) -> String {
-    let width = |at: usize| {
-        rows.iter()
-            .map(|row| row[at].chars().count())
-            .chain([names[at].len()])
-            .max()
-            .unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..names.len()).map(width).collect();
-    let line = |cells: Vec<&str>| {
-        let padded: Vec<String> = cells
-            .iter()
-            .zip(&widths)
-            .map(|(cell, width)| format!("{cell:<width$}"))
-            .collect();
-        format!("{}\n", padded.join("  ").trim_end())
-    };
-    let body: String = rows
-        .iter()
-        .map(|row| line(row.iter().map(String::as_str).collect()))
-        .collect();
-    line(names.to_vec()) + &body
 }

@@ -33,6 +33,7 @@ mod runtime;
 mod serve;
 mod submit;
 mod table;
+mod text_table;
 mod usage;
 mod verify_store;
 mod worker;

@@ -34,7 +34,7 @@ pub fn csv_of_json(bytes: &[u8]) -> Result<Vec<u8>, Invalid> {
         },
         _ => ("", &document),
     };
-    let all = rows.as_array().map_or(&[][..], Vec::as_slice);
+    let all = rows.as_array().map(Vec::as_slice).unwrap_or_default();
     let rows: Vec<&Map<String, Value>> = all.iter().filter_map(Value::as_object).collect();
     if rows.is_empty() || rows.len() != all.len() || rows.len() > MAX_LINKS {
         let detail = format!(

@@ -141,8 +141,8 @@ async fn results_keep_the_robot_that_they_were_computed_with() {
         .await
         .problem(409, "release_refused");
     assert_eq!(refused["errors"][0]["code"], "joint_map_changed");
-    let verify = json!({"measurement_set_id": job["measurement_set_id"], "kind": "verify", "parameter_set_id": job["parameter_set_id"]});
-    app.post_json(&format!("{robot}/jobs"), &verify)
+    let verification = json!({"measurement_set_id": job["measurement_set_id"], "kind": "verify", "parameter_set_id": job["parameter_set_id"]});
+    app.post_json(&format!("{robot}/jobs"), &verification)
         .await
         .problem(409, "joint_map_changed");
     // As it was at first, the controller's values mean the same again; versions count on all the same.
