@@ -25,8 +25,8 @@ function figureOf(robot, set, joints, measured) {
   const gap = (i) => shown && Math.hypot(...flange[i].map((v, k) => v - shown[i][k]));
   const points = joints.map((_, i) => ({ position: (shown ?? flange)[i], target: 0 }));
   const selected = selection(points.length);
-  const describe = (i) => pointFacts(`Row ${i}`, [jointFacts(joints[i]), ["Nominal flange, mm", flange[i].map((v) => fixed(v, 1)).join(", ")], shown && ["Measured, mm", shown[i].map((v) => fixed(v, 1)).join(", ")],
-    shown && ["From flange to measured", mm(gap(i))]]);
+  const describe = (i) => pointFacts(`Row ${i}`, [jointFacts(joints[i]), ["Flange, mm", flange[i].map((v) => fixed(v, 1)).join(", ")], shown && ["Measured, mm", shown[i].map((v) => fixed(v, 1)).join(", ")],
+    shown && ["Distance", mm(gap(i))]]);
   const caption = shown ? "Dots: measured positions. Pick one: the arm takes the joint values of its row, and its flange should be near the dot, as far off as the reflector is."
     : "Dots: where the joint values of the file put the flange of the nominal robot. Pick one, and compare the arm with the robot in its cell.";
   const made = armFigure({ title: "Are these your poses?", caption, robot, points, selected, postures: (i) => joints[i], describe,

@@ -69,7 +69,7 @@ pub fn warnings(warnings: &[Warning]) -> Markup {
                     @if let Some(matters) = words::matters(&warning.code) { (matters) " " }
                     @if let Some(remedy) = words::remedy(&warning.code) { (remedy) }
                 }
-                p.note { (words::capital(&warning.detail)) "." }
+                p.note { (words::capital(warning.detail.trim_end_matches('.'))) "." }
             }
         }
     }
