@@ -244,7 +244,8 @@ impl Session<'_> {
         let left = problem.residuals.norm_squared();
         let rows = (3 * self.roots.len()) as f64;
         let freedom = rows - problem.n_fitted as f64 - 4.0;
-        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm.powi(2) {
+        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm * self.linear.rounding_mm
+        {
             return None;
         }
         let design = self.design_effect(&problem);
