@@ -45,8 +45,6 @@ const SMALLEST_EFFECT: f64 = 4.0;
 /// Points on either side of a motion of the base: twelve coordinates for its six numbers. Three would leave three coordinates to tell it from
 /// outliers, which the noise of a lever arm may hide.
 const FEWEST_BASE_POINTS: usize = 4;
-/// The same of a motion without a turn.
-const FEWEST_SHIFTED_POINTS: usize = 2;
 /// Points on either side of a slip of a target; one alone is a question of its own.
 const FEWEST_TARGET_POINTS: usize = 2;
 
@@ -228,11 +226,7 @@ impl Campaign<'_> {
             return None;
         }
         let (shift_mm, turn_rad) = match best.moved {
-            Moved::Base => {
-                let mut motion = best.solution.clone();
-                motion.resize(6, 0.0);
-                self.columns.motion(&motion)
-            }
+            Moved::Base => self.columns.motion(&best.solution),
             Moved::Target(_) | Moved::AllTargets => (Vector3::zeros(), Vector3::zeros()),
         };
         let targets = match best.moved {
@@ -311,16 +305,8 @@ impl Campaign<'_> {
             |point| self.columns.base[point],
             &mut tried,
         );
-        self.shifts_of_base(places, &mut tried);
         self.changes_of_all_targets(places, &mut tried);
         tried
-    }
-
-    /// Motions of the base without a turn: three numbers, which two points at an end tell.
-    fn shifts_of_base(&self, places: &[usize], tried: &mut Vec<Tried>) {
-        let shift = |point: usize| self.columns.base[point].fixed_columns::<3>(0).into_owned();
-        let fewest = (FEWEST_SHIFTED_POINTS, false);
-        self.changes(Moved::Base, places, fewest, shift, tried);
     }
 
     /// A change before each of the `members` (places in the order, in any order), in their order: with at least `fewest` of them on either
@@ -393,8 +379,8 @@ impl Campaign<'_> {
             let rows = 3 * place;
             match best.moved {
                 Moved::Base => of_step
-                    .view_mut((rows, 0), (3, best.n_numbers))
-                    .copy_from(&self.columns.base[*point].columns(0, best.n_numbers)),
+                    .fixed_view_mut::<3, 6>(rows, 0)
+                    .copy_from(&self.columns.base[*point]),
                 Moved::Target(moved) if moved != target => {}
                 Moved::Target(_) => of_step
                     .fixed_view_mut::<3, 3>(rows, 0)
@@ -458,7 +444,6 @@ impl Campaign<'_> {
                     );
                 }
                 Moved::AllTargets => self.changes_of_all_targets(&places, &mut tried),
-                Moved::Base if best.n_numbers == 3 => self.shifts_of_base(&places, &mut tried),
                 Moved::Base => self.changes(
                     best.moved,
                     &places,
