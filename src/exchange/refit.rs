@@ -8,7 +8,6 @@ use crate::identification::parameters::{Parameter, Quantity, paper_parameters};
 use crate::identification::problem::Problem;
 use crate::identification::workspace::random_configurations;
 use crate::kinematics::{Link, Robot, t_base_flange};
-use crate::solvers::watch::Watch;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
 /// Configurations that stand for the workspace.
@@ -72,11 +71,7 @@ fn refit(
     let model = if parameters.is_empty() {
         start
     } else {
-        least_squares(
-            &Problem::new(start.clone(), parameters, &fitted),
-            &start,
-            &Watch::nobody(),
-        )
+        least_squares(&Problem::new(start.clone(), parameters, &fitted), &start)
     };
     let others = observations(robot, &model.targets_mm, truth, SEEDS.1);
     let missed: Vec<f64> = residuals(&model, &others)

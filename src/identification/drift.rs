@@ -159,10 +159,11 @@ pub fn beside_drift(
     features: &DMatrix<f64>,
     roots: &[f64],
     change: &DMatrix<f64>,
+    watch: &Watch<'_>,
 ) -> Option<Beside> {
     let times = times(roots.len());
     let ramp = shifts(roots, &times, |t| t);
-    let problem = Whitened::new(linear, features);
+    let problem = Whitened::new(linear, features, watch);
     let warm_up = |time_constant: f64| {
         let columns = shifts(roots, &times, |t| done(t, time_constant));
         let smooth = side_by_side(&[&ramp, &columns]);
@@ -182,9 +183,10 @@ pub fn beside_drift(
     let all = with(&side_by_side(&[&smooth, change]));
     let misfit = misfit_ratio(&all.residuals, &all.basis, features);
     let walk = walk(roots, &times);
+    watch.goes_on().then_some(())?;
     let (of_walk, _) = walk_ratio(&all, features, misfit, &walk)?;
     let random = side_by_side(&[&(features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
-    let problem = Whitened::with_ratio(&with(&smooth), &random, 1.0)?;
+    let problem = Whitened::with_ratio(&with(&smooth), &random, 1.0, watch)?;
     let gain = problem.fitted(change)?.gain;
     let freedom = (3 * roots.len()) as f64 - (problem.n_fitted + change.ncols()) as f64;
     (freedom >= 1.0).then_some(Beside {
@@ -238,11 +240,12 @@ impl Session<'_> {
             return None;
         }
         let times = times(self.roots.len());
-        let problem = Whitened::new(self.linear, self.features);
+        let problem = Whitened::new(self.linear, self.features, self.watch);
         let left = problem.residuals.norm_squared();
         let rows = (3 * self.roots.len()) as f64;
         let freedom = rows - problem.n_fitted as f64 - 4.0;
-        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm.powi(2) {
+        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm * self.linear.rounding_mm
+        {
             return None;
         }
         let design = self.design_effect(&problem);

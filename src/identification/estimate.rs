@@ -196,7 +196,12 @@ pub fn estimate(
 }
 
 /// Least squares of the rows from `start` on. σ is far below the noise, so the priors settle only what the rows cannot tell apart.
-pub fn least_squares(
+pub fn least_squares(problem: &Problem<'_>, start: &KinematicModel) -> KinematicModel {
+    least_squares_while(problem, start, &Watch::nobody())
+}
+
+/// The same as long as somebody wants it.
+pub fn least_squares_while(
     problem: &Problem<'_>,
     start: &KinematicModel,
     watch: &Watch<'_>,

@@ -1,6 +1,7 @@
 //! What the data can see: the singular values of the scaled identification Jacobian, its rank and its null space by name.
 
 use crate::identification::parameters::Parameter;
+use crate::solvers::orthonormal::{FEWEST_ROWS, triangle};
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
@@ -60,7 +61,9 @@ pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64], visible_mm: f64) -> De
     }
     // R of J·S has its singular values and right vectors, at p × p
     let n_rows = scaled.nrows();
-    if p > 0 {
+    if n_rows > FEWEST_ROWS {
+        scaled = triangle(&scaled);
+    } else if p > 0 {
         triangularise(scaled.as_mut_slice(), n_rows, &mut vec![0.0; n_rows]);
     }
     let square = DMatrix::from_fn(p, p, |row, column| {

@@ -6,7 +6,6 @@ use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::problem::{Problem, reach_mm};
 use crate::kinematics::Link;
-use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -62,7 +61,7 @@ pub fn best_start(
     let found_mm = FOUND_PER_REACH * reach_mm(&nominal.links, compared.iter());
     let fitted = |start: &KinematicModel, points: &[Observation]| {
         let problem = Problem::new(nominal.clone(), parameters, points);
-        least_squares(&problem, start, &Watch::nobody())
+        least_squares(&problem, start)
     };
     let end = |start: &KinematicModel| {
         let model = fitted(start, &compared);

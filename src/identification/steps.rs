@@ -390,7 +390,7 @@ impl Campaign<'_> {
                     .copy_from(&self.columns.target[*point]),
             }
         }
-        let beside = beside_drift(self.linear, self.features, &roots, &of_step);
+        let beside = beside_drift(self.linear, self.features, &roots, &of_step, self.watch);
         let Some(Beside {
             gain,
             rest,

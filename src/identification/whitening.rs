@@ -4,6 +4,7 @@ use crate::identification::outliers::Linearised;
 use crate::identification::variance::misfit_ratio;
 use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::{less_product, transposed_times};
+use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector};
 
 /// Features below this share of the largest tell nothing.
@@ -71,9 +72,13 @@ pub struct Whitened {
 
 impl Whitened {
     /// `features` are those of the same points, in the same order.
-    pub fn new(linear: &Linearised, features: &DMatrix<f64>) -> Self {
-        let ratio = misfit_ratio(&linear.residuals, &linear.basis, features);
-        Self::with_ratio(linear, features, ratio).unwrap_or_else(|| Self {
+    pub fn new(linear: &Linearised, features: &DMatrix<f64>, watch: &Watch<'_>) -> Self {
+        let whitened = || {
+            let ratio = misfit_ratio(&linear.residuals, &linear.basis, features);
+            Self::with_ratio(linear, features, ratio, watch)
+        };
+        let whitened = watch.goes_on().then(whitened).flatten();
+        whitened.unwrap_or_else(|| Self {
             residuals: linear.residuals.clone(),
             scores: linear.residuals.clone(),
             basis: linear.basis.clone(),
@@ -81,10 +86,19 @@ impl Whitened {
         })
     }
 
-    /// With a ratio λ that is known.
-    pub fn with_ratio(linear: &Linearised, features: &DMatrix<f64>, ratio: f64) -> Option<Self> {
+    /// With a ratio λ that is known. `None` where it cannot be, or once the watch says no.
+    pub fn with_ratio(
+        linear: &Linearised,
+        features: &DMatrix<f64>,
+        ratio: f64,
+        watch: &Watch<'_>,
+    ) -> Option<Self> {
+        let go_on = || watch.goes_on().then_some(());
+        go_on()?;
         let whitener = Whitener::new(features, ratio)?;
+        go_on()?;
         let q = orthonormal(whitener.whitened(&linear.basis));
+        go_on()?;
         let y = whitener.whitened_column(&linear.residuals);
         let residuals = &y - &q * q.tr_mul(&y);
         let (n_fitted, n_kept) = (q.ncols(), whitener.share.len());

@@ -5,7 +5,7 @@ use multiversion::multiversion;
 use nalgebra::DMatrix;
 
 /// A matrix of no more rows is reduced at once.
-const FEWEST_ROWS: usize = 6_000;
+pub const FEWEST_ROWS: usize = 6_000;
 /// Rows that are reduced at a time: they stay in a processor's cache.
 const ROWS_AT_ONCE: usize = 600;
 /// The second pass makes the columns orthonormal to rounding [Yamamoto 2015, Cholesky QR 2, with Householder's triangle for Cholesky's].
@@ -25,7 +25,7 @@ pub fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// R of a tall matrix, columns × columns, some rows at a time.
-fn triangle(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+pub fn triangle(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     let p = matrix.ncols();
     let mut r = DMatrix::zeros(p, p);
     for first in (0..matrix.nrows()).step_by(ROWS_AT_ONCE) {

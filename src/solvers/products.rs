@@ -4,6 +4,9 @@ use super::qr::{add_scaled, dot};
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
+/// Rows of a factor that are used together: of a hundred columns they stay in a processor's cache.
+const ROWS_AT_ONCE: usize = 480;
+
 /// Aᵀ·B.
 pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let mut product = DMatrix::zeros(a.ncols(), b.ncols());
@@ -40,12 +43,13 @@ pub fn add_weighted_square(weight: f64, rows: &[f64], n: usize, square: &mut [f6
 /// `out` <- Aᵀ·B, all column-major: A is rows × m, B rows × n, `out` m × n.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn dots(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
-    for (b, out) in b
-        .chunks_exact(n_rows)
-        .zip(out.chunks_exact_mut(a.len() / n_rows))
-    {
-        for (a, out) in a.chunks_exact(n_rows).zip(out) {
-            *out = dot(a, b);
+    let m = a.len() / n_rows;
+    for first in (0..n_rows).step_by(ROWS_AT_ONCE) {
+        let rows = first..n_rows.min(first + ROWS_AT_ONCE);
+        for (b, out) in b.chunks_exact(n_rows).zip(out.chunks_exact_mut(m)) {
+            for (a, out) in a.chunks_exact(n_rows).zip(out) {
+                *out += dot(&a[rows.clone()], &b[rows.clone()]);
+            }
         }
     }
 }
@@ -53,12 +57,13 @@ fn dots(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
 /// `out` <- `out` − A·B, all column-major: A is rows × m, B m × n, `out` rows × n.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn subtract(a: &[f64], b: &[f64], n_rows: usize, out: &mut [f64]) {
-    for (b, out) in b
-        .chunks_exact(a.len() / n_rows)
-        .zip(out.chunks_exact_mut(n_rows))
-    {
-        for (a, b) in a.chunks_exact(n_rows).zip(b) {
-            add_scaled(-b, a, out);
+    let m = a.len() / n_rows;
+    for first in (0..n_rows).step_by(ROWS_AT_ONCE) {
+        let rows = first..n_rows.min(first + ROWS_AT_ONCE);
+        for (b, out) in b.chunks_exact(m).zip(out.chunks_exact_mut(n_rows)) {
+            for (a, b) in a.chunks_exact(n_rows).zip(b) {
+                add_scaled(-b, &a[rows.clone()], &mut out[rows.clone()]);
+            }
         }
     }
 }
@@ -86,7 +91,14 @@ mod tests {
 
     #[test]
     fn products_are_those_of_nalgebra_but_for_rounding() {
-        for (rows, m, n) in [(1, 1, 1), (7, 3, 2), (301, 75, 20), (0, 2, 3), (3, 0, 2)] {
+        for (rows, m, n) in [
+            (1, 1, 1),
+            (7, 3, 2),
+            (301, 75, 20),
+            (1501, 9, 4),
+            (0, 2, 3),
+            (3, 0, 2),
+        ] {
             let numbers = |rows: usize, columns: usize, k: f64| {
                 DMatrix::from_fn(rows, columns, |i, j| libm::sin(k + (3 * i + 7 * j) as f64))
             };

@@ -48,16 +48,21 @@ pub(super) fn fit_all(
         arrangement,
         &everything,
     );
+    watch.goes_on();
     let reach_mm = reach_mm(&model.links, observed.all.iter());
     let rounding_mm = ROUNDING_PER_REACH * reach_mm;
     let residuals = weighted_residuals(&model, &observed.all);
     let linear = Linearised::new(&residuals, derivatives, rounding_mm);
+    watch.goes_on();
     let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
     let poses = observed
         .all
         .iter()
         .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
     let features = features(&model, poses, &gravity);
+    if !watch.goes_on() {
+        return Err(Error::Cancelled);
+    }
     Ok(AllFit {
         linear,
         columns,

@@ -8,7 +8,7 @@ use crate::calibration::preparation::observe::{Observed, free_parameters};
 use crate::calibration::preparation::placement::{nominal_model, placed};
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::KinematicModel;
-use crate::identification::estimate::least_squares;
+use crate::identification::estimate::least_squares_while;
 use crate::identification::identifiability::prior_scales;
 use crate::identification::linearisation::decomposition_at;
 use crate::identification::multistart::best_start;
@@ -150,7 +150,7 @@ pub fn fit_motions(
             .model
         });
         let rows = Problem::new(nominal.clone(), &parameters, &fitted);
-        let fit = least_squares(&rows, &start, watch);
+        let fit = least_squares_while(&rows, &start, watch);
         let found = if arrangement.motions.len() < 2 {
             true
         } else {

@@ -287,7 +287,7 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -
     }
     let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
     let (linear, features) = (fit.linear.of(order), fit.features.select_rows(&rows));
-    let problem = Whitened::new(&linear, &features);
+    let problem = Whitened::new(&linear, &features, watch);
     let clusters = observed.all_clusters();
     let least_scale_mm = fit.least_scale_mm;
     let campaign = Campaign {
