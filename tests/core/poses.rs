@@ -223,20 +223,21 @@ fn ur10(file: &str, root: &Path) -> (Robot, MeasurementSet) {
     (robot(&folder.join("robot.json")), set)
 }
 
+/// Errors on the points to verify, mm and degrees, rms: B as asked for; D with the weight of rotations that is estimated (393 mm/rad). Weights below
+/// 200 mm/rad leave 0.413 mm there, scipy leaves 0.419 with 500.
+const LIMITS: [(&str, f64, f64); 2] = [("data_B.csv", 0.46, 0.053), ("data_D.csv", 0.42, 0.061)];
+
 #[test]
 fn a_measured_robot_is_identified_from_poses_by_the_halves_of_its_file() {
     let Some(root) = real_data() else {
         return;
     };
-    for (file, most_mm, most_deg) in [("data_B.csv", 0.46, 0.053), ("data_D.csv", 0.415, 0.053)] {
+    for (file, most_mm, most_deg) in LIMITS {
         let (robot, set) = ur10(file, &root);
         let report = run(&CalibrationRequest::new(robot, set));
         let verify = report.verify.unwrap();
         let rotation = verify.rotation.unwrap();
-        println!("{file}: {verify:?}");
-        for w in &report.warnings {
-            println!("{}: {} {:?}", w.code, w.detail, w.rows.len());
-        }
+        assert!(has(&report, "corrections_left_out"), "{file}");
         assert!(verify.after.rms_mm <= most_mm, "{}", verify.after.rms_mm);
         let rms_deg = rotation.after.rms_rad.to_degrees();
         assert!(rms_deg <= most_deg, "{rms_deg}");
