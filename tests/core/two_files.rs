@@ -203,7 +203,7 @@ fn what_cannot_be_joined_says_what_to_state() {
             |point| (point.q_rad[0].to_degrees() - point.position_mm.x - 2.0).abs() < ROUNDING
         )
     );
-    let twice = robot(&(row("A", 0.0, 1.0) + &row("A", 1.0, 9.0)));
+    let twice = robot(&(row("A", 0.0, 1.0) + row("A", 1.0, 9.0).as_str()));
     let (code, detail) = refusal(&twice, "name,x_mm,y_mm,z_mm\nA,1,2,3\n", "");
     assert_eq!(code, "duplicate_name");
     assert!(detail.contains("lines 2 and 3"), "{detail}");
