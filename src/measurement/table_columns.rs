@@ -130,10 +130,9 @@ impl Resolution<'_> {
             });
         }
         for reference in &mapping.ignore {
-            match self.table.place(reference) {
-                Ok(place) => drop(self.taken.insert(place)),
-                // a column that is not there is left aside, too
-                Err(_) => {}
+            // a column that is not there is left aside, too
+            if let Ok(place) = self.table.place(reference) {
+                self.taken.insert(place);
             }
         }
     }

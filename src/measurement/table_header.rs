@@ -106,16 +106,16 @@ pub(super) fn found_header(
             }
         }
     }
-    if let (Some(best), Some(rival)) = (&best, rival) {
-        if best.score > 1 {
-            let detail = format!(
-                "line {} can be read with {:?} or with {:?} between its columns. State \"separator\" in ?columns= (--columns)",
-                best.line,
-                best.separator.as_str(),
-                rival.as_str()
-            );
-            return Err(whole("two_readings", detail));
-        }
+    if let (Some(best), Some(rival)) = (&best, rival)
+        && best.score > 1
+    {
+        let detail = format!(
+            "line {} can be read with {:?} or with {:?} between its columns. State \"separator\" in ?columns= (--columns)",
+            best.line,
+            best.separator.as_str(),
+            rival.as_str()
+        );
+        return Err(whole("two_readings", detail));
     }
     if best.is_some() {
         return Ok(best.map(|header| widest(header, above, separators, mapping)));

@@ -116,12 +116,11 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
         rotation: options.rotation,
         is_time: options.is_time,
     };
-    let mut content = Rows::default();
-    content.keys = parts
-        .keys
-        .iter()
-        .map(|used| (used.means.clone(), vec![]))
-        .collect();
+    let keys = parts.keys.iter();
+    let mut content = Rows {
+        keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
+        ..Rows::default()
+    };
     table.each_row(|next| content.take(next, &table, &parts, &reading));
     if content.points.is_empty() && content.issues.is_empty() {
         content.issue(
