@@ -38,6 +38,7 @@ function noUse(report) {
   const told = (code) => report.warnings.find((remark) => remark.code === code);
   const code = Object.keys(NO_USE).find((known) => known !== "insisted_upload" && told(known));
   const refused = told("insisted_upload")?.detail ?? code ?? "";
+  if (refused.includes("poor_alignment")) return NO_USE[code];
   // what was refused and insisted on is told before what a wrong file looks like
   return NO_USE[["no_fit", "joint_map_suspect"].includes(code) && !refused.includes(code) ? "insisted_upload" : code];
 }
