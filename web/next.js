@@ -10,6 +10,7 @@ export function uselessBy(report) {
   const told = (code) => report.warnings.find((remark) => remark.code === code);
   const code = Object.keys(NO_USE).find((known) => known !== "insisted_upload" && told(known));
   const refused = told("insisted_upload")?.detail ?? code ?? "";
+  if (refused.includes("poor_alignment")) return code;
   // what was refused and insisted on is told before what a wrong file looks like
   return ["no_fit", "joint_map_suspect"].includes(code) && !refused.includes(code) ? "insisted_upload" : code;
 }

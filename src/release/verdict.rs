@@ -64,6 +64,8 @@ pub fn headline(report: &Report) -> Option<&'static str> {
     let code = unusable_because(report)?;
     let is_explained = [JOINT_MAP, NO_FIT].contains(&code);
     match refused_as(report) {
+        // that refusal named no cause
+        Some("poor_alignment") => Some(code),
         Some(refused) if is_explained && refused != code => Some(INSISTED),
         _ => Some(code),
     }
