@@ -52,7 +52,7 @@ fn refusal(robot: &str, instrument: &str, columns: &str) -> (String, String) {
     (error.issues[0].code.clone(), error.issues[0].detail.clone())
 }
 
-/// Joint values (degrees, whole thousandths) and what belongs to them.
+/// Joint values (degrees, whole ten-thousandths) and what belongs to them.
 fn truth() -> BTreeMap<[i64; 6], [f64; 3]> {
     let text = String::from_utf8(example("truth.csv")).unwrap();
     text.lines()
@@ -64,7 +64,7 @@ fn truth() -> BTreeMap<[i64; 6], [f64; 3]> {
                 .map(|cell| cell.parse().unwrap())
                 .collect();
             (
-                std::array::from_fn(|i| (numbers[i] * 1000.0).round() as i64),
+                std::array::from_fn(|i| (numbers[i] * 10_000.0).round() as i64),
                 std::array::from_fn(|i| numbers[6 + i]),
             )
         })
@@ -79,7 +79,7 @@ fn joined(robot: &str, instrument: &str, columns: &str, n: usize) -> JoinedFiles
     let truth = truth();
     assert_eq!(set.points.len(), n, "{name}");
     for point in &set.points {
-        let key = std::array::from_fn(|i| (point.q_rad[i].to_degrees() * 1000.0).round() as i64);
+        let key = std::array::from_fn(|i| (point.q_rad[i].to_degrees() * 10_000.0).round() as i64);
         let meant = truth
             .get(&key)
             .unwrap_or_else(|| panic!("{name}: {key:?} was never measured"));
