@@ -60,6 +60,12 @@ export const WARNINGS = {
 
 // Why a warning matters: one short sentence each.
 export const MATTERS = {
+  configurations_err_together: "Joint values that were read before the arm had settled err so, and no number of targets helps.",
+  drift: "A base that moves slowly is taken for errors of the links.",
+  mounting_contradicted: "Sag is computed from the direction of gravity, and a wrong one spoils it.",
+  rotation_suspect: "A wrong convention turns every target, and fits as badly as another robot.",
+  warm_up: "What moves while it warms up is taken for errors of the links.",
+  worse_than_identified: "The robot, its tool or the instrument may have changed since.",
   at_bound: "The true value may lie beyond the edge.",
   bad_subset: "Without it nothing says which points were kept aside.",
   base_moved: "A step in the middle of a session would be taken for an error of the arm.",
@@ -112,10 +118,16 @@ export const MATTERS = {
 
 // What to do about a warning: one short sentence each.
 export const REMEDIES = {
+  configurations_err_together: "Let the arm settle before its joints are read, or upload the commanded values.",
+  drift: "Fix base and instrument, let them reach their temperature, and measure again with one pose repeated now and then.",
+  mounting_contradicted: "Check how the arm hangs, and correct the robot's mounting.",
+  rotation_suspect: "Upload again with the convention that is named.",
+  warm_up: "Let robot and instrument warm up before the first point, and measure again.",
+  worse_than_identified: "Measure another session; if it agrees, identify anew.",
   at_bound: "Widen the bounds if the value is possible; else look for what is wrong with the points.",
   bad_subset: "Write identify or verify in every row, or leave the column out.",
   base_moved: "Fix the base and the instrument, and measure again if the step is large.",
-  base_not_checked: "Measure once with the instrument at another place, and verify with that session.",
+  base_not_checked: "Verify with a session whose positions are in the base frame, or correct targets in the measuring frame.",
   column_suspect: "Compare the header with the file that the instrument wrote, and upload it again.",
   base_frame_off: "Measure the base frame again, or correct targets in the measuring frame.",
   corrections_left_out: "Measure more poses, or ask for corrections when you start the job.",
