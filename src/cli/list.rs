@@ -141,7 +141,7 @@ pub struct RobotArguments {
     server: ServerArguments,
     /// Show this one in full.
     #[arg(value_name = "ID")]
-    id: Option<String>,
+    pub(super) id: Option<String>,
     /// Only robots whose name or serial number contains this text.
     #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
     search: Option<String>,

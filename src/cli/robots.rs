@@ -171,13 +171,30 @@ fn limits(text: &str) -> Result<Limits, String> {
 /// `kincal robots`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.command {
-        None => list::robots(&arguments.shown),
+        None => {
+            refuse_name_of_command(arguments.shown.id.as_deref())?;
+            list::robots(&arguments.shown)
+        }
         Some(RobotCommand::List(list)) => list::robots(list),
         Some(RobotCommand::Show(one)) => show(one),
         Some(RobotCommand::Edit(changes)) => edit(changes),
         Some(RobotCommand::Archive(one)) => put(one, Action::Archive),
         Some(RobotCommand::Restore(one)) => put(one, Action::Restore),
         Some(RobotCommand::Library(command)) => robots_library::run(command),
+    }
+}
+
+/// `kincal robots --server URL list` would show a robot that is called list.
+fn refuse_name_of_command(id: Option<&str>) -> anyhow::Result<()> {
+    let known = [
+        "list", "show", "edit", "archive", "restore", "find", "add", "posture",
+    ];
+    match id.filter(|id| known.contains(id)) {
+        Some(id) => {
+            let text = format!("write the options after {id}: kincal robots {id} --server URL …");
+            Err(Usage(text).into())
+        }
+        None => Ok(()),
     }
 }
 

@@ -31,8 +31,7 @@ pub fn report(report: &Report) -> String {
                 in_commands(&warning.detail)
             ),
         );
-        let advice = [words::matters(&warning.code), words::remedy(&warning.code)];
-        let advice: Vec<&str> = advice.into_iter().flatten().collect();
+        let advice = words::advice(&warning.code, &report.warnings);
         if !advice.is_empty() {
             line(&mut text, format!("  {}", advice.join(" ")));
         }

@@ -70,7 +70,7 @@ struct ImportQuery {
     /// The link at the end of the robot, in a URDF with several.
     tip: Option<String>,
     /// `source` makes angles of a URDF that are a rounded multiple of 90° that multiple; `largest_difference_mm` says by how much that moves the tip.
-    #[param(inline, default = "exact")]
+    #[param(inline)]
     digits: Option<ImportDigits>,
 }
 

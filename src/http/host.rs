@@ -12,6 +12,8 @@ use axum::response::{IntoResponse, Response};
 use std::net::{Ipv4Addr, Ipv6Addr};
 
 const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
+/// A header that no form of a page can send.
+const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const SEC_FETCH_MODE: HeaderName = HeaderName::from_static("sec-fetch-mode");
 
 /// Content types that a page may send to any site without a preflight request (Fetch standard, CORS-safelisted request headers).
@@ -96,11 +98,12 @@ fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Erro
     if may_be_a_form
         && !headers.contains_key(header::ORIGIN)
         && !headers.contains_key(SEC_FETCH_SITE)
+        && !headers.contains_key(IDEMPOTENCY_KEY)
     {
         return Err(Error::UnsupportedMediaType {
             found: media_type(headers).unwrap_or_default(),
-            expected: "the body's own type, such as application/json, text/csv or application/xml: what forms send could come from another \
-                       site's page, and this server takes no keys",
+            expected: "the body's own type, such as application/json, text/csv or application/xml, or a form with an Idempotency-Key: what \
+                       forms of pages send could come from another site, and this server takes no keys",
         });
     }
     Ok(())

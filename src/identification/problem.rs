@@ -372,6 +372,11 @@ impl<'a> Problem<'a> {
         self.blocks.len()
     }
 
+    /// The rows of a block.
+    pub fn rows_of(&self, block: usize) -> Range<usize> {
+        self.blocks[block].rows.clone()
+    }
+
     /// The same with some of the blocks alone, one after another as named.
     pub fn part(&self, blocks: impl Iterator<Item = usize>) -> Self {
         let mut n_rows = 0;

@@ -99,12 +99,20 @@ impl Columns {
     }
 }
 
+/// Where the three rows of an observation are: the block of its measurement, and the first of them there.
+struct Place {
+    block: usize,
+    first: usize,
+}
+
 /// The rows of a session: the identified robot's coordinates, and the points of each configuration.
 struct Rows<'a> {
     session: &'a Session<'a>,
     columns: Columns,
     x: Vec<f64>,
     points_of: Vec<Vec<usize>>,
+    /// Where each observation's rows are.
+    places: Vec<Place>,
 }
 
 /// How a station that is turned turns a pose that was measured from it, by its rotation rows; `None` of positions.
@@ -144,10 +152,19 @@ impl<'a> Rows<'a> {
             n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
             n_features: misfit.features(model, [].into_iter()).ncols(),
         };
+        let mut n_blocks = 0;
+        let place = |o: &Observation| {
+            n_blocks += usize::from(o.rotation.is_none());
+            Place {
+                block: n_blocks - 1,
+                first: if o.rotation.is_some() { 3 } else { 0 },
+            }
+        };
         Self {
             session,
             columns,
             x: problem.coordinates(model),
+            places: session.observations.iter().map(place).collect(),
             points_of,
         }
     }
@@ -170,12 +187,23 @@ impl<'a> Rows<'a> {
         matrix
             .columns_mut(self.columns.without_features(), self.columns.n_features)
             .copy_from(&-misfit.features(model, poses));
-        let mut residuals = vec![0.0; matrix.nrows()];
-        problem
-            .part(points.iter().copied())
-            .evaluate(&self.x, &mut residuals, Some(&mut matrix));
+        let mut blocks: Vec<usize> = points.iter().map(|p| self.places[*p].block).collect();
+        blocks.dedup();
+        let part = problem.part(blocks.iter().copied());
+        let mut of_blocks = DMatrix::zeros(part.n_rows(), self.columns.n_parameters);
+        let mut left = vec![0.0; part.n_rows()];
+        part.evaluate(&self.x, &mut left, Some(&mut of_blocks));
+        let mut residuals = Vec::with_capacity(matrix.nrows());
+        let mut at = 0;
         for (k, point) in points.iter().enumerate() {
             let o = &observations[*point];
+            let place = &self.places[*point];
+            at += usize::from(blocks[at] != place.block);
+            let first = part.rows_of(at).start + place.first;
+            residuals.extend_from_slice(&left[first..first + 3]);
+            matrix
+                .view_mut((3 * k, 0), (3, self.columns.n_parameters))
+                .copy_from(&of_blocks.rows(first, 3));
             if o.rotation.is_some() {
                 matrix
                     .view_mut(

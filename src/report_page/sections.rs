@@ -66,8 +66,7 @@ pub fn warnings(warnings: &[Warning]) -> Markup {
             div.warning {
                 p {
                     strong { (words::warning(&warning.code)) ". " }
-                    @if let Some(matters) = words::matters(&warning.code) { (matters) " " }
-                    @if let Some(remedy) = words::remedy(&warning.code) { (remedy) }
+                    (words::advice(&warning.code, warnings).join(" "))
                 }
                 p.note { (words::capital(warning.detail.trim_end_matches('.'))) "." }
             }

@@ -1,6 +1,7 @@
 //! Texts of codes, from `web/words.js`, which the dashboard uses too.
 
 use crate::wire::job_answer::Stage;
+use crate::wire::measurement::Warning;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
@@ -26,14 +27,17 @@ pub fn warning(code: &str) -> String {
     of("WARNINGS", code)
 }
 
-/// Why a warning matters; `None` for a code of another version.
-pub fn matters(code: &str) -> Option<&'static str> {
-    WORDS.get(&("MATTERS", code)).copied()
-}
+/// What a wrong file looks like. Of a file that was insisted on, the warning itself repeats what its refusal said.
+const LOOKS_OF_A_WRONG_FILE: [&str; 3] = ["session_does_not_fit", "no_fit", "joint_map_suspect"];
 
-/// What to do about a warning; `None` for a code of another version.
-pub fn remedy(code: &str) -> Option<&'static str> {
-    WORDS.get(&("REMEDIES", code)).copied()
+/// Why a warning among others matters and what to do about it; empty for a code of another version.
+pub fn advice(code: &str, among: &[Warning]) -> Vec<&'static str> {
+    let is_insisted = among.iter().any(|other| other.code == "insisted_upload");
+    if is_insisted && LOOKS_OF_A_WRONG_FILE.contains(&code) {
+        return vec![];
+    }
+    let texts = ["MATTERS", "REMEDIES"].map(|table| WORDS.get(&(table, code)).copied());
+    texts.into_iter().flatten().collect()
 }
 
 /// Why a result cannot be used, in words.

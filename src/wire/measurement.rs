@@ -65,6 +65,7 @@ pub struct PointBody {
     pub position_mm: [f64; 3],
     /// How the target was turned in the measuring frame, of a pose: w, x, y, z, of length 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 4, max_items = 4)]
     pub quaternion: Option<[f64; 4]>,
     /// Points of one arm configuration share this label; default: equal joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -81,6 +82,7 @@ pub struct PointBody {
     pub std_mm: Option<f64>,
     /// Standard uncertainty of the rotation about each axis, degrees, of a pose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0, maximum = 90)]
     pub std_rotation_deg: Option<f64>,
     /// Label of the instrument's set-up.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -133,6 +135,7 @@ pub struct SetSummary {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joined: Option<JoinedFiles>,
     /// When it was archived: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
 }
 

@@ -35,8 +35,8 @@ const FEWEST_AT_REST: usize = 6;
 /// `unknown_parameter`, `bad_subset`, `target_without_identify_points`, `under_determined`, `nothing_to_identify`, `too_much_work`,
 /// `search_box_too_small`, `verify_overlaps_identify`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
-    check_model(request)?;
     check_poses(request)?;
+    check_model(request)?;
     let observed = observe(request)?;
     let n_targets = n_targets(request);
     let parameters = with_target_rotations(free_parameters(request, n_targets)?, &observed.all);

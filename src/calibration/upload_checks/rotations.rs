@@ -38,16 +38,18 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     if own_rad <= FITS_RAD {
         return None;
     }
+    let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
+    let inverse = "the inverse rotation (the measuring frame as the target sees it)";
     let mut others = vec![(
-        "the inverse rotation (the measuring frame as the target sees it)".to_owned(),
+        match are_angles {
+            true => inverse.to_owned(),
+            // x, y, z, w read as w, x, y, z is the inverse rotation between two fixed quarter turns, which base and target take: the same fit
+            false => format!("{inverse}, or as quaternions in the order x, y, z, w,"),
+        },
         stated.iter().map(Rotation3::inverse).collect::<Vec<_>>(),
     )];
-    match poses.iter().all(|p| p.rotation_angles_rad.is_some()) {
-        true => others.extend(by_conventions(&poses)),
-        false => others.push((
-            "quaternions in the order x, y, z, w".to_owned(),
-            stated.iter().map(in_other_order).collect(),
-        )),
+    if are_angles {
+        others.extend(by_conventions(&poses));
     }
     let best = best(robot, &poses, others)?;
     if BETTER * best.median_rad > own_rad {
@@ -90,13 +92,6 @@ fn by_conventions(poses: &[&Point]) -> Vec<(String, Vec<Rotation3<f64>>)> {
         (format!("rotation={convention}"), rotations)
     };
     RotationConvention::all().into_iter().map(read).collect()
-}
-
-/// A quaternion that was read as w, x, y, z, read as x, y, z, w.
-fn in_other_order(rotation: &Rotation3<f64>) -> Rotation3<f64> {
-    let q = UnitQuaternion::from_rotation_matrix(rotation);
-    let other = Quaternion::new(q.k, q.w, q.i, q.j);
-    UnitQuaternion::new_normalize(other).to_rotation_matrix()
 }
 
 fn best(

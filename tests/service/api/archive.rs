@@ -219,7 +219,7 @@ async fn what_is_archived_is_used_by_no_new_job() {
     let refused = app.post_json(&jobs, &verify).await.problem(409, "archived");
     assert!(text(&refused["detail"]).contains(&set), "{refused}");
     // A set to verify on is a set, too.
-    let other = app.upload(&robot, "second.csv").await;
+    let other = app.upload(&robot, "followup_unchanged.csv").await;
     let request = json!({"measurement_set_id": other, "verify": {"source": "set", "measurement_set_id": set}});
     app.post_json(&jobs, &request)
         .await

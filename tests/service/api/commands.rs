@@ -161,12 +161,16 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
         text(&job["parameter_set_id"]).to_owned()
     };
     let first = submit("1", &["--corrections", "off"]).await;
-    let second = submit("2", &["--hold", "beta_1", "--prior", "a_2=0.1:mean=0"]).await;
+    let second = submit(
+        "2",
+        &["--hold", "beta_1", "--prior", "a_2=0.1:mean=166.605"],
+    )
+    .await;
     let job = json(&["params", &second]).await;
     let job = json(&["jobs", text(&job["job_id"])]).await;
     assert_eq!(
         job["request"]["parameters"],
-        json!({"hold": ["beta_1"], "priors": [{"name": "a_2", "std": 0.1, "mean": 0.0}]})
+        json!({"hold": ["beta_1"], "priors": [{"name": "a_2", "std": 0.1, "mean": 166.605}]})
     );
 
     let shown = json(&["policy", "show", &robot]).await;

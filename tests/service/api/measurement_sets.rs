@@ -440,13 +440,9 @@ async fn joint_limits_are_the_controllers_as_the_joint_values_are() {
 async fn other_types_other_queries_and_unknown_robots_are_refused() {
     let app = TestApp::spawn().await;
     let path = format!("{}/measurement-sets", app.paper_robot().await);
-    app.post(
-        &path,
-        "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
-        "PK",
-    )
-    .await
-    .problem(415, "unsupported_media_type");
+    app.post(&path, "application/zip", "PK")
+        .await
+        .problem(415, "unsupported_media_type");
     app.post(
         &format!("{path}?frane=base"),
         "text/csv",
