@@ -56,10 +56,11 @@ fn refused(detail: String) -> Error {
     }
 }
 
-async fn put_away<T: Item>(app: &App, submission: &Submission, item: T) -> Result<Response, Error>
-where
-    T: Clone,
-{
+async fn put_away<T: Item + Clone>(
+    app: &App,
+    submission: &Submission,
+    item: T,
+) -> Result<Response, Error> {
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }
@@ -74,10 +75,11 @@ where
     submission.create(&app.store, effect).await
 }
 
-async fn take_back<T: Item>(app: &App, submission: &Submission, item: T) -> Result<Response, Error>
-where
-    T: Clone,
-{
+async fn take_back<T: Item + Clone>(
+    app: &App,
+    submission: &Submission,
+    item: T,
+) -> Result<Response, Error> {
     if let Some(answer) = submission.replay(&app.store).await? {
         return Ok(answer);
     }

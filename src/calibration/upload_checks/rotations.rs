@@ -5,7 +5,7 @@ use crate::identification::hand_eye::base_and_target_rotation;
 use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::{Robot, t_base_flange};
 use crate::measurement::{MeasurementSet, Point, RotationConvention};
-use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
+use nalgebra::Rotation3;
 use std::collections::BTreeMap;
 
 /// Poses that are looked at.

@@ -89,11 +89,13 @@ fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) ->
     if spare < SPARE_EQUATIONS {
         return None;
     }
-    // poses that do not differ put any robot's points close together
-    let expected = flange_spread_mm(&model.links, observations)
-        .min(SMALL_SPREAD * kinematics::reach_mm(&model.links));
-    let unlike = match expected > 0.0 {
-        true => (expected / spread_mm(observations)).max(1.0),
+    let (moved, apart) = (
+        flange_spread_mm(&model.links, observations),
+        spread_mm(observations),
+    );
+    let unlike = match moved > apart {
+        true => (SMALL_SPREAD * kinematics::reach_mm(&model.links) / apart).max(1.0),
+        // poses that do not differ put any robot's points close together
         false => 1.0,
     };
     let rms_mm = (3.0 * cost(&model, observations) / spare as f64).sqrt() * unlike;
