@@ -109,7 +109,7 @@ impl Item for RobotRow {
     }
 
     fn answer(self) -> Result<Self::Answer, Error> {
-        Ok(RobotAnswer::try_from(&self)?)
+        RobotAnswer::try_from(&self)
     }
 }
 

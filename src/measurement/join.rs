@@ -148,7 +148,7 @@ fn points(robot: &Content, instrument: &Content, pairs: &Pairs) -> Vec<Point> {
 }
 
 /// The cells of a key's column.
-fn cells<'c>(content: &'c Content, by: JoinBy) -> Option<(&'c str, &'c [String])> {
+fn cells(content: &Content, by: JoinBy) -> Option<(&str, &[String])> {
     let is_it = |means: &str| {
         matches!(
             (key(means), by),

@@ -36,7 +36,7 @@ pub fn parts<'a>(content_type: &str, body: &'a [u8]) -> Result<Vec<Part<'a>>, In
         .ok_or_else(|| malformed("the content type has no boundary"))?;
     let delimiter = format!("\r\n--{boundary}");
     // the first delimiter has no line before it
-    let first = delimiter[2..].as_bytes();
+    let first = &delimiter.as_bytes()[2..];
     let mut rest = match body.strip_prefix(first) {
         Some(rest) => rest,
         None => {
