@@ -51,6 +51,7 @@ mod tests {
     use super::{clean, right_angle};
 
     #[test]
+    #[allow(clippy::approx_constant, reason = "files write the rounded number")]
     fn noise_goes_and_numbers_stay() {
         assert_eq!(clean(704.999_999_999_999_9), 705.0);
         assert_eq!(clean(163.941), 163.941);
