@@ -3,7 +3,6 @@
 //! `cargo run --release --example drift_study [n_campaigns] > docs/drift.md`
 
 #[path = "../tests/support/data.rs"]
-#[allow(dead_code)]
 mod data;
 #[path = "../tests/support/drifts.rs"]
 mod drifts;

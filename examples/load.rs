@@ -390,6 +390,7 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
         uploaded_by: None,
         serial_number: None,
         insisted_on: None,
+        reading_json: None,
     };
     let set = measurement_sets::insert(&mut tx, &set).await?;
     tx.commit().await?;
