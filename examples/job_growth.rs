@@ -6,7 +6,6 @@
 //! peak memory is its own.
 
 #[path = "../tests/support/data.rs"]
-#[allow(dead_code)]
 mod data;
 #[path = "../tests/support/simulation.rs"]
 mod simulation;

@@ -221,6 +221,7 @@ fn papers_set(robot_id: &str) -> NewMeasurementSet {
         uploaded_by: None,
         serial_number: None,
         insisted_on: None,
+        reading_json: None,
     }
 }
 

@@ -301,7 +301,8 @@ fn every_habit_is_read_as_it_is_meant_or_refused_with_the_remedy() {
 /// The habits that are taken without a word, with every pair of form and name.
 #[test]
 fn habits_of_form_and_of_name_go_together() {
-    let names: [(fn(usize) -> String, [&str; 3]); 3] = [
+    type NameOfJoint = fn(usize) -> String;
+    let names: [(NameOfJoint, [&str; 3]); 3] = [
         (|j| format!("Achse {j} [°]"), MM),
         (|j| format!("joint{j}_deg"), ["x_mm", "y_mm", "z_mm"]),
         (|j| format!("J{j}, deg"), ["X, mm", "Y, mm", "Z, mm"]),

@@ -297,14 +297,14 @@ pub fn sheets() -> Vec<Habit> {
         taken("ods", workbooks::ods(&[("Sheet1", &titled)])),
         asked(
             "two sheets",
-            workbooks::xlsx(&[("Old", &cells[..3].to_vec()), ("New", &cells)]),
+            workbooks::xlsx(&[("Old", &cells[..3]), ("New", &cells)]),
             "two_readings",
             "\"sheet\"",
             "\"sheet\": \"New\"",
         ),
         asked(
             "two sheets of ods",
-            workbooks::ods(&[("Old", &cells[..3].to_vec()), ("New", &cells)]),
+            workbooks::ods(&[("Old", &cells[..3]), ("New", &cells)]),
             "two_readings",
             "\"sheet\"",
             "\"sheet\": \"New\"",

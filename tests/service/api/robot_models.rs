@@ -287,7 +287,8 @@ async fn an_import_names_the_tip_and_the_frames_that_it_skipped_and_rounds_to_wh
     assert_eq!(exact["fixed_frames"], json!(["base", "plate"]));
     assert_eq!(exact["skipped_frames"], json!(["camera"]));
     let alpha = exact["robot"]["links"][1]["alpha_deg"].as_f64().unwrap();
-    assert!((alpha + 1.5708f64.to_degrees()).abs() < 1e-9, "{alpha}");
+    let written: f64 = "1.5708".parse().unwrap();
+    assert!((alpha + written.to_degrees()).abs() < 1e-9, "{alpha}");
     assert!(exact["largest_difference_mm"].as_f64().unwrap() < SAME);
     let meant = import(&app, "format=urdf&digits=source", "application/xml", URDF)
         .await
