@@ -62,7 +62,7 @@ FAULTS = [
         ("} else if let Some(warning) = shows_little(&request.robot, set) {", "} else if let Some(warning) = shows_little(&request.robot, set).filter(|_| false) {")],
         "src/calibration"),
     Fault("one pose lies too close together", "service", "one_pose_that_was_read_thirty_times", [
-        ("let unlike = match moved > apart {", "let unlike = match moved >= 0.0 {")], "src/calibration"),
+        ("flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {", "flange_spread_mm(&model.links, observations) >= 0.0 {")], "src/calibration"),
     Fault("an insisted file is advised a joint map", "service", "the_advice_is_that_of_its_refusal", [
         ("let fit = fit.map(|told| advised(told, request.refused_as.as_deref()));", "let fit = fit.map(|told| advised(told, None));")], "src/calibration"),
     Fault("what fits nothing has not changed", "core", "of_points_that_fit_no_robot", [

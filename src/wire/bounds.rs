@@ -5,6 +5,7 @@ use crate::kinematics::model::MAX_LINKS;
 use crate::measurement::csv::{
     MAX_COORDINATE_MM, MAX_LABEL_LENGTH, MAX_STD_MM, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
+use crate::measurement::csv_pose::MAX_QUATERNION_OFF;
 use crate::wire::compensate::{MAX_TARGETS_PER_REQUEST, ROTATION_TOLERANCE};
 use crate::wire::corrections::MAX_PAYLOAD_OFFSET_MM;
 use crate::wire::id::MAX_ID;
@@ -82,6 +83,11 @@ fn bounded() -> Vec<Bounded> {
             vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
         ),
         ("PointBody", "position_mm", three(MAX_COORDINATE_MM)),
+        (
+            "PointBody",
+            "quaternion",
+            vec![Items(4, 4), plus_minus(1.0 + MAX_QUATERNION_OFF)],
+        ),
         ("PointBody", "configuration", label()),
         ("PointBody", "station", label()),
         ("PointBody", "session", label()),

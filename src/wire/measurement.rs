@@ -65,7 +65,6 @@ pub struct PointBody {
     pub position_mm: [f64; 3],
     /// How the target was turned in the measuring frame, of a pose: w, x, y, z, of length 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(min_items = 4, max_items = 4)]
     pub quaternion: Option<[f64; 4]>,
     /// Points of one arm configuration share this label; default: equal joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]

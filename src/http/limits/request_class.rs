@@ -53,6 +53,8 @@ impl RequestClass {
                     Self::Read
                 }
             }
+            // signing in and out looks a key up and stores nothing
+            Method::PUT | Method::DELETE if path == "/v1/session" => Self::Read,
             Method::POST if CALCULATIONS.contains(&last) => Self::Calculation,
             Method::POST if SAFETY.contains(&last) => Self::Safety,
             _ => Self::Write,

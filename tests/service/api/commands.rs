@@ -225,8 +225,12 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
     )
     .await;
     assert!(std::fs::read_to_string(&urdf).unwrap().contains("<robot"));
-    let patched = out(&app, key, &["export", &first, "--patch", file]).await;
-    assert!(patched.contains("<robot"));
+    // that is the identified robot's description, and not the one that the cell has
+    let (code, _, stderr) = run(&app, key, &["export", &first, "--patch", file]).await;
+    assert!(
+        code == 2 && stderr.contains("the identified robot's already"),
+        "{code}: {stderr}"
+    );
     let predicted = json(&["predict", &first, "10,-20,30,0,45,0", "-5,0,0,0,0,0"]).await;
     assert_eq!(predicted["position_mm"].as_array().unwrap().len(), 2);
     let content = out(&app, key, &["params", &first, "--content"]).await;

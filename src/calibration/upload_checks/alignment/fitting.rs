@@ -37,6 +37,8 @@ const ZERO_STEPS: i32 = 5;
 const EQUALLY_GOOD: f64 = 1.5;
 /// Points this close together, as a share of the arm's reach, may be in a larger unit than they seem.
 const SMALL_SPREAD: f64 = 0.02;
+/// Poses whose flanges lie this close together, as a share of the arm's reach, are one pose, its joints read to 0.001°.
+const SAME_POSE: f64 = 1e-5;
 
 /// A robot laid onto points.
 #[derive(Clone, Debug)]
@@ -89,12 +91,9 @@ fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) ->
     if spare < SPARE_EQUATIONS {
         return None;
     }
-    let (moved, apart) = (
-        flange_spread_mm(&model.links, observations),
-        spread_mm(observations),
-    );
-    let unlike = match moved > apart {
-        true => (SMALL_SPREAD * kinematics::reach_mm(&model.links) / apart).max(1.0),
+    let reach_mm = kinematics::reach_mm(&model.links);
+    let unlike = match flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {
+        true => (SMALL_SPREAD * reach_mm / spread_mm(observations)).max(1.0),
         // poses that do not differ put any robot's points close together
         false => 1.0,
     };
