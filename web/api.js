@@ -76,8 +76,6 @@ async function once(path, options) {
 export const get = async (path, signal) => (await call(path, { signal })).json();
 export const blob = async (path, signal) => (await call(path, { signal })).blob();
 
-export const put = async (path, body) => (await call(path, { method: "PUT", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } })).json();
-
 /** A POST that may be repeated without a second effect. Text and files go as they are, byte for byte; anything else becomes JSON. */
 export async function post(path, body, contentType = "application/json") {
   const isReady = typeof body === "string" || body instanceof Blob;
