@@ -205,7 +205,8 @@ fn complete(method: &Method, path: &str, operation: &mut Operation) {
     add("400", "Path, query, header or body cannot be read");
     add("401", "A key is needed");
     add("403", "The key lacks the scope");
-    if path.contains('{') {
+    // `listAllJobs` takes the robot as a filter
+    if path.contains('{') || id == "listAllJobs" {
         add("404", "It does not exist, or this key may not see it");
     }
     add("503", "The database is busy: try again");

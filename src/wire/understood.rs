@@ -19,7 +19,6 @@ pub struct UnderstoodBody {
     /// What separates columns: `,` `;` `|` `tab` or `spaces`.
     pub separator: String,
     /// The decimal mark.
-    #[schema(inline)]
     pub decimal: Decimal,
     /// `utf-8`, `utf-16le`, `utf-16be`, `windows-1252`, `xlsx`, `ods` or `robot program`.
     pub encoding: String,
