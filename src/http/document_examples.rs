@@ -83,10 +83,13 @@ impl Examples {
     /// Writes an example into every body of an operation.
     pub fn write(&self, operation: &mut Operation) {
         let complete = |media_type: &str, content: &mut RefOr<Content>| {
-            if let RefOr::T(content) = content
-                && content.example.is_none()
-            {
+            let RefOr::T(content) = content else { return };
+            if content.example.is_none() {
                 content.example = self.of_body(media_type, content.schema.as_ref());
+            }
+            // the order of keys must not depend on the features that serde_json was built with
+            if let Some(example) = &mut content.example {
+                example.sort_all_objects();
             }
         };
         if let Some(RefOr::T(body)) = &mut operation.request_body {
