@@ -72,6 +72,13 @@ FAULTS = [
         "src/calibration"),
     Fault("nine times worse is as good", "service", "a_session_several_times_worse", [
         ("(times >= WORSE).then_some(times)", "(times >= 10.0 * WORSE).then_some(times)")], "src/calibration"),
+    Fault("a work frame of another set-up is used", "core", "a_work_frame_from_another_set_up_is_refused", [
+        ("if is_measuring && !is_own && from.provenance", "if false && !is_own && from.provenance")], "src/operations"),
+    Fault("the work frame is exact", "core", "a_frame_from_points_is_as_uncertain", [
+        ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
+    Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
+        ("Base::Measured => anchor_in_measuring_frame(&model, &nominal.links),\n        };\n        Self { model, anchor }",
+         "Base::Measured => anchor(&model.links, &nominal.links),\n        };\n        Self { model, anchor }")], "src/compensation"),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
         ("""create table parameter_set (

@@ -7,20 +7,22 @@ use super::runtime::block_on;
 use super::terminal;
 use super::terminal::Output;
 use super::usage::Usage;
-use crate::operations;
+use crate::operations::{self, Correctable};
 use crate::wire::compensate::{
-    Base, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, MAX_TARGETS_PER_REQUEST, Mode,
-    Status,
+    Base, CartesianTarget, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut,
+    MAX_TARGETS_PER_REQUEST, Mode, Status,
 };
 use crate::wire::export::ExportDocument;
 use crate::wire::issue::{Invalid, Issue};
 use crate::wire::robot::Robot;
+use crate::wire::tool::ToolBody;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 
-/// Correct the joint targets of a program that was made offline.
+/// Correct the targets of a program that was made offline.
 ///
-/// The JSON has the corrected joint values and the status of each target.
+/// PROGRAM.csv has joint targets in q1_deg … qn_deg (or q1_rad …), or Cartesian targets in x_mm y_mm z_mm quat_w quat_x quat_y quat_z with joint
+/// values near them. Both come back corrected, all other columns as they are. The JSON has also the status of each target.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// With --parameters: PROGRAM.csv. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.csv.
@@ -41,6 +43,12 @@ pub struct Arguments {
     /// The reflector that is the tool (0-based) [default: 0, or the tool of --tool-mm].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
+    /// A tool that the robot has on the server, by its name.
+    #[arg(long = "tool", env = "KINCAL_TOOL", value_name = "NAME", conflicts_with_all = ["tool_mm", "target"])]
+    tool_name: Option<String>,
+    /// The frame of Cartesian targets: base, measuring, or the name of a work frame that the robot has on the server [default: base].
+    #[arg(long, env = "KINCAL_FRAME_OF_TARGETS", value_name = "FRAME")]
+    frame: Option<String>,
     /// The tool centre point in the flange frame: X,Y,Z in mm.
     #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
@@ -62,13 +70,21 @@ pub fn tool_mm(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
 }
 
-/// A program: its header, its rows, and the columns of its joint values.
+/// Columns of a Cartesian target.
+const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
+const QUATERNION: [&str; 4] = ["quat_w", "quat_x", "quat_y", "quat_z"];
+
+/// A program: its header, its rows, and the columns of its targets.
 struct Program {
     bytes: Vec<u8>,
     header: Vec<String>,
     rows: Vec<Vec<String>>,
     /// Column of each joint, and whether it is in radians.
     joints: Vec<(usize, bool)>,
+    /// Columns of the position, mm, where targets are Cartesian.
+    position: Option<[usize; 3]>,
+    /// Columns of the quaternion, if there are some.
+    quaternion: Option<[usize; 4]>,
 }
 
 /// Prints the program with corrected joint values on standard output; every other column stays as it is.
@@ -85,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
     );
     let targets = program
-        .q_deg()
+        .targets()
         .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
     let part = |(i, part): (usize, &[_])| {
         correct(arguments, part)
@@ -116,7 +132,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
-        terminal::raw(program.with(&answer.q_deg)?);
+        terminal::raw(program.with(&answer)?);
     }
     let statuses = &answer.status;
     for (status, what) in [
@@ -168,19 +184,33 @@ fn left_out_in_words(left_out: &LeftOut) -> Option<String> {
     })
 }
 
-fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<CompensateAnswer> {
-    let tool = arguments.tool_mm;
-    let body = CompensateBody {
-        q_deg: q_deg.to_vec(),
+/// A target of a program.
+#[derive(Clone)]
+enum ProgramTarget {
+    Joints(Vec<f64>),
+    Cartesian(CartesianTarget),
+}
+
+fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<CompensateAnswer> {
+    let mut body = CompensateBody {
+        frame: arguments.frame.clone(),
         target: arguments.target,
-        tool: tool.map(|translation_mm| crate::wire::compensate::ToolBody {
+        tool: arguments.tool_mm.map(|translation_mm| ToolBody {
             translation_mm,
+            quaternion: None,
             rotation: None,
         }),
-        payload: None,
+        tool_name: arguments.tool_name.clone(),
         mode: arguments.mode,
         base: arguments.base,
+        ..CompensateBody::default()
     };
+    for target in targets {
+        match target {
+            ProgramTarget::Joints(q_deg) => body.q_deg.push(q_deg.clone()),
+            ProgramTarget::Cartesian(target) => body.targets.push(target.clone()),
+        }
+    }
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => block_on(async {
             let path = format!("/v1/parameter-sets/{id}/compensate");
@@ -204,12 +234,20 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
                 .content
                 .check(robot.links.len())
                 .map_err(unusable)?;
-            Ok(operations::compensate(
-                &body,
-                &robot,
-                &document.content,
-                &document.provenance,
-            )?)
+            if arguments.tool_name.is_some() {
+                let why = "--tool is a tool on a server: give --parameters ID, or --tool-mm X,Y,Z";
+                return Err(Usage(why.into()).into());
+            }
+            let from = Correctable {
+                robot: &robot,
+                content: &document.content,
+                provenance: &document.provenance,
+                estimate: None,
+                measurement_set_id: None,
+                work_frame: None,
+                named_tool: None,
+            };
+            Ok(operations::compensate(&body, from)?)
         }
         (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
         (None, _) => Err(Usage(
@@ -251,7 +289,15 @@ impl Program {
         if joints.is_empty() {
             return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad".into());
         }
+        let named = |name: &str| {
+            let is_named = |h: &String| h.trim().trim_start_matches('\u{feff}') == name;
+            header.iter().position(is_named)
+        };
+        let position = POSITION.map(named);
+        let quaternion = QUATERNION.map(named);
         Ok(Self {
+            position: all_there(position),
+            quaternion: all_there(quaternion),
             bytes,
             header,
             rows,
@@ -259,22 +305,52 @@ impl Program {
         })
     }
 
-    fn q_deg(&self) -> Result<Vec<Vec<f64>>, String> {
-        let cell = |(row, cells): (usize, &Vec<String>), (column, is_rad): (usize, bool)| {
-            let text = cells[column].trim();
-            let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
-            let place = || {
-                format!(
-                    "{}, column {}",
-                    files::row(row, Some(&self.bytes)),
-                    self.header[column]
-                )
+    fn targets(&self) -> Result<Vec<ProgramTarget>, String> {
+        let number =
+            |row: usize, column: usize| self.number((row, &self.rows[row]), (column, false));
+        let target = |(row, q_deg): (usize, Vec<f64>)| {
+            let Some([x, y, z]) = self.position else {
+                return Ok(ProgramTarget::Joints(q_deg));
             };
-            let number = number.ok_or_else(|| format!("{}: {text:?} is not a number", place()))?;
-            Ok(if is_rad { number.to_degrees() } else { number })
+            let quaternion = match self.quaternion {
+                None => None,
+                Some([w, x, y, z]) => Some([
+                    number(row, w)?,
+                    number(row, x)?,
+                    number(row, y)?,
+                    number(row, z)?,
+                ]),
+            };
+            Ok(ProgramTarget::Cartesian(CartesianTarget {
+                position_mm: [number(row, x)?, number(row, y)?, number(row, z)?],
+                quaternion,
+                rotation: None,
+                q_near_deg: q_deg,
+            }))
         };
+        self.q_deg()?.into_iter().enumerate().map(target).collect()
+    }
+
+    /// The number in a cell; of angles in radians in degrees.
+    fn number(
+        &self,
+        (row, cells): (usize, &Vec<String>),
+        (column, is_rad): (usize, bool),
+    ) -> Result<f64, String> {
+        let text = cells[column].trim();
+        let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+        let place = || {
+            let row = files::row(row, Some(&self.bytes));
+            format!("{row}, column {}", self.header[column])
+        };
+        let number = number.ok_or_else(|| format!("{}: {text:?} is not a number", place()))?;
+        Ok(if is_rad { number.to_degrees() } else { number })
+    }
+
+    fn q_deg(&self) -> Result<Vec<Vec<f64>>, String> {
         let row = |row: (usize, &Vec<String>)| {
-            self.joints.iter().map(|joint| cell(row, *joint)).collect()
+            let joints = self.joints.iter();
+            joints.map(|joint| self.number(row, *joint)).collect()
         };
         self.rows.iter().enumerate().map(row).collect()
     }
@@ -321,6 +397,12 @@ impl Program {
                     self.header[*column]
                 )
             }
+            (Some("targets"), Some(row), _) => {
+                let row = files::row(first + row, Some(&self.bytes));
+                format!("{row}: {detail}")
+            }
+            (Some("frame"), ..) => format!("--frame: {detail}"),
+            (Some("tool_name"), ..) => format!("--tool: {detail}"),
             (Some("q_deg"), ..) => format!("its columns are q1 … q{}: {detail}", self.joints.len()),
             (Some("mode"), ..) => format!("--mode: {detail}"),
             (Some("base"), ..) => format!("--base: {detail}"),
@@ -330,10 +412,11 @@ impl Program {
         }
     }
 
-    fn with(&self, q_deg: &[Vec<f64>]) -> anyhow::Result<String> {
+    /// The program with corrected targets.
+    fn with(&self, answer: &CompensateAnswer) -> anyhow::Result<String> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(&self.header)?;
-        for (row, q_deg) in self.rows.iter().zip(q_deg) {
+        for (i, (row, q_deg)) in self.rows.iter().zip(&answer.q_deg).enumerate() {
             let mut row = row.clone();
             for ((column, is_rad), q) in self.joints.iter().zip(q_deg) {
                 row[*column] = if *is_rad {
@@ -342,8 +425,20 @@ impl Program {
                     format!("{q:.7}")
                 };
             }
+            if let Some(pose) = answer.poses.as_ref().and_then(|poses| poses.get(i)) {
+                let position = self.position.iter().flatten().zip(pose.position_mm);
+                position.for_each(|(column, mm)| row[*column] = format!("{mm:.5}"));
+                let quaternion = self.quaternion.iter().flatten().zip(pose.quaternion);
+                quaternion.for_each(|(column, q)| row[*column] = format!("{q:.9}"));
+            }
             writer.write_record(&row)?;
         }
         Ok(String::from_utf8(writer.into_inner()?)?)
     }
+}
+
+/// All columns, or none.
+fn all_there<const N: usize>(columns: [Option<usize>; N]) -> Option<[usize; N]> {
+    let all: Option<Vec<usize>> = columns.into_iter().collect();
+    all?.try_into().ok()
 }

@@ -21,6 +21,7 @@ mod import;
 mod key;
 mod list;
 mod measured;
+mod named_frames;
 mod openapi;
 mod options;
 mod plan;
@@ -112,6 +113,10 @@ enum Command {
     Gates(list::GatesArguments),
     /// Show or set what a robot asks of a release.
     Policy(policy::Arguments),
+    /// List a robot's work frames, or keep one under a name.
+    WorkFrames(named_frames::WorkFrameArguments),
+    /// List a robot's tools, or keep one under a name.
+    Tools(named_frames::ToolArguments),
     /// Show what moved between a robot's identifications.
     History(history::HistoryArguments),
     /// Show the differences between two parameter sets.
@@ -165,6 +170,8 @@ pub fn main() -> ExitCode {
         Command::Frames(arguments) => frames::run(&arguments),
         Command::Gates(arguments) => list::gates_of(&arguments),
         Command::Policy(arguments) => policy::run(&arguments),
+        Command::WorkFrames(arguments) => named_frames::work_frames(&arguments),
+        Command::Tools(arguments) => named_frames::tools(&arguments),
         Command::History(arguments) => history::history(&arguments),
         Command::Compare(arguments) => history::compare(&arguments),
         Command::Export(arguments) => export::run(&arguments),

@@ -10,11 +10,11 @@ use super::text_table::columns;
 use super::usage::Usage;
 use crate::operations::import::import_with;
 use crate::operations::{posture, robot_models};
-use crate::wire::compensate::ToolBody;
 use crate::wire::import::{ImportDigits, ImportFormat};
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::{LinkBody, MountingBody, NamedMounting, Robot, RobotBody};
 use crate::wire::robot_model::RobotModel;
+use crate::wire::tool::ToolBody;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -323,6 +323,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
         q_deg: arguments.q_deg.clone(),
         tool: arguments.tool_mm.map(|translation_mm| ToolBody {
             translation_mm,
+            quaternion: None,
             rotation: None,
         }),
         shown_position_mm: arguments.shown_mm,

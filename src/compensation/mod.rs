@@ -1,11 +1,17 @@
 //! Joint values with which the identified robot does what the nominal robot was told to.
 
 pub mod anchor;
+mod cartesian;
 mod difference;
 mod mode;
 pub mod targets;
+mod tool_error;
+mod work_frame;
 
 pub use anchor::{Anchor, anchor, anchor_in_measuring_frame};
+pub use cartesian::Reached;
 pub use difference::{ToolDifference, ToolDifferences, tool_differences};
 pub use mode::{Base, Mode, Status};
 pub use targets::{Compensation, Corrected, Tool};
+pub use tool_error::{ToolError, ToolPoint, Wanted};
+pub use work_frame::{FixturePoint, Unfit, WorkFrame};

@@ -66,7 +66,7 @@ pub struct Corrected {
 /// A robot as it was ordered and as it is.
 #[derive(Clone, Debug)]
 pub struct Compensation<'a> {
-    nominal: &'a Robot,
+    pub(super) nominal: &'a Robot,
     /// The links that the Jacobian is taken from, and their anchor: with corrections, those identified together with them.
     links: &'a [Link],
     anchor: Anchor,
@@ -167,21 +167,40 @@ impl<'a> Compensation<'a> {
         (self.anchor.t_anchored_flange * Point3::from(*p_flange_target_mm)).coords
     }
 
-    /// The controller's joint values, rad, with which the robot has its tool where the nominal robot would have it for `q_controller_rad`.
-    pub fn correct(&self, q_controller_rad: &[f64], tool: &Tool, mode: Mode) -> Corrected {
-        let t_flange_tool = match tool {
+    /// The tool's pose in the anchored flange frame, mm.
+    pub(super) fn t_flange_tool(&self, tool: &Tool) -> IsometryMatrix3<f64> {
+        match tool {
             Tool::Target(p) => IsometryMatrix3::from_parts(
                 Translation3::from(self.p_anchored_mm(p)),
                 Rotation3::identity(),
             ),
             Tool::Tcp(pose) => *pose,
-        };
-        let t_base_tool = t_base_flange(
-            &self.nominal.links,
-            &self.nominal.q_model_rad(q_controller_rad),
-        ) * t_flange_tool;
+        }
+    }
+
+    /// The tool's pose in the base frame of the nominal robot at the controller's joint values, mm.
+    pub fn t_nominal_tool(&self, q_controller_rad: &[f64], tool: &Tool) -> IsometryMatrix3<f64> {
+        let q_rad = self.nominal.q_model_rad(q_controller_rad);
+        t_base_flange(&self.nominal.links, &q_rad) * self.t_flange_tool(tool)
+    }
+
+    /// The controller's joint values, rad, with which the robot has its tool where the nominal robot would have it for `q_controller_rad`.
+    pub fn correct(&self, q_controller_rad: &[f64], tool: &Tool, mode: Mode) -> Corrected {
+        let t_base_tool = self.t_nominal_tool(q_controller_rad, tool);
+        let t_flange_tool = self.t_flange_tool(tool);
+        self.towards(q_controller_rad, t_base_tool, t_flange_tool, mode)
+    }
+
+    /// The joint values near `q_rad` with which the robot has its tool at a pose in the anchored base frame.
+    pub(super) fn towards(
+        &self,
+        q_rad: &[f64],
+        t_base_tool: IsometryMatrix3<f64>,
+        t_flange_tool: IsometryMatrix3<f64>,
+        mode: Mode,
+    ) -> Corrected {
         let goal = Goal {
-            q_rad: q_controller_rad,
+            q_rad,
             t_base_tool,
             t_flange_tool,
             mode,
@@ -190,7 +209,7 @@ impl<'a> Compensation<'a> {
         let (change, status) = self.within_limits(&goal);
         let after = self.miss(&goal, &change);
         Corrected {
-            q_controller_rad: q_controller_rad
+            q_controller_rad: q_rad
                 .iter()
                 .zip(change.iter())
                 .map(|(q, dq)| q + dq)

@@ -78,6 +78,32 @@ pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
         "/v1/robots/{robot_id}/columns/{name}",
         Scope::Upload,
     ),
+    route(
+        Method::GET,
+        "/v1/robots/{robot_id}/work-frames",
+        Scope::Read,
+    ),
+    route(
+        Method::GET,
+        "/v1/robots/{robot_id}/work-frames/{name}",
+        Scope::Read,
+    ),
+    route(
+        Method::PUT,
+        "/v1/robots/{robot_id}/work-frames/{name}",
+        Scope::Upload,
+    ),
+    route(Method::GET, "/v1/robots/{robot_id}/tools", Scope::Read),
+    route(
+        Method::GET,
+        "/v1/robots/{robot_id}/tools/{name}",
+        Scope::Read,
+    ),
+    route(
+        Method::PUT,
+        "/v1/robots/{robot_id}/tools/{name}",
+        Scope::Upload,
+    ),
     route(Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
     route(Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
     route(

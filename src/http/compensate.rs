@@ -3,9 +3,10 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
 use crate::http::limits::RequestClass;
-use crate::http::{App, Error, access, parameter_sets};
-use crate::operations;
-use crate::wire::compensate::{CompensateAnswer, CompensateBody};
+use crate::http::{App, Error, access, named_frames, parameter_sets};
+use crate::operations::{self, Correctable};
+use crate::store::jobs;
+use crate::wire::compensate::{BASE_FRAME, CompensateAnswer, CompensateBody, MEASURING_FRAME};
 use crate::wire::json;
 use crate::wire::robot::Robot;
 use axum::Json;
@@ -17,7 +18,8 @@ pub fn router() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(compensate))
 }
 
-/// Corrects joint targets: with the answered joint values the real robot has its tool where the nominal robot has it with the requested ones.
+/// Corrects targets. For joint targets (`q_deg`): with the answered joint values the real robot has its tool where the nominal robot has it with the
+/// requested ones. For Cartesian targets (`targets` in `frame`): the joint values and the poses with which the real robot has its tool there.
 /// Send only targets that were programmed offline: taught targets already contain the robot's errors.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/compensate", tag = "parameter sets", operation_id = "compensate",
@@ -36,15 +38,30 @@ async fn compensate(
     let content = parameter_sets::content(&row)?;
     let permit = app.limits.compute(RequestClass::Calculation).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
+    let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
+    let measurement_set_id = jobs::get(&app.store, &row.job_id).await?.measurement_set_id;
+    let body = permit.run(move || Ok::<_, Error>(json::parse::<CompensateBody>(&bytes)?));
+    let body = body.await?;
+    let work_frame = match body.frame.as_deref() {
+        None | Some(BASE_FRAME | MEASURING_FRAME) => None,
+        Some(name) => Some(named_frames::work_frame(&app, &row.robot_id, name).await?),
+    };
+    let named_tool = match &body.tool_name {
+        None => None,
+        Some(name) => Some(named_frames::tool(&app, &row.robot_id, name).await?),
+    };
     let answer = permit.run(move || {
-        let body: CompensateBody = json::parse(&bytes)?;
         let robot = Robot::try_from(&robot)?;
-        Ok::<_, Error>(operations::compensate(
-            &body,
-            &robot,
-            &content,
-            &provenance,
-        )?)
+        let from = Correctable {
+            robot: &robot,
+            content: &content,
+            provenance: &provenance,
+            estimate: estimate.as_ref(),
+            measurement_set_id: Some(&measurement_set_id),
+            work_frame: work_frame.as_ref(),
+            named_tool,
+        };
+        Ok::<_, Error>(operations::compensate(&body, from)?)
     });
     Ok(Json(answer.await?))
 }

@@ -5,12 +5,17 @@ use crate::http::extract::{Id, Query};
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::ParameterSetListQuery;
 use crate::http::{App, Error, access};
+use crate::identification::changes::Estimate;
+use crate::jobs::estimate::estimate_of;
 use crate::release;
-use crate::store::{ParameterSetRow, jobs, measurement_sets, parameter_sets, report_summaries};
+use crate::store::{
+    ParameterSetRow, estimates, jobs, measurement_sets, parameter_sets, report_summaries,
+};
 use crate::wire::canonical;
 use crate::wire::page::Page;
 use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, Provenance};
 use crate::wire::report_summary::ReportSummary;
+use crate::wire::robot::RobotBody;
 use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
@@ -131,6 +136,34 @@ pub async fn provenance(
     let job = jobs::get(&app.store, &row.job_id).await?;
     let measured = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
     Ok(release::provenance(summary, Some(measured.frame)))
+}
+
+/// The estimate behind a parameter set, where its uncertainty can be stated and its targets are those of the set.
+pub async fn estimate(
+    app: &App,
+    permit: &ComputePermit,
+    row: &ParameterSetRow,
+    robot: &RobotBody,
+) -> Result<Option<Estimate>, Error> {
+    let summary = report_summary(app, permit, &row.job_id).await?;
+    if summary.tool_uncertainty_absent_because.is_some() {
+        return Ok(None);
+    }
+    let Some(text) = estimates::of_parameter_set(&app.store, &row.id).await? else {
+        return Ok(None);
+    };
+    let (content, robot) = (content(row)?, robot.clone());
+    let read = move || {
+        let found = estimate_of(Some(&text), &robot)
+            .map_err(|_| Error::Internal("a stored estimate cannot be read".into()))?;
+        // a target that moved is several targets of the estimate
+        let is_one_each = content
+            .targets
+            .iter()
+            .all(|target| target.segment.is_none());
+        Ok::<_, Error>(found.map(|(_, estimate)| estimate).filter(|_| is_one_each))
+    };
+    permit.run(read).await
 }
 
 /// The summary of a job's report.

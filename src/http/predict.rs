@@ -33,10 +33,17 @@ async fn predict(
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
     let content = parameter_sets::content(&row)?;
-    let answer = app.compute(RequestClass::Calculation, move || {
+    let permit = app.limits.compute(RequestClass::Calculation).await?;
+    let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
+    let answer = permit.run(move || {
         let body: PredictBody = json::parse(&bytes)?;
         let robot = Robot::try_from(&robot)?;
-        Ok(operations::predict(&body, &robot, &content)?)
+        Ok::<_, Error>(operations::predict(
+            &body,
+            &robot,
+            &content,
+            estimate.as_ref(),
+        )?)
     });
     Ok(Json(answer.await?))
 }

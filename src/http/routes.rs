@@ -2,8 +2,8 @@
 
 use crate::http::{
     App, archive, columns, compensate, dashboard, export, frames, history, index, job_events, jobs,
-    me, measurement_sets, metrics, networks, overview, parameter_sets, policies, pose_plans,
-    predict, release, report_html, robot_models, robots, session,
+    me, measurement_sets, metrics, named_frames, networks, overview, parameter_sets, policies,
+    pose_plans, predict, release, report_html, robot_models, robots, session,
 };
 use utoipa_axum::router::OpenApiRouter;
 
@@ -15,6 +15,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .merge(measurement_sets::router())
         .merge(columns::router())
         .merge(frames::router())
+        .merge(named_frames::router())
         .merge(jobs::router())
         .merge(job_events::router())
         .merge(report_html::router())

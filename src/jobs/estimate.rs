@@ -36,14 +36,27 @@ pub fn stored_estimate(
     robot: &RobotRow,
     model: Model,
 ) -> Result<Option<Estimate>, Unreadable> {
+    let found = estimate_of(estimate_json, &body_of(robot)?)?;
+    let alike = found.filter(|(stored, _)| *stored == model);
+    Ok(alike.map(|(_, estimate)| estimate))
+}
+
+/// As [`stored_estimate`], of any model.
+///
+/// # Errors
+/// If the document cannot be read.
+pub fn estimate_of(
+    estimate_json: Option<&str>,
+    robot: &RobotBody,
+) -> Result<Option<(Model, Estimate)>, Unreadable> {
     let Some(text) = estimate_json else {
         return Ok(None);
     };
     let stored: StoredEstimate = serde_json::from_str(text)?;
-    let is_alike =
-        stored.model == model && stored.geometry_sha256 == geometry_sha256(&body_of(robot)?)?;
-    let estimate = is_alike.then(|| Estimate::try_from(&stored)).transpose()?;
-    Ok(estimate)
+    if stored.geometry_sha256 != geometry_sha256(robot)? {
+        return Ok(None);
+    }
+    Ok(Some((stored.model, Estimate::try_from(&stored)?)))
 }
 
 /// The session that the robot was last identified from; none if it cannot be read.

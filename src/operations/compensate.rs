@@ -1,70 +1,145 @@
 //! Corrects joint targets.
 
 use crate::calibration::ORIENTATION_NOT_KNOWN;
-use crate::compensation::{Anchor, Base, Compensation, Mode, Tool};
+use crate::compensation::{
+    Anchor, Base, Compensation, Corrected, Mode, Tool, ToolError, ToolPoint, Wanted, WorkFrame,
+};
+use crate::identification::changes::Estimate;
 use crate::kinematics::{Payload, Robot};
 use crate::release::{orientation_unknown, wrong_robot};
 use crate::wire::angle::{to_degrees, to_radians};
-use crate::wire::compensate::{CompensateAnswer, CompensateBody, ErrorFrame, LeftOut};
+use crate::wire::compensate::{
+    BASE_FRAME, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, MEASURING_FRAME, ToolPose,
+};
 use crate::wire::issue::Invalid;
 use crate::wire::measurement::{Frame, Warning};
+use crate::wire::named_frame::{WorkFrameBody, WorkFrameReference};
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::predict::unknown_target;
+use crate::wire::tool::ToolBody;
 use nalgebra::IsometryMatrix3;
+
+/// An identified robot, and what the robot has under the names of a request.
+#[derive(Clone, Copy, Debug)]
+pub struct Correctable<'a> {
+    /// The nominal robot.
+    pub robot: &'a Robot,
+    /// The parameter set.
+    pub content: &'a ParameterSetContent,
+    /// Where it comes from.
+    pub provenance: &'a Provenance,
+    /// The estimate behind it, where its uncertainty is known.
+    pub estimate: Option<&'a Estimate>,
+    /// The measurement set that it was identified from; `None` of a document.
+    pub measurement_set_id: Option<&'a str>,
+    /// The work frame that the request names.
+    pub work_frame: Option<&'a WorkFrameBody>,
+    /// The tool that the request names.
+    pub named_tool: Option<ToolBody>,
+}
 
 /// Corrects targets: with the answered joint values the identified robot reaches them.
 ///
 /// # Errors
-/// [`Invalid`] for joint values that do not fit the robot, an invalid tool, a target that the set does not have, `base: measured` although the
-/// base was not measured, or a pose or tool although the flange's rotation is unknown.
+/// [`Invalid`] for targets that do not fit the robot, an invalid tool, a target that the set does not have, `base: measured` although the base
+/// was not measured, a frame that cannot be used, or a pose or tool although the flange's rotation is unknown.
 pub fn compensate(
     request: &CompensateBody,
-    robot: &Robot,
-    content: &ParameterSetContent,
-    provenance: &Provenance,
+    from: Correctable<'_>,
 ) -> Result<CompensateAnswer, Invalid> {
+    let Correctable {
+        robot,
+        content,
+        provenance,
+        ..
+    } = from;
     request.check(robot.links.len())?;
     let base = chosen_base(request, provenance)?;
     check_provenance(request, provenance, robot.links.len())?;
     let target = request.target.unwrap_or(0);
-    if request.tool.is_none() && content.target_mm(target, None).is_none() {
+    let tool_body = request.tool.or(from.named_tool);
+    if tool_body.is_none() && content.target_mm(target, None).is_none() {
         return Err(unknown_target());
     }
     let identified = content
         .identified_robot(None)
         .carrying(request.payload.map(Payload::from));
     let compensation = Compensation::of(robot, &identified, base);
-    let tool = request.tool.map_or_else(
+    let tool = tool_body.map_or_else(
         || Tool::Target(identified.target_mm(target)),
         |tool| Tool::Tcp(IsometryMatrix3::from(tool)),
     );
-    let mut answer = CompensateAnswer::with_capacity(request.q_deg.len(), ErrorFrame::from(base));
-    let t_nominal_base = (provenance.measuring_frame == Some(Frame::Base))
-        .then(|| identified.model().t_instrument_base);
-    answer.left_out = left_out(compensation.anchor(), base, t_nominal_base);
-    // Positions of the measured reflector are right even if the flange's rotation is unknown.
-    if request.tool.is_some() || request.mode == Mode::Pose {
-        answer.warnings = provenance.warnings.clone();
-    } else if orientation_unknown(provenance, robot.links.len()).is_some() {
-        let detail = "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the \
-                      reflector as it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off \
-                      by the difference";
-        answer.warnings.push(Warning {
-            code: ORIENTATION_NOT_KNOWN.into(),
-            detail: detail.into(),
-            rows: vec![],
-        });
-    }
+    let point = ToolPoint::of(&tool, target);
+    let has_target = |estimate: &&Estimate| match point {
+        ToolPoint::Target(target) => target < estimate.model.targets_mm.len(),
+        ToolPoint::Tcp(_) => true,
+    };
+    let error = from.estimate.filter(has_target);
+    let error = error.map(|estimate| ToolError::new(robot, estimate, base, point));
+    let mut answer = Answer::new(request, base, error.is_some());
+    answer.document.left_out = left_out(compensation.anchor(), base, {
+        let is_measured = provenance.measuring_frame == Some(Frame::Base);
+        is_measured.then(|| identified.model().t_instrument_base)
+    });
+    answer.document.warnings = warnings(request, provenance, robot.links.len());
+    let is_extrapolated = |q_rad: &[f64]| identified.is_extrapolated(&robot.q_model_rad(q_rad));
     for q_deg in &request.q_deg {
-        let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+        let q_rad = in_radians(q_deg);
         let corrected = compensation.correct(&q_rad, &tool, request.mode);
-        answer.q_deg.push(
-            corrected
-                .q_controller_rad
-                .iter()
-                .map(|rad| to_degrees(*rad))
-                .collect(),
-        );
+        let std_mm = error
+            .as_ref()
+            .map(|error| error.std_mm(&corrected.q_controller_rad, Wanted::AsNominal(&q_rad)));
+        let extrapolated = is_extrapolated(&corrected.q_controller_rad);
+        answer.add(corrected, std_mm, extrapolated);
+    }
+    if request.targets.is_empty() {
+        return Ok(answer.document);
+    }
+    let frame = TargetFrame::of(request, &from, &compensation, base)?;
+    for target in &request.targets {
+        let t_frame_tool = IsometryMatrix3::from(target);
+        let t_base_tool = frame.t_base_frame * t_frame_tool;
+        let q_near_rad = in_radians(&target.q_near_deg);
+        let reached = compensation.reach(&t_base_tool, &q_near_rad, &tool, request.mode);
+        let q_rad = &reached.corrected.q_controller_rad;
+        let pose = frame.t_base_answer.inverse() * compensation.t_nominal_tool(q_rad, &tool);
+        let std_mm = error.as_ref().map(|error| {
+            let of_frame = frame.work_frame.as_ref().map_or(0.0, |work_frame| {
+                work_frame.position_std_mm(&t_frame_tool.translation.vector)
+            });
+            error.std_mm(q_rad, Wanted::Fixed).hypot(of_frame)
+        });
+        let extrapolated = is_extrapolated(q_rad);
+        answer.poses.push(ToolPose::from(&pose));
+        answer.add(reached.corrected, std_mm, extrapolated);
+    }
+    answer.document.poses = Some(answer.poses);
+    Ok(answer.document)
+}
+
+/// An answer that grows target by target.
+struct Answer {
+    document: CompensateAnswer,
+    poses: Vec<ToolPose>,
+}
+
+impl Answer {
+    fn new(request: &CompensateBody, base: Base, has_std: bool) -> Self {
+        let n = request.q_deg.len() + request.targets.len();
+        let mut document = CompensateAnswer::with_capacity(n, ErrorFrame::from(base));
+        document.position_std_mm = has_std.then(Vec::new);
+        Self {
+            document,
+            poses: vec![],
+        }
+    }
+
+    fn add(&mut self, corrected: Corrected, std_mm: Option<f64>, extrapolated: bool) {
+        let answer = &mut self.document;
+        let q_deg = corrected.q_controller_rad.iter();
+        answer
+            .q_deg
+            .push(q_deg.map(|rad| to_degrees(*rad)).collect());
         answer
             .position_error_before_mm
             .push(corrected.position_error_before_mm);
@@ -75,11 +150,106 @@ pub fn compensate(
             .orientation_error_after_deg
             .push(to_degrees(corrected.orientation_error_after_rad));
         answer.status.push(corrected.status);
-        answer
-            .extrapolated
-            .push(identified.is_extrapolated(&robot.q_model_rad(&corrected.q_controller_rad)));
+        answer.extrapolated.push(extrapolated);
+        if let (Some(all), Some(std_mm)) = (&mut answer.position_std_mm, std_mm) {
+            all.push(std_mm);
+        }
     }
-    Ok(answer)
+}
+
+/// The frame of Cartesian targets.
+struct TargetFrame {
+    /// In the frame that targets are met in.
+    t_base_frame: IsometryMatrix3<f64>,
+    /// The frame of the answered poses in the controller's base frame.
+    t_base_answer: IsometryMatrix3<f64>,
+    work_frame: Option<WorkFrame>,
+}
+
+impl TargetFrame {
+    fn of(
+        request: &CompensateBody,
+        from: &Correctable<'_>,
+        compensation: &Compensation<'_>,
+        base: Base,
+    ) -> Result<Self, Invalid> {
+        let identity = IsometryMatrix3::identity();
+        // the measuring frame in the frame that targets are met in
+        let t_base_measuring = match base {
+            Base::Measured => identity,
+            Base::Robot => {
+                let identified = from.content.identified_robot(None);
+                let t_instrument_base = identified.model().t_instrument_base;
+                (t_instrument_base * compensation.anchor().t_base_anchored).inverse()
+            }
+        };
+        let name = request.frame.as_deref().unwrap_or(BASE_FRAME);
+        let Some(body) = from.work_frame else {
+            let t_base_frame = match name {
+                BASE_FRAME => identity,
+                MEASURING_FRAME => t_base_measuring,
+                _ => {
+                    let detail = format!(
+                        "{name} is no frame here: take base or measuring; work frames are kept with a robot on the server"
+                    );
+                    return Err(Invalid::at("/frame", "unknown_frame", detail));
+                }
+            };
+            return Ok(Self {
+                t_base_frame,
+                t_base_answer: identity,
+                work_frame: None,
+            });
+        };
+        let work_frame = body.work_frame()?;
+        let t_reference_work = work_frame.t_reference_work;
+        let is_measuring = body.reference == WorkFrameReference::Measuring;
+        let is_own = body.measurement_set_id.as_deref() == from.measurement_set_id;
+        if is_measuring && !is_own && from.provenance.measuring_frame != Some(Frame::Base) {
+            let detail = format!(
+                "{name} was measured in the measuring frame of another set than the one that this parameter set was identified from, and the \
+                 instrument may have stood elsewhere: measure the frame's points with the calibration, or give the frame in the base frame"
+            );
+            return Err(Invalid::at("/frame", "other_measuring_frame", detail));
+        }
+        let t_base_reference = if is_measuring {
+            t_base_measuring
+        } else {
+            identity
+        };
+        Ok(Self {
+            t_base_frame: t_base_reference * t_reference_work,
+            t_base_answer: if is_measuring {
+                identity
+            } else {
+                t_reference_work
+            },
+            work_frame: Some(work_frame),
+        })
+    }
+}
+
+fn in_radians(q_deg: &[f64]) -> Vec<f64> {
+    q_deg.iter().map(|deg| to_radians(*deg)).collect()
+}
+
+/// Positions of the measured reflector are right even if the flange's rotation is unknown.
+fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -> Vec<Warning> {
+    if has_tool(request) || request.mode == Mode::Pose {
+        return provenance.warnings.clone();
+    }
+    let told = orientation_unknown(provenance, n_links).map(|_| Warning {
+        code: ORIENTATION_NOT_KNOWN.into(),
+        detail: "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the reflector as \
+                 it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off by the difference"
+            .into(),
+        rows: vec![],
+    });
+    told.into_iter().collect()
+}
+
+fn has_tool(request: &CompensateBody) -> bool {
+    request.tool.is_some() || request.tool_name.is_some()
 }
 
 /// Refuses a set that does not fit its own points. If the flange's rotation is unknown, only positions of the measured reflector can be
@@ -93,13 +263,13 @@ fn check_provenance(
         let detail = format!("no target is corrected with this set: {detail}");
         return Err(Invalid::at("", code, detail));
     }
-    if request.tool.is_none() && request.mode == Mode::Position {
+    if !has_tool(request) && request.mode == Mode::Position {
         return Ok(());
     }
-    let pointer = if request.tool.is_some() {
-        "/tool"
-    } else {
-        "/mode"
+    let pointer = match (request.tool, &request.tool_name) {
+        (Some(_), _) => "/tool",
+        (None, Some(_)) => "/tool_name",
+        (None, None) => "/mode",
     };
     orientation_unknown(provenance, n_links).map_or(Ok(()), |why| {
         let detail = format!("{why}; mode position of a measured reflector is given all the same");

@@ -18,7 +18,7 @@ pub mod urdf;
 pub mod xml_limits;
 
 pub use compare::{IdentifiedSet, compare};
-pub use compensate::compensate;
+pub use compensate::{Correctable, compensate};
 pub use frames::frames_from_sweeps;
 pub use plan_poses::plan_poses;
 pub use posture::posture;

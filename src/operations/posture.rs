@@ -4,7 +4,8 @@ use crate::kinematics::{Robot, t_base_flange};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::Invalid;
 use crate::wire::posture::{PostureAnswer, PostureBody};
-use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use crate::wire::tool::quaternion;
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Vector3};
 
 /// Cosine of the second angle below which the first and the third cannot be told apart: 0.001° from ±90°.
 const NOT_UNIQUE: f64 = 1.745e-5;
@@ -64,12 +65,6 @@ fn yaw_pitch_roll(r: &Matrix3<f64>) -> ([f64; 3], bool) {
     }
     let yaw = libm::atan2(r[(1, 0)], r[(0, 0)]);
     ([yaw, pitch, libm::atan2(r[(2, 1)], r[(2, 2)])], false)
-}
-
-fn quaternion(rotation: &Rotation3<f64>) -> [f64; 4] {
-    let q = UnitQuaternion::from_rotation_matrix(rotation);
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    [q.w, q.i, q.j, q.k].map(|x| x * sign)
 }
 
 /// From the quaternion: exact also near half a turn, where the matrix is nearly symmetric.

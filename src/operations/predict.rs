@@ -1,12 +1,14 @@
 //! Predicts positions of a target on an identified robot.
 
+use crate::identification::changes::Estimate;
 use crate::kinematics::{Payload, Robot};
 use crate::wire::angle::to_radians;
 use crate::wire::issue::Invalid;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{PredictAnswer, PredictBody, unknown_target};
 
-/// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame.
+/// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame. The
+/// estimate, where there is one, gives their uncertainty.
 ///
 /// # Errors
 /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.
@@ -14,6 +16,7 @@ pub fn predict(
     request: &PredictBody,
     robot: &Robot,
     content: &ParameterSetContent,
+    estimate: Option<&Estimate>,
 ) -> Result<PredictAnswer, Invalid> {
     request.check(robot.links.len())?;
     if content.target_mm(request.target, request.segment).is_none() {
@@ -22,6 +25,14 @@ pub fn predict(
     let identified = content
         .identified_robot(request.segment)
         .carrying(request.payload.map(Payload::from));
+    let estimate = estimate.filter(|e| request.target < e.model.targets_mm.len());
+    let std_mm = |estimate: &Estimate, q_deg: &Vec<f64>| {
+        let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+        let (model, parameters) = (&estimate.model, &estimate.parameters);
+        let q_rad = robot.q_model_rad(&q_rad);
+        let uncertainty = &estimate.uncertainty;
+        uncertainty.position_std_mm(model, parameters, &q_rad, request.target)
+    };
     let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
         let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
         let q_rad = robot.q_model_rad(&q_rad);
@@ -34,5 +45,7 @@ pub fn predict(
     Ok(PredictAnswer {
         position_mm,
         extrapolated,
+        position_std_mm: estimate
+            .map(|estimate| request.q_deg.iter().map(|q| std_mm(estimate, q)).collect()),
     })
 }

@@ -20,6 +20,8 @@ pub enum AuditEvent {
     RobotPolicyChanged,
     /// A mapping of columns was stored.
     ColumnMappingCreated,
+    /// A work frame or a tool was stored.
+    NamedFrameCreated,
     /// A robot was edited.
     RobotEdited,
     /// A robot, measurement set, job, parameter set or network was archived.
@@ -68,6 +70,7 @@ impl AuditEvent {
             Self::RobotChecked => "robot_checked",
             Self::RobotPolicyChanged => "robot_policy_changed",
             Self::ColumnMappingCreated => "column_mapping_created",
+            Self::NamedFrameCreated => "named_frame_created",
             Self::RobotEdited => "robot_edited",
             Self::Archived => "archived",
             Self::Restored => "restored",

@@ -15,6 +15,7 @@ pub const TABLES: &[&str] = &[
     "robot_version",
     "robot_policy",
     "column_mapping",
+    "named_frame",
     "measurement_set",
     "frames",
     "job",

@@ -92,6 +92,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0017_estimate.sql"),
         include_str!("../../migrations/postgres/0017_estimate.sql"),
     ),
+    (
+        19,
+        "named_frames",
+        include_str!("../../migrations/sqlite/0019_named_frames.sql"),
+        include_str!("../../migrations/postgres/0019_named_frames.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

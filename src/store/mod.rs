@@ -29,6 +29,7 @@ pub mod leases;
 mod listing;
 pub mod measurement_sets;
 mod migration;
+pub mod named_frames;
 pub mod networks;
 pub mod notices;
 mod open;
@@ -60,6 +61,7 @@ pub use jobs::{JobRow, NewJob};
 pub use leases::{Expired, Heartbeat, JobResult, Lease};
 pub use listing::{ListRequest, Listed};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
+pub use named_frames::NamedFrameRow;
 pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
@@ -100,6 +102,8 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         column_mappings::ALL_QUERIES,
         &column_mappings::LIST.texts(),
         archive::ALL_QUERIES,
+        named_frames::ALL_QUERIES,
+        &named_frames::LIST.texts(),
         estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,

@@ -6,10 +6,11 @@ use crate::measurement::csv::{
     MAX_COORDINATE_MM, MAX_LABEL_LENGTH, MAX_STD_MM, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 use crate::measurement::csv_pose::MAX_QUATERNION_OFF;
-use crate::wire::compensate::{MAX_TARGETS_PER_REQUEST, ROTATION_TOLERANCE};
+use crate::wire::compensate::{MAX_TARGET_MM, MAX_TARGETS_PER_REQUEST};
 use crate::wire::corrections::MAX_PAYLOAD_OFFSET_MM;
 use crate::wire::id::MAX_ID;
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
+use crate::wire::named_frame::MAX_FIXTURE_MM;
 use crate::wire::options::MAX_COST_MM2;
 use crate::wire::pose_plan::{MAX_MEASURED, MAX_PLANNED, NOISE_MM};
 use crate::wire::posture::MAX_POSITION_MM;
@@ -18,6 +19,7 @@ use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, MAX_VALUE, MIN_STD};
 use crate::wire::robot::{
     GRAVITY_TOLERANCE, MAX_ANGLE_DEG, MAX_COUPLING, MAX_JOINT_DEG, MAX_LENGTH_MM,
 };
+use crate::wire::tool::ROTATION_TOLERANCE;
 use utoipa::Number;
 use utoipa::openapi::schema::{ArrayItems, KnownFormat, Object, SchemaFormat};
 use utoipa::openapi::{OpenApi, RefOr, Schema};
@@ -47,6 +49,14 @@ fn plus_minus(largest: f64) -> Bound {
 fn bounded() -> Vec<Bounded> {
     let joints = || Items(1, MAX_LINKS);
     let three = |largest| vec![Items(3, 3), plus_minus(largest)];
+    let quaternion = || vec![Items(4, 4), plus_minus(1.0 + MAX_QUATERNION_OFF)];
+    let rotation = || {
+        vec![
+            Items(3, 3),
+            Items(3, 3),
+            plus_minus(1.0 + ROTATION_TOLERANCE),
+        ]
+    };
     let label = || vec![Text(1, MAX_LABEL_LENGTH)];
     let id = || vec![Text(1, MAX_ID)];
     let names = || vec![Items(0, MAX_NAMES), Text(1, MAX_PARAMETER_NAME)];
@@ -83,11 +93,7 @@ fn bounded() -> Vec<Bounded> {
             vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
         ),
         ("PointBody", "position_mm", three(MAX_COORDINATE_MM)),
-        (
-            "PointBody",
-            "quaternion",
-            vec![Items(4, 4), plus_minus(1.0 + MAX_QUATERNION_OFF)],
-        ),
+        ("PointBody", "quaternion", quaternion()),
         ("PointBody", "configuration", label()),
         ("PointBody", "station", label()),
         ("PointBody", "session", label()),
@@ -182,15 +188,23 @@ fn bounded() -> Vec<Bounded> {
         ),
         ("PostureBody", "shown_position_mm", three(MAX_POSITION_MM)),
         ("ToolBody", "translation_mm", three(MAX_LENGTH_MM)),
+        ("ToolBody", "quaternion", quaternion()),
+        ("ToolBody", "rotation", rotation()),
+        ("CartesianTarget", "position_mm", three(MAX_TARGET_MM)),
+        ("CartesianTarget", "quaternion", quaternion()),
+        ("CartesianTarget", "rotation", rotation()),
         (
-            "ToolBody",
-            "rotation",
-            vec![
-                Items(3, 3),
-                Items(3, 3),
-                plus_minus(1.0 + ROTATION_TOLERANCE),
-            ],
+            "CartesianTarget",
+            "q_near_deg",
+            vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
         ),
+        ("WorkFrameBody", "measurement_set_id", id()),
+        ("WorkFrameBody", "translation_mm", three(MAX_FIXTURE_MM)),
+        ("WorkFrameBody", "quaternion", quaternion()),
+        ("WorkFrameBody", "rotation", rotation()),
+        ("WorkFrameBody", "std_mm", vec![Range(0.0, MAX_LENGTH_MM)]),
+        ("FixturePointBody", "nominal_mm", three(MAX_FIXTURE_MM)),
+        ("FixturePointBody", "measured_mm", three(MAX_FIXTURE_MM)),
     ]
 }
 

@@ -5,25 +5,46 @@ use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
 use crate::wire::measurement::Warning;
-use crate::wire::predict::check_pose;
-use crate::wire::robot::MAX_LENGTH_MM;
-use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use crate::wire::predict::{check_joints, check_pose};
+use crate::wire::robot::MAX_NAME;
+use crate::wire::tool::{ToolBody, check_lengths, check_rotation, quaternion, rotation};
+use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// Most targets of one request: some seconds of one core.
 pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
-/// Largest deviation of a rotation's rows and columns from unit length and from right angles.
-pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
+/// Farthest Cartesian target, mm.
+pub(super) const MAX_TARGET_MM: f64 = 100_000.0;
+/// `frame` of targets in the robot's base frame.
+pub const BASE_FRAME: &str = "base";
+/// `frame` of targets in the measuring frame.
+pub const MEASURING_FRAME: &str = "measuring";
 
-/// Targets to correct. They must have been programmed offline: taught targets already contain the robot's errors.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Targets to correct: `q_deg`, or `targets`. They must have been programmed offline: taught targets already contain the robot's errors.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompensateBody {
     /// The controller's joint values, degrees, target by target.
     #[schema(max_items = 20000)]
-    #[serde(deserialize_with = "json::at_most::<_, _, { 2 * MAX_TARGETS_PER_REQUEST }>")]
+    #[serde(
+        default,
+        skip_serializing_if = "Vec::is_empty",
+        deserialize_with = "json::at_most::<_, _, { 2 * MAX_TARGETS_PER_REQUEST }>"
+    )]
     pub q_deg: Vec<Vec<f64>>,
+    /// Cartesian targets instead of `q_deg`.
+    #[schema(max_items = 20000)]
+    #[serde(
+        default,
+        skip_serializing_if = "Vec::is_empty",
+        deserialize_with = "json::at_most::<_, _, { 2 * MAX_TARGETS_PER_REQUEST }>"
+    )]
+    pub targets: Vec<CartesianTarget>,
+    /// The frame of `targets`: `base` (default), `measuring`, or the name of a work frame of the robot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 200)]
+    pub frame: Option<String>,
     /// The tool is this reflector, 0-based.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
@@ -31,6 +52,10 @@ pub struct CompensateBody {
     /// The tool centre point instead of a reflector.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolBody>,
+    /// The name of a tool of the robot, instead of `tool`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 200)]
+    pub tool_name: Option<String>,
     /// Whether the tool's pose is corrected, or only its position.
     #[serde(default)]
     pub mode: Mode,
@@ -42,15 +67,29 @@ pub struct CompensateBody {
     pub payload: Option<PayloadBody>,
 }
 
-/// A tool centre point in the flange frame of the nominal robot, as controllers store it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+/// A Cartesian target: where the tool has to be, and joint values near those that reach it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct ToolBody {
-    /// mm.
-    pub translation_mm: [f64; 3],
-    /// Rotation matrix, row by row; default: the identity.
+pub struct CartesianTarget {
+    /// Position of the tool in `frame`, mm.
+    pub position_mm: [f64; 3],
+    /// Orientation of the tool in `frame`: w, x, y, z. With mode `pose` this or `rotation` is needed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+    /// Orientation of the tool in `frame`: a rotation matrix, row by row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
+    /// The controller's joint values near the target, degrees: they choose the posture (elbow, wrist).
+    pub q_near_deg: Vec<f64>,
+}
+
+/// A pose of the tool.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ToolPose {
+    /// mm.
+    pub position_mm: [f64; 3],
+    /// w, x, y, z with w not negative.
+    pub quaternion: [f64; 4],
 }
 
 /// The frame of position and orientation errors.
@@ -82,6 +121,14 @@ pub struct CompensateAnswer {
     /// True if the corrected target is outside the measured region, where corrections fade to the links alone; always false without
     /// corrections.
     pub extrapolated: Vec<bool>,
+    /// Standard uncertainty of the tool's position with the corrected joint values (3-D: the root of the three variances' sum), mm, in `frame`: of
+    /// the identified links and of the work frame. The robot's repeatability comes on top. Absent if the uncertainty of the links is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_std_mm: Option<Vec<f64>>,
+    /// For Cartesian targets: the pose to give a controller that takes poses, so that its tool comes to the target. In the frame of the targets;
+    /// for targets in the measuring frame, which the controller does not know, in the robot's base frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<Vec<ToolPose>>,
     /// Identified errors that are not corrected.
     #[serde(default)]
     pub left_out: LeftOut,
@@ -120,6 +167,8 @@ impl CompensateAnswer {
             .extend(next.orientation_error_after_deg);
         self.status.extend(next.status);
         self.extrapolated.extend(next.extrapolated);
+        self.position_std_mm = joined(self.position_std_mm.take(), next.position_std_mm);
+        self.poses = joined(self.poses.take(), next.poses);
         self.left_out = next.left_out;
         self.warnings = next.warnings;
     }
@@ -132,25 +181,63 @@ impl CompensateBody {
     /// [`Invalid`] with a JSON pointer to everything that is wrong.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        if self.q_deg.len() > MAX_TARGETS_PER_REQUEST {
-            let detail = format!(
-                "{} targets; at most {MAX_TARGETS_PER_REQUEST}: send a long program in parts",
-                self.q_deg.len()
+        for (pointer, n) in [
+            ("/q_deg", self.q_deg.len()),
+            ("/targets", self.targets.len()),
+        ] {
+            if n > MAX_TARGETS_PER_REQUEST {
+                let detail = format!(
+                    "{n} targets; at most {MAX_TARGETS_PER_REQUEST}: send a long program in parts"
+                );
+                checker.note(pointer, "wrong_length", detail);
+            }
+        }
+        if !self.q_deg.is_empty() && !self.targets.is_empty() {
+            checker.note(
+                "/targets",
+                "q_deg_and_targets",
+                "targets are either joint values (q_deg) or Cartesian (targets): send them in two requests",
             );
-            checker.note("/q_deg", "wrong_length", detail);
+        }
+        if self.frame.is_some() && self.targets.is_empty() && !self.q_deg.is_empty() {
+            checker.note(
+                "/frame",
+                "frame_of_joint_values",
+                "joint values have no frame: leave it out, or give Cartesian targets",
+            );
+        }
+        for (i, target) in self
+            .targets
+            .iter()
+            .take(MAX_TARGETS_PER_REQUEST)
+            .enumerate()
+        {
+            target.note_faults(&mut checker, i, n_joints, self.mode);
         }
         for (i, pose) in self.q_deg.iter().take(MAX_TARGETS_PER_REQUEST).enumerate() {
             check_pose(&mut checker, i, pose, n_joints);
         }
-        if self.target.is_some() && self.tool.is_some() {
+        if self.tool_name.is_some() && self.tool.is_some() {
+            checker.note("/tool", "two_tools", "give tool or tool_name, not both");
+        }
+        if self.target.is_some() && (self.tool.is_some() || self.tool_name.is_some()) {
             checker.note(
-                "/tool",
+                if self.tool.is_some() {
+                    "/tool"
+                } else {
+                    "/tool_name"
+                },
                 "target_and_tool",
                 "the tool is either a reflector (target) or a tool centre point (tool): give one",
             );
         }
+        for (pointer, name) in [("/frame", &self.frame), ("/tool_name", &self.tool_name)] {
+            if let Some(name) = name {
+                checker.text(pointer, name, MAX_NAME);
+            }
+        }
         if let Some(tool) = &self.tool {
-            tool.check(&mut checker);
+            tool.note_faults("/tool", &mut checker);
         }
         if let Some(payload) = &self.payload {
             payload.check("/payload", &mut checker);
@@ -159,40 +246,48 @@ impl CompensateBody {
     }
 }
 
-impl ToolBody {
-    /// Reports what is wrong, below `/tool`.
-    pub(super) fn check(&self, checker: &mut Checker) {
-        for (i, value) in self.translation_mm.iter().enumerate() {
-            checker.magnitude(
-                format!("/tool/translation_mm/{i}"),
-                *value,
-                MAX_LENGTH_MM,
-                "lengths are in millimetres",
-            );
+impl CartesianTarget {
+    fn note_faults(&self, checker: &mut Checker, i: usize, n_joints: usize, mode: Mode) {
+        let at = format!("/targets/{i}");
+        let position = format!("{at}/position_mm");
+        check_lengths(checker, &position, &self.position_mm, MAX_TARGET_MM);
+        check_rotation(checker, &at, self.quaternion, self.rotation);
+        if mode == Mode::Pose && self.quaternion.is_none() && self.rotation.is_none() {
+            let detail = "mode pose needs the tool's orientation, as quaternion or rotation; with mode position only the position counts";
+            checker.note(format!("{at}/quaternion"), "missing", detail);
         }
-        let rotation = self.matrix();
-        let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
-        if off.is_nan() || off > ROTATION_TOLERANCE || rotation.determinant() < 0.0 {
-            let detail = "it is not a rotation matrix: rows of length 1, at right angles, right-handed; leave it out for no rotation";
-            checker.note("/tool/rotation", "not_a_rotation", detail);
-        }
-    }
-
-    fn matrix(&self) -> Matrix3<f64> {
-        self.rotation.map_or_else(Matrix3::identity, |rows| {
-            Matrix3::from_fn(|i, j| rows[i][j])
-        })
+        check_joints(
+            checker,
+            &format!("{at}/q_near_deg"),
+            &self.q_near_deg,
+            n_joints,
+        );
     }
 }
 
-impl From<ToolBody> for IsometryMatrix3<f64> {
-    fn from(tool: ToolBody) -> Self {
-        let rotation = Rotation3::from_matrix_unchecked(tool.matrix());
+impl From<&CartesianTarget> for IsometryMatrix3<f64> {
+    fn from(target: &CartesianTarget) -> Self {
         Self::from_parts(
-            Translation3::from(Vector3::from(tool.translation_mm)),
-            rotation,
+            Translation3::from(Vector3::from(target.position_mm)),
+            rotation(target.quaternion, target.rotation),
         )
     }
+}
+
+impl From<&IsometryMatrix3<f64>> for ToolPose {
+    fn from(t: &IsometryMatrix3<f64>) -> Self {
+        Self {
+            position_mm: t.translation.vector.into(),
+            quaternion: quaternion(&t.rotation),
+        }
+    }
+}
+
+/// Both parts of a long program, if both have the values.
+fn joined<T>(first: Option<Vec<T>>, next: Option<Vec<T>>) -> Option<Vec<T>> {
+    let (mut all, next) = first.zip(next)?;
+    all.extend(next);
+    Some(all)
 }
 
 impl From<Base> for ErrorFrame {
@@ -221,6 +316,8 @@ impl CompensateAnswer {
             orientation_error_after_deg: Vec::with_capacity(n),
             status: Vec::with_capacity(n),
             extrapolated: Vec::with_capacity(n),
+            position_std_mm: None,
+            poses: None,
             left_out: LeftOut::default(),
             warnings: vec![],
         }

@@ -14,6 +14,7 @@ pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
 pub use crate::wire::target::Target;
 use crate::wire::target::{target_position, target_rotations};
+use crate::wire::tool::quaternion;
 use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -278,7 +279,7 @@ fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Targe
         .map(of)
         .collect();
     for (target, rotation) in targets.iter_mut().zip(&report.target_rotations) {
-        target.quaternion = Some(Target::quaternion_of(rotation));
+        target.quaternion = Some(quaternion(rotation));
     }
     targets.sort_by_key(|t| (t.target, t.segment));
     targets

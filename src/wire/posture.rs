@@ -1,9 +1,9 @@
 //! The nominal pose of a posture, to be compared with the pendant.
 
 use crate::kinematics::model::MAX_LINKS;
-use crate::wire::compensate::ToolBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
+use crate::wire::tool::ToolBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -70,7 +70,7 @@ impl PostureBody {
             checker.magnitude(format!("/q_deg/{i}"), *q, MAX_JOINT_VALUE_DEG, hint);
         }
         if let Some(tool) = &self.tool {
-            tool.check(&mut checker);
+            tool.note_faults("/tool", &mut checker);
         }
         if let Some(shown) = &self.shown_position_mm {
             for (i, mm) in shown.iter().enumerate() {

@@ -38,6 +38,10 @@ pub struct PredictAnswer {
     pub position_mm: Vec<[f64; 3]>,
     /// True if the pose is outside the measured region, where corrections fade to the links alone; always false without corrections.
     pub extrapolated: Vec<bool>,
+    /// Standard uncertainty of each position (3-D: the root of the three variances' sum), mm: of the identified links, base and target. The robot's
+    /// repeatability comes on top. Absent if the uncertainty of the links is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_std_mm: Option<Vec<f64>>,
 }
 
 impl PredictBody {
@@ -76,19 +80,16 @@ impl PredictBody {
 
 /// Reports what is wrong with the joint values of pose `i` of `q_deg`.
 pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
-    checker.length(
-        format!("/q_deg/{i}"),
-        pose.len(),
-        n_joints,
-        "one joint value per link of the robot",
-    );
-    for (j, q) in pose.iter().enumerate() {
-        checker.magnitude(
-            format!("/q_deg/{i}/{j}"),
-            *q,
-            MAX_JOINT_VALUE_DEG,
-            "joint values are in degrees",
-        );
+    check_joints(checker, &format!("/q_deg/{i}"), pose, n_joints);
+}
+
+/// Reports what is wrong with the joint values `q_deg` at a pointer.
+pub fn check_joints(checker: &mut Checker, at: &str, q_deg: &[f64], n_joints: usize) {
+    let what = "one joint value per link of the robot";
+    checker.length(at, q_deg.len(), n_joints, what);
+    for (j, q) in q_deg.iter().enumerate() {
+        let hint = "joint values are in degrees";
+        checker.magnitude(format!("{at}/{j}"), *q, MAX_JOINT_VALUE_DEG, hint);
     }
 }
 

@@ -19,15 +19,6 @@ pub struct Target {
     pub quaternion: Option<[f64; 4]>,
 }
 
-impl Target {
-    /// A rotation as it stands in documents: w, x, y, z, w not negative.
-    pub(super) fn quaternion_of(rotation: &Rotation3<f64>) -> [f64; 4] {
-        let q = UnitQuaternion::from_rotation_matrix(rotation);
-        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-        [q.w, q.i, q.j, q.k].map(|x| sign * x)
-    }
-}
-
 /// How targets are turned, in order from 0: in this segment, else in the last one; none where no pose was measured.
 pub(super) fn target_rotations(targets: &[Target], segment: Option<u32>) -> Vec<Rotation3<f64>> {
     if targets.iter().all(|t| t.quaternion.is_none()) {

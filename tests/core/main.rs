@@ -31,6 +31,7 @@ mod support;
 mod tables;
 mod two_files;
 mod uncertainty;
+mod work_frames;
 mod workbooks;
 
 use support::{bad_campaigns, data, drifts, real_robot, robots, simulation};

@@ -25,6 +25,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     content::SUBJECT_SET,
     content::SUBJECT_FRAMES,
     content::SUBJECT_COLUMNS,
+    content::SUBJECT_NAMED_FRAME,
     content::SUBJECT_ROBOT,
     content::SUBJECT_JOB,
     content::SUBJECT_PARAMETER_SET,

@@ -9,8 +9,9 @@ use crate::store::jobs::JobWithClient;
 use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
-    ApiKeyRow, ArchivedRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow, NetworkRow,
-    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, robot_versions,
+    ApiKeyRow, ArchivedRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow,
+    NamedFrameRow, NetworkRow, ParameterSetStatus, Result, RobotRow, Store, VerificationRow,
+    robot_versions,
 };
 use crate::wire::canonical;
 
@@ -40,6 +41,7 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
     robot_versions(check, store, chain).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
     each(check, store, chain, |_, _: &ColumnMappingRow| ()).await?;
+    each(check, store, chain, |_, _: &NamedFrameRow| ()).await?;
     each(check, store, chain, |_, _: &FramesRow| ()).await?;
     each(check, store, chain, |_, _: &JobWithClient| ()).await?;
     each(check, store, chain, |_, _: &NetworkRow| ()).await?;

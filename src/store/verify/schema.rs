@@ -47,6 +47,7 @@ const GUARDS: &[&str] = &[
     "measurement_set_insisted_stays",
     "measurement_set_reading_stays",
     "column_mapping_stays",
+    "named_frame_stays",
     "robot_stays",
     "job_stays_over",
     "job_report_stays",

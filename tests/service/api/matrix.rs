@@ -68,6 +68,14 @@ impl Cell {
             .header("content-type", "application/json")
             .body("{\"q1_deg\": \"J1\"}");
         Answer::of(mapping).await.ok(200);
+        for path in ["work-frames/tracker", "tools/tracker"] {
+            let named = app
+                .request(Method::PUT, &format!("{at}/{path}"))
+                .bearer_auth(admin)
+                .header("content-type", "application/json")
+                .body("{\"translation_mm\": [0, 0, 0]}");
+            Answer::of(named).await.ok(200);
+        }
         let request = json!({"measurement_set_id": set["id"], "method": "pso", "options": {"n_particles": 10, "n_iterations": 5}});
         let mut job = post(
             format!("{at}/jobs"),

@@ -45,3 +45,4 @@ mod tables;
 mod tls;
 mod tools;
 mod tutorial;
+mod work_frames;

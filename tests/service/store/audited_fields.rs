@@ -95,6 +95,11 @@ const NEW: &str = "
     measurement_set | warnings_json | '[1]' | rest_sha256
     measurement_set | created_at_ms | created_at_ms + 1 | rest_sha256
     column_mapping | created_at_ms | 1
+    named_frame | content_json | '[]' | content_sha256
+    named_frame | name | 'other'
+    named_frame | kind | 'work_frame'
+    named_frame | created_by | 'key_9'
+    named_frame | created_at_ms | 1
     frames | content_type | 'other'
     network | metadata_json | '[]' | metadata_sha256
     network | weights_sha256 | 'ff'

@@ -1,0 +1,271 @@
+//! `kincal work-frames` and `kincal tools`: frames and tools of a robot, kept under a name.
+
+use super::client::ServerArguments;
+use super::files::read;
+use super::runtime::block_on;
+use super::terminal::Output;
+use super::text_table;
+use super::usage::Usage;
+use crate::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
+use crate::wire::tool::ToolBody;
+use anyhow::Context;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Work frames of a robot: Cartesian targets are programmed in them.
+#[derive(Debug, clap::Args)]
+pub struct WorkFrameArguments {
+    #[command(subcommand)]
+    command: WorkFrameCommand,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum WorkFrameCommand {
+    /// List a robot's work frames, or show one.
+    List(ListArguments),
+    /// Keep a work frame under a name: typed, or fitted to measured points.
+    Set(SetWorkFrame),
+}
+
+/// Tools of a robot: tool centre points with their orientation in the flange frame.
+#[derive(Debug, clap::Args)]
+pub struct ToolArguments {
+    #[command(subcommand)]
+    command: ToolCommand,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum ToolCommand {
+    /// List a robot's tools, or show one.
+    List(ListArguments),
+    /// Keep a tool under a name.
+    Set(SetTool),
+}
+
+#[derive(Debug, clap::Args)]
+struct ListArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    /// Only the one of this name.
+    #[arg(value_name = "NAME")]
+    name: Option<String>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, clap::Args)]
+struct Named {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    /// The name to keep it under.
+    #[arg(value_name = "NAME")]
+    name: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, clap::Args)]
+struct SetTool {
+    #[command(flatten)]
+    named: Named,
+    /// Tool centre point in the flange frame: X,Y,Z in mm.
+    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
+    mm: [f64; 3],
+    /// Orientation in the flange frame [default: as the flange].
+    #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
+    quaternion: Option<[f64; 4]>,
+}
+
+#[derive(Debug, clap::Args)]
+struct SetWorkFrame {
+    #[command(flatten)]
+    named: Named,
+    /// Origin of the work frame: X,Y,Z in mm.
+    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true, conflicts_with = "points")]
+    origin_mm: Option<[f64; 3]>,
+    /// Orientation of the work frame [default: as the frame that it is given in].
+    #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true, conflicts_with = "points")]
+    quaternion: Option<[f64; 4]>,
+    /// Measured points: a CSV file with the columns nominal_x_mm nominal_y_mm nominal_z_mm (in the work frame, as drawn) and x_mm y_mm z_mm (as
+    /// measured).
+    #[arg(long, value_name = "FILE")]
+    points: Option<PathBuf>,
+    /// Standard uncertainty of one coordinate of a measured point, mm.
+    #[arg(long, value_name = "MM", requires = "points")]
+    std_mm: Option<f64>,
+    /// The numbers are given in the measuring frame of this measurement set [default: in the robot's base frame].
+    #[arg(long, value_name = "SET")]
+    measured_with: Option<String>,
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let all: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
+    let all = all.ok().and_then(|all| <[f64; N]>::try_from(all).ok());
+    all.filter(|all| all.iter().all(|n| n.is_finite()))
+        .ok_or_else(|| format!("{N} numbers with commas between them are needed"))
+}
+
+fn three(text: &str) -> Result<[f64; 3], String> {
+    numbers(text)
+}
+
+fn four(text: &str) -> Result<[f64; 4], String> {
+    numbers(text)
+}
+
+/// Lists work frames, or keeps one.
+pub fn work_frames(arguments: &WorkFrameArguments) -> anyhow::Result<()> {
+    match &arguments.command {
+        WorkFrameCommand::List(list) => show(list, "work-frames"),
+        WorkFrameCommand::Set(set) => {
+            let points = set.points.as_deref().map(fixture_points).transpose()?;
+            let reference = match set.measured_with {
+                Some(_) => WorkFrameReference::Measuring,
+                None => WorkFrameReference::Base,
+            };
+            let body = WorkFrameBody {
+                reference,
+                measurement_set_id: set.measured_with.clone(),
+                translation_mm: set.origin_mm,
+                quaternion: set.quaternion,
+                rotation: None,
+                points,
+                std_mm: set.std_mm,
+            };
+            keep(&set.named, "work-frames", serde_json::to_vec(&body)?)
+        }
+    }
+}
+
+/// Lists tools, or keeps one.
+pub fn tools(arguments: &ToolArguments) -> anyhow::Result<()> {
+    match &arguments.command {
+        ToolCommand::List(list) => show(list, "tools"),
+        ToolCommand::Set(set) => {
+            let body = ToolBody {
+                translation_mm: set.mm,
+                quaternion: set.quaternion,
+                rotation: None,
+            };
+            keep(&set.named, "tools", serde_json::to_vec(&body)?)
+        }
+    }
+}
+
+/// The path of a robot's frames or tools, or of one.
+fn path(robot: &str, kind: &str, name: Option<&str>) -> anyhow::Result<String> {
+    let mut url = reqwest::Url::parse("http://localhost")?;
+    if let Ok(mut segments) = url.path_segments_mut() {
+        segments.extend(["v1", "robots", robot, kind]).extend(name);
+    }
+    Ok(url.path().to_owned())
+}
+
+fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
+    let answer = block_on(async {
+        let client = list.server.client()?;
+        let robot = client.robot_id(&list.robot).await?;
+        client.get(&path(&robot, kind, list.name.as_deref())?).await
+    })?;
+    list.output
+        .print(&answer, || match answer["items"].as_array() {
+            Some(items) if items.is_empty() => "none".into(),
+            Some(items) => in_words(items),
+            None => in_words(std::slice::from_ref(&answer)),
+        })
+}
+
+fn keep(named: &Named, kind: &str, body: Vec<u8>) -> anyhow::Result<()> {
+    let answer = block_on(async {
+        let client = named.server.client()?;
+        let robot = client.robot_id(&named.robot).await?;
+        let path = path(&robot, kind, Some(&named.name))?;
+        client.send(reqwest::Method::PUT, &path, body).await
+    })?;
+    named
+        .output
+        .print(&answer, || in_words(std::slice::from_ref(&answer)))
+}
+
+/// A table: name, origin, and how well measured points agree.
+fn in_words(items: &[Value]) -> String {
+    let row = |item: &Value| {
+        let is_tool = item["t_flange_tool"].is_object();
+        let t = &item[if is_tool {
+            "t_flange_tool"
+        } else {
+            "t_reference_work"
+        }];
+        let mm = |axis: usize| {
+            format!(
+                "{:.3}",
+                t["translation_mm"][axis].as_f64().unwrap_or(f64::NAN)
+            )
+        };
+        let frame = if is_tool {
+            "flange"
+        } else {
+            item["reference"].as_str().unwrap_or_default()
+        };
+        let rms = item["rms_mm"]
+            .as_f64()
+            .map_or("".into(), |mm| format!("{mm:.3}"));
+        let name = item["name"].as_str().unwrap_or_default().to_owned();
+        vec![name, frame.to_owned(), mm(0), mm(1), mm(2), rms]
+    };
+    let names = [
+        "name",
+        "in frame",
+        "x mm",
+        "y mm",
+        "z mm",
+        "rms of points mm",
+    ];
+    text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
+}
+
+/// Points of a fixture from a CSV file.
+fn fixture_points(file: &Path) -> anyhow::Result<Vec<FixturePointBody>> {
+    let bytes = read(file)?;
+    let mut reader = csv::Reader::from_reader(bytes.as_slice());
+    let header = reader.headers().context("the file has no header")?.clone();
+    let column = |name: &str| {
+        header.iter().position(|h| h.trim() == name).ok_or_else(|| {
+            Usage(format!("{}: it has no column {name}; its columns are nominal_x_mm nominal_y_mm nominal_z_mm x_mm y_mm z_mm", file.display()))
+        })
+    };
+    let columns = |prefix: &str| -> Result<[usize; 3], Usage> {
+        Ok([
+            column(&format!("{prefix}x_mm"))?,
+            column(&format!("{prefix}y_mm"))?,
+            column(&format!("{prefix}z_mm"))?,
+        ])
+    };
+    let (nominal, measured) = (columns("nominal_")?, columns("")?);
+    let mut points = Vec::new();
+    for (row, record) in reader.records().enumerate() {
+        let record = record?;
+        let cell = |column: usize| {
+            let text = record.get(column).unwrap_or_default().trim();
+            text.parse::<f64>().map_err(|_| {
+                Usage(format!(
+                    "{}: row {row}, column {}: {text:?} is not a number",
+                    file.display(),
+                    &header[column]
+                ))
+            })
+        };
+        let vector = |[x, y, z]: [usize; 3]| Ok::<_, Usage>([cell(x)?, cell(y)?, cell(z)?]);
+        points.push(FixturePointBody {
+            nominal_mm: vector(nominal)?,
+            measured_mm: vector(measured)?,
+        });
+    }
+    Ok(points)
+}

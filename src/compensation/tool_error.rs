@@ -1,0 +1,182 @@
+//! How far a corrected tool may be from its target, from the covariance of the identification.
+//!
+//! With d = tool − target at fixed joint values, the links' errors δ move it by ∂d/∂δ, and what links cannot say by the features of
+//! [`misfit`](crate::identification::misfit). Both come from the root of the mean square error of the identification, R: one standard deviation
+//! of d (3-D: the root of the three variances' sum) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange follow the
+//! links.
+
+use crate::compensation::anchor::{Anchor, anchor, anchor_in_measuring_frame};
+use crate::compensation::mode::Base;
+use crate::compensation::targets::Tool;
+use crate::identification::KinematicModel;
+use crate::identification::changes::Estimate;
+use crate::identification::parameters::{Parameter, apply};
+use crate::kinematics::{Robot, reach_mm, t_base_flange};
+use nalgebra::{DMatrix, IsometryMatrix3, Matrix3xX, Point3, Vector3};
+
+/// Step of an angle, rad: its square is far below what counts, and rounding as well.
+const STEP_RAD: f64 = 1e-6;
+
+/// Where the tool has to go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wanted<'a> {
+    /// Where the nominal robot has it at these joint values, rad, in the controller's convention.
+    AsNominal(&'a [f64]),
+    /// A position in the frame that targets are met in; it does not follow the robot.
+    Fixed,
+}
+
+/// A robot as it may be: links, where its base and flange are, targets.
+#[derive(Clone, Debug)]
+struct Possible {
+    model: KinematicModel,
+    anchor: Anchor,
+}
+
+impl Possible {
+    fn new(model: KinematicModel, nominal: &Robot, base: Base) -> Self {
+        let anchor = match base {
+            Base::Robot => anchor(&model.links, &nominal.links),
+            Base::Measured => anchor_in_measuring_frame(&model, &nominal.links),
+        };
+        Self { model, anchor }
+    }
+
+    /// The tool's centre on the anchored flange, mm.
+    fn tool_mm(&self, tool: &ToolPoint) -> Vector3<f64> {
+        match *tool {
+            ToolPoint::Target(target) => {
+                (self.anchor.t_anchored_flange * Point3::from(self.model.targets_mm[target])).coords
+            }
+            ToolPoint::Tcp(tcp_mm) => tcp_mm,
+        }
+    }
+
+    /// Tool less target, mm, in the frame that targets are met in, but for a constant.
+    fn miss_mm(&self, nominal: &Robot, tool: &ToolPoint, q: &Poses) -> Vector3<f64> {
+        let tool_mm = Point3::from(self.tool_mm(tool));
+        let flange = self
+            .anchor
+            .anchored(&t_base_flange(&self.model.links, &q.corrected_rad));
+        let there = (flange * tool_mm).coords;
+        match &q.nominal_rad {
+            Some(q_rad) => there - (t_base_flange(&nominal.links, q_rad) * tool_mm).coords,
+            None => there,
+        }
+    }
+}
+
+/// The tool's centre: an identified target by its number, or a point of the nominal flange, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ToolPoint {
+    /// 0-based.
+    Target(usize),
+    /// Nominal flange frame, mm.
+    Tcp(Vector3<f64>),
+}
+
+impl ToolPoint {
+    /// The centre of a tool; `target` is the number of [`Tool::Target`].
+    pub fn of(tool: &Tool, target: usize) -> Self {
+        match tool {
+            Tool::Target(_) => Self::Target(target),
+            Tool::Tcp(pose) => Self::Tcp(pose.translation.vector),
+        }
+    }
+}
+
+/// Joint values of the model, rad.
+struct Poses {
+    corrected_rad: Vec<f64>,
+    nominal_rad: Option<Vec<f64>>,
+}
+
+/// The error of a tool that is corrected with the links of an estimate.
+#[derive(Clone, Debug)]
+pub struct ToolError<'a> {
+    nominal: &'a Robot,
+    estimate: &'a Estimate,
+    tool: ToolPoint,
+    identified: Possible,
+    /// For each parameter its step, mm or rad, and the robot a step to both sides.
+    moved: Vec<(f64, [Possible; 2])>,
+}
+
+impl<'a> ToolError<'a> {
+    /// Prepares the errors of a tool in the frame of `base`. The estimate is one of `nominal`, and has the target if the tool is one.
+    pub fn new(nominal: &'a Robot, estimate: &'a Estimate, base: Base, tool: ToolPoint) -> Self {
+        let step_mm = STEP_RAD * reach_mm(&nominal.links);
+        let moved = |parameter: &Parameter| {
+            let step = if parameter.is_angle() {
+                STEP_RAD
+            } else {
+                step_mm
+            };
+            let sides = [step, -step].map(|by| {
+                let model = apply(&estimate.model, &[*parameter], &[by]);
+                Possible::new(model, nominal, base)
+            });
+            (step, sides)
+        };
+        Self {
+            identified: Possible::new(estimate.model.clone(), nominal, base),
+            moved: estimate.parameters.iter().map(moved).collect(),
+            nominal,
+            estimate,
+            tool,
+        }
+    }
+
+    /// One standard deviation (3-D) of the tool's position, mm, with the controller's joint values `q_controller_rad`.
+    pub fn std_mm(&self, q_controller_rad: &[f64], wanted: Wanted<'_>) -> f64 {
+        let poses = Poses {
+            corrected_rad: self.nominal.q_model_rad(q_controller_rad),
+            nominal_rad: match wanted {
+                Wanted::AsNominal(q_rad) => Some(self.nominal.q_model_rad(q_rad)),
+                Wanted::Fixed => None,
+            },
+        };
+        let by_parameters = Matrix3xX::from_columns(
+            &self
+                .moved
+                .iter()
+                .map(|m| self.slope(m, &poses))
+                .collect::<Vec<_>>(),
+        );
+        let uncertainty = &self.estimate.uncertainty;
+        let (root, p) = (&uncertainty.root, uncertainty.n_parameters);
+        let mut errors: DMatrix<f64> =
+            DMatrix::from_iterator(3, p, by_parameters.iter().copied()) * root.rows(0, p);
+        if root.nrows() > p {
+            errors += self.features(&poses.corrected_rad) * root.rows(p, root.nrows() - p);
+        }
+        errors.norm()
+    }
+
+    fn slope(&self, (step, sides): &(f64, [Possible; 2]), poses: &Poses) -> Vector3<f64> {
+        let [plus, minus] = sides
+            .each_ref()
+            .map(|side| side.miss_mm(self.nominal, &self.tool, poses));
+        (plus - minus) / (2.0 * step)
+    }
+
+    /// What the features of the misfit move the tool by, mm per rad: 3 × m, in the frame that targets are met in.
+    fn features(&self, q_rad: &[f64]) -> DMatrix<f64> {
+        let Possible { model, anchor } = &self.identified;
+        // the tool as one more target, in the flange frame of the identified links
+        let tool_mm =
+            anchor.t_anchored_flange.inverse() * Point3::from(self.identified.tool_mm(&self.tool));
+        let mut with_tool = model.clone();
+        with_tool.targets_mm.push(tool_mm.coords);
+        let pose = [(q_rad, model.targets_mm.len(), 1.0)];
+        let misfit = &self.estimate.uncertainty.features;
+        let in_measuring_frame = misfit.features(&with_tool, pose.into_iter());
+        let t_measuring_anchored: IsometryMatrix3<f64> =
+            model.t_instrument_base * anchor.t_base_anchored;
+        let turned = t_measuring_anchored.rotation.inverse();
+        DMatrix::from_fn(3, in_measuring_frame.ncols(), |axis, column| {
+            let moved = in_measuring_frame.fixed_view::<3, 1>(0, column);
+            (turned.matrix() * moved)[axis]
+        })
+    }
+}

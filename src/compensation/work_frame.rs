@@ -1,0 +1,141 @@
+//! A work frame from measured points: a fixture whose points are known in its own frame, measured in another one.
+
+use crate::identification::start::rigid_motion;
+use nalgebra::{IsometryMatrix3, Matrix3, Matrix6, SMatrix, Vector3};
+
+/// Fewest points: three, not on a line.
+pub const FEWEST_POINTS: usize = 3;
+/// Points count as on a line if the second widest direction is below this share of the widest: the turn about the line would be known ten
+/// times worse than the others.
+const ON_A_LINE: f64 = 0.1;
+
+/// A point of a fixture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FixturePoint {
+    /// In the work frame, as drawn, mm.
+    pub nominal_mm: Vector3<f64>,
+    /// In the frame that it was measured in, mm.
+    pub measured_mm: Vector3<f64>,
+}
+
+/// A work frame, and how well it is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorkFrame {
+    /// The work frame in the frame that it was measured or typed in, mm.
+    pub t_reference_work: IsometryMatrix3<f64>,
+    /// Distance of each measured point from where the frame has it, mm; none of a frame that was typed.
+    pub residuals_mm: Vec<f64>,
+    /// Noise of one coordinate of a point, mm, and the covariance of small motions of the frame for noise 1: translation, then rotation vector
+    /// about the points' centre.
+    spread: Option<Spread>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Spread {
+    noise_std_mm: f64,
+    centre_mm: Vector3<f64>,
+    covariance: Matrix6<f64>,
+}
+
+/// Why points give no frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unfit {
+    /// Fewer than three.
+    #[error("a frame needs at least {FEWEST_POINTS} points")]
+    TooFew,
+    /// On a line, or at one place.
+    #[error("the points lie on a line, so the turn about it is unknown: add a point beside it")]
+    OnALine,
+}
+
+impl WorkFrame {
+    /// A frame that was typed: taken as exact.
+    pub fn typed(t_reference_work: IsometryMatrix3<f64>) -> Self {
+        Self {
+            t_reference_work,
+            residuals_mm: vec![],
+            spread: None,
+        }
+    }
+
+    /// The frame that fits the points best (Kabsch 1976). The noise of a coordinate is the larger one of `std_mm` and what the residuals show:
+    /// sqrt(Σ|r|² / (3·n − 6)).
+    ///
+    /// # Errors
+    /// [`Unfit`] for fewer than three points, or points on a line.
+    pub fn measured(points: &[FixturePoint], std_mm: f64) -> Result<Self, Unfit> {
+        let n = points.len();
+        if n < FEWEST_POINTS {
+            return Err(Unfit::TooFew);
+        }
+        let (nominal, measured): (Vec<_>, Vec<_>) =
+            points.iter().map(|p| (p.nominal_mm, p.measured_mm)).unzip();
+        if is_on_a_line(&nominal) || is_on_a_line(&measured) {
+            return Err(Unfit::OnALine);
+        }
+        let t_reference_work = rigid_motion(&nominal, &measured);
+        let fitted =
+            |p: &Vector3<f64>| t_reference_work.rotation * p + t_reference_work.translation.vector;
+        let residuals_mm: Vec<f64> = nominal
+            .iter()
+            .zip(&measured)
+            .map(|(nominal, measured)| (measured - fitted(nominal)).norm())
+            .collect();
+        let squares_mm2: f64 = residuals_mm.iter().map(|r| r * r).sum();
+        let shown_mm = (squares_mm2 / (3 * n - 6) as f64).sqrt();
+        let centre_mm = measured.iter().sum::<Vector3<f64>>() / n as f64;
+        let normal: Matrix6<f64> = measured
+            .iter()
+            .map(|p| by_motion(&(p - centre_mm)))
+            .map(|j| j.transpose() * j)
+            .sum();
+        let covariance = normal.try_inverse().ok_or(Unfit::OnALine)?;
+        Ok(Self {
+            t_reference_work,
+            residuals_mm,
+            spread: Some(Spread {
+                noise_std_mm: shown_mm.max(std_mm),
+                centre_mm,
+                covariance,
+            }),
+        })
+    }
+
+    /// Root mean square of the residuals, mm; 0 of a frame that was typed.
+    pub fn rms_mm(&self) -> f64 {
+        let squares: f64 = self.residuals_mm.iter().map(|r| r * r).sum();
+        (squares / self.residuals_mm.len().max(1) as f64).sqrt()
+    }
+
+    /// One standard deviation (3-D) of where a point of the work frame is, mm.
+    pub fn position_std_mm(&self, p_work_mm: &Vector3<f64>) -> f64 {
+        let Some(spread) = &self.spread else {
+            return 0.0;
+        };
+        let t = &self.t_reference_work;
+        let there = t.rotation * p_work_mm + t.translation.vector;
+        let j = by_motion(&(there - spread.centre_mm));
+        spread.noise_std_mm * (j * spread.covariance * j.transpose()).trace().sqrt()
+    }
+}
+
+/// ∂(point)/∂(translation, rotation vector) for a point at `arm` from the centre of rotation.
+fn by_motion(arm: &Vector3<f64>) -> SMatrix<f64, 3, 6> {
+    let mut j = SMatrix::zeros();
+    j.fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&Matrix3::identity());
+    j.fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&-arm.cross_matrix());
+    j
+}
+
+fn is_on_a_line(points: &[Vector3<f64>]) -> bool {
+    let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    let scatter: Matrix3<f64> = points
+        .iter()
+        .map(|p| (p - centre) * (p - centre).transpose())
+        .sum();
+    let mut widths = scatter.symmetric_eigenvalues().map(|v| v.max(0.0).sqrt());
+    widths.as_mut_slice().sort_by(f64::total_cmp);
+    widths[1] <= ON_A_LINE * widths[2]
+}

@@ -1,0 +1,210 @@
+//! Work frames and tools of a robot, kept under a name.
+
+use crate::http::auth::Caller;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::extract::{Id, Query};
+use crate::http::list_query::NewestListQuery;
+use crate::http::{App, Error, access};
+use crate::store::named_frames::NewNamedFrame;
+use crate::store::{self, NamedFrameRow, Tx, measurement_sets, named_frames};
+use crate::wire::named_frame::{
+    NamedFrameKind, ToolAnswer, WorkFrameAnswer, WorkFrameBody, check_name,
+};
+use crate::wire::page::Page;
+use crate::wire::robot::MAX_NAME;
+use crate::wire::time::rfc3339;
+use crate::wire::tool::ToolBody;
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::response::Response;
+use utoipa_axum::{router::OpenApiRouter, routes};
+
+/// Routes of work frames and tools.
+pub fn router() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
+        .routes(routes!(list_work_frames))
+        .routes(routes!(get_work_frame, put_work_frame))
+        .routes(routes!(list_tools))
+        .routes(routes!(get_tool, put_tool))
+}
+
+/// A robot's work frames, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/work-frames", tag = "robots", operation_id = "listWorkFrames",
+    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
+    responses((status = 200, description = "One page", body = Page<WorkFrameAnswer>))
+)]
+async fn list_work_frames(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<NewestListQuery>,
+) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let kind = NamedFrameKind::WorkFrame;
+    let found = named_frames::list(&app.store, &robot_id, kind, &query.request()?).await?;
+    let convert = |row| WorkFrameAnswer::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
+}
+
+/// A work frame by its name.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/work-frames/{name}", tag = "robots", operation_id = "getWorkFrame",
+    params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The work frame's name")),
+    responses((status = 200, description = "The work frame", body = WorkFrameAnswer))
+)]
+async fn get_work_frame(
+    State(app): State<App>,
+    caller: Caller,
+    Path((robot_id, name)): Path<(String, String)>,
+) -> Result<Json<WorkFrameAnswer>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let row = newest(&app, &robot_id, NamedFrameKind::WorkFrame, &name).await?;
+    Ok(Json(WorkFrameAnswer::try_from(&row)?))
+}
+
+/// Keeps a work frame under a name, in place of an earlier one of that name: typed, or fitted to three or more measured points.
+#[utoipa::path(
+    put, path = "/v1/robots/{robot_id}/work-frames/{name}", tag = "robots", operation_id = "putWorkFrame",
+    params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The work frame's name")),
+    request_body = WorkFrameBody,
+    responses((status = 200, description = "The work frame, stored, with the residuals of its points", body = WorkFrameAnswer))
+)]
+async fn put_work_frame(
+    State(app): State<App>,
+    Path((robot_id, name)): Path<(String, String)>,
+    submission: Submission,
+) -> Result<Response, Error> {
+    check_name(&name, MAX_NAME)?;
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let body: WorkFrameBody = submission.json()?;
+    body.work_frame()?;
+    if let Some(id) = &body.measurement_set_id {
+        let set = measurement_sets::get(&app.store, id).await;
+        if !set.is_ok_and(|set| set.robot_id == robot_id) {
+            return Err(Error::NotFound("measurement set of this robot"));
+        }
+    }
+    let new = NewNamedFrame {
+        robot_id: &robot_id,
+        kind: NamedFrameKind::WorkFrame,
+        name: &name,
+        content_json: &serde_json::to_string(&body)?,
+        by: &submission.caller.holder,
+    };
+    let effect = async |tx: &mut Tx| {
+        let row = named_frames::insert(tx, new).await?;
+        stored_json(200, None, &WorkFrameAnswer::try_from(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+/// A robot's tools, newest first.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/tools", tag = "robots", operation_id = "listTools",
+    params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
+    responses((status = 200, description = "One page", body = Page<ToolAnswer>))
+)]
+async fn list_tools(
+    State(app): State<App>,
+    caller: Caller,
+    Id(robot_id): Id,
+    Query(query): Query<NewestListQuery>,
+) -> Result<Json<Page<ToolAnswer>>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let kind = NamedFrameKind::Tool;
+    let found = named_frames::list(&app.store, &robot_id, kind, &query.request()?).await?;
+    let convert = |row| ToolAnswer::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
+}
+
+/// A tool by its name.
+#[utoipa::path(
+    get, path = "/v1/robots/{robot_id}/tools/{name}", tag = "robots", operation_id = "getTool",
+    params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The tool's name")),
+    responses((status = 200, description = "The tool", body = ToolAnswer))
+)]
+async fn get_tool(
+    State(app): State<App>,
+    caller: Caller,
+    Path((robot_id, name)): Path<(String, String)>,
+) -> Result<Json<ToolAnswer>, Error> {
+    access::robot(&app, &caller, &robot_id).await?;
+    let row = newest(&app, &robot_id, NamedFrameKind::Tool, &name).await?;
+    Ok(Json(ToolAnswer::try_from(&row)?))
+}
+
+/// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
+#[utoipa::path(
+    put, path = "/v1/robots/{robot_id}/tools/{name}", tag = "robots", operation_id = "putTool",
+    params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The tool's name")),
+    request_body = ToolBody,
+    responses((status = 200, description = "The tool, stored", body = ToolAnswer))
+)]
+async fn put_tool(
+    State(app): State<App>,
+    Path((robot_id, name)): Path<(String, String)>,
+    submission: Submission,
+) -> Result<Response, Error> {
+    check_name(&name, MAX_NAME)?;
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let body: ToolBody = submission.json()?;
+    body.check()?;
+    let new = NewNamedFrame {
+        robot_id: &robot_id,
+        kind: NamedFrameKind::Tool,
+        name: &name,
+        content_json: &serde_json::to_string(&body)?,
+        by: &submission.caller.holder,
+    };
+    let effect = async |tx: &mut Tx| {
+        let row = named_frames::insert(tx, new).await?;
+        stored_json(200, None, &ToolAnswer::try_from(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+async fn newest(
+    app: &App,
+    robot_id: &str,
+    kind: NamedFrameKind,
+    name: &str,
+) -> Result<NamedFrameRow, Error> {
+    check_name(name, MAX_NAME)?;
+    let row = named_frames::newest(&app.store, robot_id, kind, name).await;
+    row.map_err(|error| match (error, kind) {
+        (store::Error::NotFound, NamedFrameKind::WorkFrame) => Error::NotFound("work frame"),
+        (store::Error::NotFound, NamedFrameKind::Tool) => Error::NotFound("tool"),
+        (other, _) => other.into(),
+    })
+}
+
+/// The work frame that holds under a name.
+pub async fn work_frame(app: &App, robot_id: &str, name: &str) -> Result<WorkFrameBody, Error> {
+    let row = newest(app, robot_id, NamedFrameKind::WorkFrame, name).await?;
+    Ok(serde_json::from_str(&row.content_json)?)
+}
+
+/// The tool that holds under a name.
+pub async fn tool(app: &App, robot_id: &str, name: &str) -> Result<ToolBody, Error> {
+    let row = newest(app, robot_id, NamedFrameKind::Tool, name).await?;
+    Ok(serde_json::from_str(&row.content_json)?)
+}
+
+impl TryFrom<&NamedFrameRow> for WorkFrameAnswer {
+    type Error = Error;
+
+    fn try_from(row: &NamedFrameRow) -> Result<Self, Error> {
+        let body: WorkFrameBody = serde_json::from_str(&row.content_json)?;
+        Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms))?)
+    }
+}
+
+impl TryFrom<&NamedFrameRow> for ToolAnswer {
+    type Error = Error;
+
+    fn try_from(row: &NamedFrameRow) -> Result<Self, Error> {
+        let body: ToolBody = serde_json::from_str(&row.content_json)?;
+        Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms)))
+    }
+}

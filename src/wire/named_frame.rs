@@ -1,0 +1,264 @@
+//! Work frames and tools of a robot, kept under a name.
+
+use crate::compensation::{FixturePoint, Unfit, WorkFrame};
+use crate::wire::frames::Transform;
+use crate::wire::id::MAX_ID;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::robot::MAX_LENGTH_MM;
+use crate::wire::tool::{ToolBody, check_lengths, check_rotation, rotation};
+use nalgebra::{IsometryMatrix3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Most points of a measured frame.
+pub const MAX_FIXTURE_POINTS: usize = 1000;
+/// Farthest point of a fixture, mm.
+pub(super) const MAX_FIXTURE_MM: f64 = 100_000.0;
+/// Names of frames that every robot has.
+const RESERVED: [&str; 2] = ["base", "measuring"];
+
+/// What is kept under a name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NamedFrameKind {
+    /// A frame in which targets are programmed.
+    WorkFrame,
+    /// A tool centre point with its orientation.
+    Tool,
+}
+
+impl NamedFrameKind {
+    /// Its name in the database.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::WorkFrame => "work_frame",
+            Self::Tool => "tool",
+        }
+    }
+}
+
+/// The frame that a work frame is given in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WorkFrameReference {
+    /// The robot's base frame, as the controller has it.
+    #[default]
+    Base,
+    /// The measuring frame of a measurement set.
+    Measuring,
+}
+
+/// A work frame: either typed (`translation_mm` with `quaternion` or `rotation`), or measured (`points`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WorkFrameBody {
+    /// The frame that the numbers are given in; default `base`.
+    #[serde(default)]
+    pub reference: WorkFrameReference,
+    /// With `reference: measuring`: the measurement set in whose measuring frame they are given. The work frame holds for parameter sets that
+    /// were identified from it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measurement_set_id: Option<String>,
+    /// Origin of the work frame, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub translation_mm: Option<[f64; 3]>,
+    /// Rotation: w, x, y, z.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+    /// Rotation matrix, row by row; default: the identity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<[[f64; 3]; 3]>,
+    /// Three points or more that are known in the work frame and were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 3, max_items = 1000)]
+    pub points: Option<Vec<FixturePointBody>>,
+    /// Standard uncertainty of one coordinate of a measured point, mm, as the instrument states it. What the residuals show counts if it is more.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_mm: Option<f64>,
+}
+
+/// A point of a fixture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FixturePointBody {
+    /// In the work frame, as drawn, mm.
+    pub nominal_mm: [f64; 3],
+    /// As measured, in the reference frame, mm.
+    pub measured_mm: [f64; 3],
+}
+
+/// A stored work frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = WorkFrame)]
+pub struct WorkFrameAnswer {
+    /// Its name.
+    pub name: String,
+    /// The frame that it is given in.
+    pub reference: WorkFrameReference,
+    /// With `reference: measuring`: whose measuring frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measurement_set_id: Option<String>,
+    /// The work frame in the reference frame.
+    pub t_reference_work: Transform,
+    /// Distance of each measured point from where the frame has it, mm; empty for a frame that was typed.
+    pub residuals_mm: Vec<f64>,
+    /// Their root mean square, mm; absent for a frame that was typed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms_mm: Option<f64>,
+    /// Standard uncertainty of the work frame's origin (3-D), mm; absent for a frame that was typed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin_std_mm: Option<f64>,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+}
+
+/// A stored tool.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = NamedTool)]
+pub struct ToolAnswer {
+    /// Its name.
+    pub name: String,
+    /// The tool in the flange frame.
+    pub t_flange_tool: Transform,
+    /// RFC 3339, UTC.
+    pub created_at: String,
+}
+
+/// Checks the name of a work frame or tool.
+///
+/// # Errors
+/// [`Invalid`] for names that cannot be kept.
+pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
+    let mut checker = Checker::default();
+    checker.words("/name", name, max);
+    if name.trim() != name || name.contains('/') {
+        let detail = "a name has no space around it and no / in it";
+        checker.note("/name", "invalid_name", detail);
+    }
+    if RESERVED.contains(&name) {
+        let detail = format!("{name} is a frame that every robot has: take another name");
+        checker.note("/name", "reserved_name", detail);
+    }
+    checker.finish("invalid_name")
+}
+
+impl WorkFrameBody {
+    /// The work frame.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn work_frame(&self) -> Result<WorkFrame, Invalid> {
+        self.check()?;
+        let Some(points) = &self.points else {
+            let origin = Vector3::from(self.translation_mm.unwrap_or_default());
+            return Ok(WorkFrame::typed(IsometryMatrix3::from_parts(
+                Translation3::from(origin),
+                rotation(self.quaternion, self.rotation),
+            )));
+        };
+        let points: Vec<FixturePoint> = points
+            .iter()
+            .map(|p| FixturePoint {
+                nominal_mm: p.nominal_mm.into(),
+                measured_mm: p.measured_mm.into(),
+            })
+            .collect();
+        WorkFrame::measured(&points, self.std_mm.unwrap_or(0.0)).map_err(|unfit: Unfit| {
+            Invalid::at("/points", "points_give_no_frame", unfit.to_string())
+        })
+    }
+
+    fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        let is_typed =
+            self.translation_mm.is_some() || self.quaternion.is_some() || self.rotation.is_some();
+        match (&self.points, is_typed) {
+            (Some(_), true) => checker.note(
+                "/points",
+                "typed_and_measured",
+                "a work frame is either typed (translation_mm, quaternion or rotation) or measured (points): give one",
+            ),
+            (None, false) => checker.note(
+                "",
+                "no_frame",
+                "give translation_mm with quaternion or rotation, or three or more points that were measured",
+            ),
+            _ => (),
+        }
+        match (self.reference, &self.measurement_set_id) {
+            (WorkFrameReference::Measuring, None) => checker.note(
+                "/measurement_set_id",
+                "missing",
+                "each set-up of the instrument has a measuring frame of its own: name the measurement set in whose frame the numbers are given",
+            ),
+            (WorkFrameReference::Base, Some(_)) => checker.note(
+                "/measurement_set_id",
+                "not_of_base",
+                "it goes with reference measuring; numbers in the base frame need no set",
+            ),
+            _ => (),
+        }
+        if let Some(id) = &self.measurement_set_id {
+            checker.text("/measurement_set_id", id, MAX_ID);
+        }
+        if let Some(origin) = &self.translation_mm {
+            check_lengths(&mut checker, "/translation_mm", origin, MAX_FIXTURE_MM);
+        }
+        check_rotation(&mut checker, "", self.quaternion, self.rotation);
+        let points = self.points.as_deref().unwrap_or_default();
+        if points.len() > MAX_FIXTURE_POINTS {
+            let detail = format!("{} points; at most {MAX_FIXTURE_POINTS}", points.len());
+            checker.note("/points", "wrong_length", detail);
+        }
+        for (i, point) in points.iter().take(MAX_FIXTURE_POINTS).enumerate() {
+            let at = format!("/points/{i}");
+            let mut lengths = |field: &str, lengths_mm: &[f64; 3]| {
+                check_lengths(
+                    &mut checker,
+                    &format!("{at}/{field}"),
+                    lengths_mm,
+                    MAX_FIXTURE_MM,
+                );
+            };
+            lengths("nominal_mm", &point.nominal_mm);
+            lengths("measured_mm", &point.measured_mm);
+        }
+        if self
+            .std_mm
+            .is_some_and(|std_mm| !(0.0..=MAX_LENGTH_MM).contains(&std_mm))
+        {
+            let detail = format!("a standard uncertainty is from 0 to {MAX_LENGTH_MM} mm");
+            checker.note("/std_mm", "out_of_range", detail);
+        }
+        checker.finish("invalid_work_frame")
+    }
+
+    /// The answer for a frame that is stored.
+    ///
+    /// # Errors
+    /// As [`Self::work_frame`].
+    pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
+        let frame = self.work_frame()?;
+        let is_measured = !frame.residuals_mm.is_empty();
+        Ok(WorkFrameAnswer {
+            name,
+            reference: self.reference,
+            measurement_set_id: self.measurement_set_id,
+            t_reference_work: Transform::from(&frame.t_reference_work),
+            rms_mm: is_measured.then(|| frame.rms_mm()),
+            origin_std_mm: is_measured.then(|| frame.position_std_mm(&Vector3::zeros())),
+            residuals_mm: frame.residuals_mm,
+            created_at,
+        })
+    }
+}
+
+impl ToolBody {
+    /// The answer for a tool that is stored.
+    pub fn answer(self, name: String, created_at: String) -> ToolAnswer {
+        ToolAnswer {
+            name,
+            t_flange_tool: Transform::from(&IsometryMatrix3::from(self)),
+            created_at,
+        }
+    }
+}

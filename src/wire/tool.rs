@@ -1,0 +1,106 @@
+//! Tools, and rotations in requests.
+
+use crate::measurement::csv_pose::unit_quaternion;
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::robot::MAX_LENGTH_MM;
+use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Largest deviation of a rotation's rows and columns from unit length and from right angles.
+pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
+
+/// A tool centre point in the flange frame of the nominal robot, as controllers store it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ToolBody {
+    /// mm.
+    pub translation_mm: [f64; 3],
+    /// Rotation: w, x, y, z.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+    /// Rotation matrix, row by row; default: the identity.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<[[f64; 3]; 3]>,
+}
+
+/// A rotation from a quaternion or a matrix; the identity from neither.
+pub(super) fn rotation(
+    quaternion: Option<[f64; 4]>,
+    matrix: Option<[[f64; 3]; 3]>,
+) -> Rotation3<f64> {
+    if let Some(Ok(rotation)) = quaternion.map(unit_quaternion) {
+        return rotation;
+    }
+    matrix.map_or_else(Rotation3::identity, |rows| {
+        Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| rows[i][j]))
+    })
+}
+
+/// A rotation as it stands in documents: w, x, y, z, w not negative.
+pub fn quaternion(rotation: &Rotation3<f64>) -> [f64; 4] {
+    let q = UnitQuaternion::from_rotation_matrix(rotation);
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    [q.w, q.i, q.j, q.k].map(|x| sign * x)
+}
+
+/// Reports what is wrong with a rotation, below `at`.
+pub(super) fn check_rotation(
+    checker: &mut Checker,
+    at: &str,
+    quaternion: Option<[f64; 4]>,
+    matrix: Option<[[f64; 3]; 3]>,
+) {
+    if quaternion.is_some() && matrix.is_some() {
+        let detail = "a rotation is either a quaternion or a matrix (rotation): give one";
+        checker.note(format!("{at}/quaternion"), "two_rotations", detail);
+    }
+    if let Some(Err((code, detail))) = quaternion.map(unit_quaternion) {
+        checker.note(format!("{at}/quaternion"), code, detail);
+    }
+    let Some(rows) = matrix else {
+        return;
+    };
+    let rotation = Matrix3::from_fn(|i, j| rows[i][j]);
+    let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
+    if off.is_nan() || off > ROTATION_TOLERANCE || rotation.determinant() < 0.0 {
+        let detail = "it is not a rotation matrix: rows of length 1, at right angles, right-handed; leave it out for no rotation";
+        checker.note(format!("{at}/rotation"), "not_a_rotation", detail);
+    }
+}
+
+/// Reports lengths that are too large, below `at`.
+pub(super) fn check_lengths(checker: &mut Checker, at: &str, lengths_mm: &[f64; 3], largest: f64) {
+    for (i, value) in lengths_mm.iter().enumerate() {
+        let hint = "lengths are in millimetres";
+        checker.magnitude(format!("{at}/{i}"), *value, largest, hint);
+    }
+}
+
+impl ToolBody {
+    /// Reports what is wrong, below `at`.
+    pub(super) fn note_faults(&self, at: &str, checker: &mut Checker) {
+        let lengths = format!("{at}/translation_mm");
+        check_lengths(checker, &lengths, &self.translation_mm, MAX_LENGTH_MM);
+        check_rotation(checker, at, self.quaternion, self.rotation);
+    }
+
+    /// Checks a tool that stands alone.
+    ///
+    /// # Errors
+    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        self.note_faults("", &mut checker);
+        checker.finish("invalid_tool")
+    }
+}
+
+impl From<ToolBody> for IsometryMatrix3<f64> {
+    fn from(tool: ToolBody) -> Self {
+        Self::from_parts(
+            Translation3::from(Vector3::from(tool.translation_mm)),
+            rotation(tool.quaternion, tool.rotation),
+        )
+    }
+}

@@ -1,0 +1,360 @@
+//! Cartesian targets in work frames, and the uncertainty of corrected tools. The true robots are simulated.
+
+use crate::data::paper_robot;
+use crate::simulation::{Campaign, Normal, anchored_robot, limited, measure, poses, true_robot};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
+use kincal::compensation::{
+    Base, Compensation, FixturePoint, Mode, Status, Tool, ToolError, ToolPoint, Unfit, Wanted,
+    WorkFrame,
+};
+use kincal::identification::KinematicModel;
+use kincal::identification::parameters::rotation_exp;
+use kincal::kinematics::{Robot, t_base_flange};
+use kincal::measurement::{Frame, MeasurementSet, Subset};
+use kincal::operations::{Correctable, compensate};
+use kincal::wire::compensate::{CartesianTarget, CompensateBody};
+use kincal::wire::frames::Transform;
+use kincal::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
+use kincal::wire::parameter_set::{ParameterSetContent, Provenance};
+use kincal::wire::tool::{ToolBody, quaternion};
+use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
+use std::ops::ControlFlow;
+
+fn isometry(translation: [f64; 3], turn: [f64; 3]) -> IsometryMatrix3<f64> {
+    IsometryMatrix3::from_parts(
+        Translation3::from(Vector3::from(translation)),
+        rotation_exp(&Vector3::from(turn)),
+    )
+}
+
+/// A robot whose base stands 0.5 mm off along each axis and is turned by 0.02°, with three reflectors off a line.
+fn cell(nominal: &Robot, seed: u64) -> KinematicModel {
+    let mut random = Normal::new(seed);
+    let mut truth = anchored_robot(nominal, 3, &mut random);
+    truth.t_instrument_base = IsometryMatrix3::from_parts(
+        Translation3::from(random.vector() * 0.5),
+        rotation_exp(&(random.vector() * 0.02f64.to_radians())),
+    );
+    truth
+}
+
+fn identified(
+    nominal: &Robot,
+    truth: &KinematicModel,
+    seed: u64,
+    frame: Frame,
+) -> CalibrationReport {
+    let mut random = Normal::new(7000 + seed);
+    let campaign = Campaign {
+        n_configurations: 60,
+        n_targets: truth.targets_mm.len(),
+        ..Campaign::PLAIN
+    };
+    let q = poses(60, &mut random);
+    let measured = measure(truth, &q, &campaign, &mut random);
+    let mut points = measured.points;
+    for (i, point) in points.iter_mut().enumerate() {
+        if (i / campaign.n_targets) % 2 == 1 {
+            point.subset = Some(Subset::Verify);
+        }
+    }
+    let request = CalibrationRequest::new(nominal.clone(), MeasurementSet::new(frame, points));
+    calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+#[test]
+fn a_pose_is_reached_from_joint_values_near_it() {
+    let nominal = limited(paper_robot());
+    let tool = Tool::Tcp(isometry([30.0, -45.0, 160.0], [0.3, -0.8, 0.5]));
+    let (mut n_reached, mut n) = (0, 0);
+    for seed in 0..5 {
+        let truth = anchored_robot(&nominal, 1, &mut Normal::new(seed));
+        let compensation = Compensation::new(&nominal, &truth.links);
+        let mut random = Normal::new(50 + seed);
+        for q in poses(20, &mut random)
+            .iter()
+            .filter(|q| q[4].sin().abs() > 0.2)
+        {
+            let wanted = compensation.t_nominal_tool(q, &tool);
+            let near: Vec<f64> = q.iter().map(|q| q + 0.2 * random.draw()).collect();
+            let reached = compensation.reach(&wanted, &near, &tool, Mode::Pose);
+            n += 1;
+            if reached.corrected.status != Status::Ok {
+                continue; // a joint limit on the way
+            }
+            n_reached += 1;
+            // by the plain forward kinematics, not by the code that searched
+            let flange = t_base_flange(&nominal.links, &reached.q_nominal_rad);
+            let Tool::Tcp(tcp) = tool else { unreachable!() };
+            let apart = wanted.inverse() * flange * tcp;
+            assert!(apart.translation.vector.norm() < 2e-3, "{apart:?}");
+            assert!(apart.rotation.angle() < 2e-6);
+            let true_tool = t_base_flange(&truth.links, &reached.corrected.q_controller_rad) * tcp;
+            let missed = (true_tool.translation.vector - wanted.translation.vector).norm();
+            assert!(missed < 2e-3, "{missed}");
+            assert!(reached.corrected.position_error_before_mm > 0.01);
+        }
+    }
+    println!("{n_reached} of {n} reached");
+    assert!(n > 60 && 10 * n_reached >= 9 * n, "{n_reached} of {n}");
+}
+
+/// The first oracle is the derivative that identification uses, the second one is simulation.
+#[test]
+fn the_uncertainty_of_a_tool_is_that_of_predictions_and_of_simulated_robots() {
+    let nominal = limited(paper_robot());
+    let (mut squares, mut stated) = (0.0, 0.0);
+    for seed in 0..12 {
+        let truth = true_robot(&nominal, 3, &mut Normal::new(200 + seed));
+        let report = identified(&nominal, &truth, seed, Frame::Instrument);
+        let estimate = report.estimate.as_ref().expect("an estimate");
+        let error = ToolError::new(&nominal, estimate, Base::Measured, ToolPoint::Target(0));
+        let robot = ParameterSetContent::from(&report).identified_robot(None);
+        let compensation = Compensation::of(&nominal, &robot, Base::Robot);
+        let in_base = ToolError::new(&nominal, estimate, Base::Robot, ToolPoint::Target(0));
+        for q in poses(10, &mut Normal::new(300 + seed)) {
+            let by_derivative =
+                estimate
+                    .uncertainty
+                    .position_std_mm(&estimate.model, &estimate.parameters, &q, 0);
+            let std_mm = error.std_mm(&q, Wanted::Fixed);
+            assert!(
+                (std_mm / by_derivative - 1.0).abs() < 1e-4,
+                "{std_mm} {by_derivative}"
+            );
+            // corrected joint targets of the reflector, in the robot's own base
+            let tool = Tool::Target(report.targets_mm[0]);
+            let corrected = compensation.correct(&q, &tool, Mode::Position);
+            let std_mm = in_base.std_mm(&corrected.q_controller_rad, Wanted::AsNominal(&q));
+            stated += std_mm * std_mm;
+            let real = Compensation::new(&nominal, &truth.links);
+            let p = Point3::from(real.p_anchored_mm(&truth.targets_mm[0]));
+            let missed = real.t_base_flange(&corrected.q_controller_rad) * p
+                - t_base_flange(&nominal.links, &q) * p;
+            squares += missed.norm_squared();
+        }
+    }
+    let ratio = (stated / squares).sqrt();
+    println!("stated over true, corrected targets in the robot's base: {ratio:.3}");
+    assert!((0.67..1.5).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_frame_from_points_is_as_uncertain_as_simulated_ones() {
+    let t = isometry([900.0, 100.0, 400.0], [0.1, -0.2, 0.7]);
+    let nominal: Vec<Vector3<f64>> = [
+        [0.0, 0.0, 0.0],
+        [300.0, 0.0, 0.0],
+        [0.0, 200.0, 0.0],
+        [300.0, 200.0, 50.0],
+    ]
+    .map(Vector3::from)
+    .to_vec();
+    let far = Vector3::new(500.0, 400.0, 100.0);
+    let (mut squares, mut stated) = (0.0, 0.0);
+    let mut random = Normal::new(1);
+    let n = 4000;
+    for _ in 0..n {
+        let points: Vec<FixturePoint> = nominal
+            .iter()
+            .map(|p| FixturePoint {
+                nominal_mm: *p,
+                measured_mm: (t * Point3::from(*p)).coords + random.vector() * 0.03,
+            })
+            .collect();
+        let frame = WorkFrame::measured(&points, 0.0).unwrap();
+        let missed = frame.t_reference_work * Point3::from(far) - t * Point3::from(far);
+        squares += missed.norm_squared();
+        stated += frame.position_std_mm(&far).powi(2);
+    }
+    let ratio = (stated / squares).sqrt();
+    println!("stated over true: {ratio:.4}");
+    assert!((0.96..1.04).contains(&ratio), "{ratio}");
+    // a stated noise is a lower bound
+    let exact: Vec<FixturePoint> = nominal
+        .iter()
+        .map(|p| FixturePoint {
+            nominal_mm: *p,
+            measured_mm: (t * Point3::from(*p)).coords,
+        })
+        .collect();
+    let with = |std_mm: f64| {
+        WorkFrame::measured(&exact, std_mm)
+            .unwrap()
+            .position_std_mm(&far)
+    };
+    assert!(with(0.0) < 1e-9 && (with(0.06) / with(0.03) - 2.0).abs() < 1e-9);
+}
+
+#[test]
+fn points_that_give_no_frame_are_told() {
+    let point = |x: f64, y: f64| FixturePoint {
+        nominal_mm: Vector3::new(x, y, 0.0),
+        measured_mm: Vector3::new(x, y, 10.0),
+    };
+    let two = [point(0.0, 0.0), point(100.0, 0.0)];
+    assert_eq!(WorkFrame::measured(&two, 0.0), Err(Unfit::TooFew));
+    let on_a_line = [point(0.0, 0.0), point(100.0, 0.1), point(200.0, 0.0)];
+    assert_eq!(WorkFrame::measured(&on_a_line, 0.0), Err(Unfit::OnALine));
+}
+
+/// A cell: base error 0.5 mm, a fixture measured with the tracker, a tool with orientation. Twenty robots, ten targets each, scored by the true
+/// robot.
+#[test]
+fn cartesian_targets_in_a_measured_work_frame_are_met_within_the_stated_uncertainty() {
+    let nominal = limited(paper_robot());
+    let tcp = isometry([25.0, -40.0, 150.0], [0.2, 0.5, -0.3]);
+    let (mut n, mut n_within, mut worst) = (0, 0, 0.0f64);
+    let (mut before_mm, mut after_mm) = (vec![], vec![]);
+    for seed in 0..20 {
+        let truth = cell(&nominal, seed);
+        let report = identified(&nominal, &truth, seed, Frame::Base);
+        let content = ParameterSetContent::from(&report);
+        let mut random = Normal::new(900 + seed);
+        // a fixture somewhere in front of the robot, four points measured with 0.03 mm
+        let q0 = &poses(1, &mut random)[0];
+        let flange = t_base_flange(&nominal.links, q0);
+        let t_work =
+            IsometryMatrix3::from_parts(flange.translation, rotation_exp(&(random.vector() * 0.5)));
+        let corners = [
+            [0.0, 0.0, 0.0],
+            [250.0, 0.0, 0.0],
+            [0.0, 250.0, 0.0],
+            [250.0, 250.0, 30.0],
+        ];
+        let points = corners.map(|nominal_mm| FixturePointBody {
+            nominal_mm,
+            measured_mm: ((t_work * Point3::from(Vector3::from(nominal_mm))).coords
+                + random.vector() * 0.03)
+                .into(),
+        });
+        let work_frame = WorkFrameBody {
+            reference: WorkFrameReference::Measuring,
+            measurement_set_id: Some("set".into()),
+            translation_mm: None,
+            quaternion: None,
+            rotation: None,
+            points: Some(points.to_vec()),
+            std_mm: Some(0.03),
+        };
+        let mut targets = vec![];
+        let mut wanted = vec![];
+        for q in poses(10, &mut random)
+            .iter()
+            .filter(|q| q[4].sin().abs() > 0.2)
+        {
+            let t_base_tool = t_base_flange(&nominal.links, q) * tcp;
+            let t_work_tool = t_work.inverse() * t_base_tool;
+            targets.push(CartesianTarget {
+                position_mm: t_work_tool.translation.vector.into(),
+                quaternion: Some(quaternion(&t_work_tool.rotation)),
+                rotation: None,
+                q_near_deg: q.iter().map(|q| (q + 0.05).to_degrees()).collect(),
+            });
+            wanted.push(t_base_tool);
+        }
+        let tool = Transform::from(&tcp);
+        let request = CompensateBody {
+            targets,
+            frame: Some("fixture".into()),
+            tool: Some(ToolBody {
+                translation_mm: tool.translation_mm,
+                quaternion: None,
+                rotation: Some(tool.rotation),
+            }),
+            base: Some(Base::Measured),
+            ..CompensateBody::default()
+        };
+        let provenance = Provenance {
+            measuring_frame: Some(Frame::Base),
+            ..Provenance::default()
+        };
+        let from = Correctable {
+            robot: &nominal,
+            content: &content,
+            provenance: &provenance,
+            estimate: report.estimate.as_ref(),
+            measurement_set_id: Some("set"),
+            work_frame: Some(&work_frame),
+            named_tool: None,
+        };
+        let answer = compensate(&request, from).unwrap();
+        let stated_mm = answer.position_std_mm.expect("a stated uncertainty");
+        for (i, wanted) in wanted.iter().enumerate() {
+            if answer.status[i] != Status::Ok {
+                continue;
+            }
+            let q_rad: Vec<f64> = answer.q_deg[i].iter().map(|q| q.to_radians()).collect();
+            let there = truth.t_instrument_base * t_base_flange(&truth.links, &q_rad) * tcp;
+            let missed = (there.translation.vector - wanted.translation.vector).norm();
+            n += 1;
+            n_within += usize::from(missed <= 3.0 * stated_mm[i]);
+            worst = worst.max(missed / stated_mm[i]);
+            before_mm.push(answer.position_error_before_mm[i]);
+            after_mm.push(missed);
+        }
+    }
+    before_mm.sort_by(f64::total_cmp);
+    after_mm.sort_by(f64::total_cmp);
+    println!(
+        "{n_within} of {n} targets within three times the stated uncertainty, the worst {worst:.2} times; median error {:.3} mm before, {:.4} mm after",
+        before_mm[n / 2],
+        after_mm[n / 2]
+    );
+    assert!(n > 120 && n_within == n, "{n_within} of {n}");
+    assert!(after_mm[n / 2] < 0.1 * before_mm[n / 2]);
+}
+
+/// Each set-up of the instrument has a measuring frame of its own.
+#[test]
+fn a_work_frame_from_another_set_up_is_refused() {
+    let nominal = limited(paper_robot());
+    let truth = true_robot(&nominal, 3, &mut Normal::new(5));
+    let report = identified(&nominal, &truth, 5, Frame::Instrument);
+    let content = ParameterSetContent::from(&report);
+    let provenance = Provenance {
+        measuring_frame: Some(Frame::Instrument),
+        ..Provenance::default()
+    };
+    let work_frame = WorkFrameBody {
+        reference: WorkFrameReference::Measuring,
+        measurement_set_id: Some("first".into()),
+        translation_mm: Some([0.0; 3]),
+        quaternion: None,
+        rotation: None,
+        points: None,
+        std_mm: None,
+    };
+    let q = &poses(1, &mut Normal::new(6))[0];
+    // the true reflector, in the measuring frame
+    let there = truth.position(q, 0);
+    let request = CompensateBody {
+        targets: vec![CartesianTarget {
+            position_mm: there.into(),
+            quaternion: None,
+            rotation: None,
+            q_near_deg: q.iter().map(|q| q.to_degrees()).collect(),
+        }],
+        frame: Some("fixture".into()),
+        mode: Mode::Position,
+        ..CompensateBody::default()
+    };
+    let answer = |set: &str| {
+        let from = Correctable {
+            robot: &nominal,
+            content: &content,
+            provenance: &provenance,
+            estimate: report.estimate.as_ref(),
+            measurement_set_id: Some(set),
+            work_frame: Some(&work_frame),
+            named_tool: None,
+        };
+        compensate(&request, from)
+    };
+    assert_eq!(answer("second").unwrap_err().code, "other_measuring_frame");
+    let answer = answer("first").unwrap();
+    let q_rad: Vec<f64> = answer.q_deg[0].iter().map(|q| q.to_radians()).collect();
+    let missed = (truth.position(&q_rad, 0) - there).norm();
+    let std_mm = answer.position_std_mm.unwrap()[0];
+    assert!(missed < 3.0 * std_mm, "{missed} mm, stated {std_mm}");
+}

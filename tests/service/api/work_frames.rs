@@ -1,0 +1,223 @@
+//! Work frames and tools of a robot, and Cartesian targets in them.
+
+use crate::api::compensate::parameter_set;
+use crate::app::{TestApp, text};
+use reqwest::Method;
+use serde_json::{Value, json};
+
+async fn put(app: &TestApp, path: &str, body: &Value) -> crate::app::Answer {
+    let request = app
+        .request(Method::PUT, path)
+        .header("content-type", "application/json")
+        .body(body.to_string());
+    crate::app::Answer::of(request).await
+}
+
+fn mm(value: &Value) -> [f64; 3] {
+    [0, 1, 2].map(|k| value[k].as_f64().unwrap())
+}
+
+fn apart(a: &Value, b: &Value) -> f64 {
+    let (a, b) = (mm(a), mm(b));
+    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+}
+
+#[tokio::test]
+async fn cartesian_targets_in_a_work_frame_are_corrected_with_a_named_tool() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let robot = app.get(&set).await.ok(200)["robot_id"].clone();
+    let robot = format!("/v1/robots/{}", text(&robot));
+    let q = [10.0, -30.0, 20.0, 15.0, 40.0, 5.0];
+    // where the nominal robot has a tool at these joint values: an oracle that does not correct anything
+    let tool = json!({"translation_mm": [10.0, 20.0, 150.0], "quaternion": [0.9689124217106447, 0.0, 0.24740395925452294, 0.0]});
+    let path = format!("{robot}/posture");
+    let posture = app
+        .post_json(&path, &json!({"q_deg": q, "tool": tool}))
+        .await
+        .ok(200);
+    let path = format!("{robot}/tools/gripper%201");
+    let stored = put(&app, &path, &tool).await.ok(200);
+    assert_eq!(stored["name"], "gripper 1");
+    assert_eq!(app.get(&path).await.ok(200), stored);
+    // a fixture whose origin is at 500, 0, 300, turned by 90° about z; its points are measured without noise
+    let path = format!("{robot}/work-frames/fixture");
+    let point =
+        |x: f64, y: f64| json!({"nominal_mm": [x, y, 0.0], "measured_mm": [500.0 - y, x, 300.0]});
+    let body =
+        json!({"points": [point(0.0, 0.0), point(200.0, 0.0), point(0.0, 100.0)], "std_mm": 0.02});
+    let frame = put(&app, &path, &body).await.ok(200);
+    assert!(frame["rms_mm"].as_f64().unwrap() < 1e-9, "{frame}");
+    assert!(
+        apart(
+            &frame["t_reference_work"]["translation_mm"],
+            &json!([500.0, 0.0, 300.0])
+        ) < 1e-9
+    );
+    assert!(
+        (0.02..0.06).contains(&frame["origin_std_mm"].as_f64().unwrap()),
+        "{frame}"
+    );
+    for list in ["work-frames", "tools"] {
+        let found = app.get(&format!("{robot}/{list}")).await.ok(200);
+        assert_eq!(
+            (&found["total"], found["items"].as_array().unwrap().len()),
+            (&json!(1), 1)
+        );
+    }
+    let near: Vec<f64> = q.iter().map(|q| q + 4.0).collect();
+    let correct = async |frame: &str, position: [f64; 3], quaternion: &Value| {
+        let target = json!({"position_mm": position, "quaternion": quaternion, "q_near_deg": near});
+        let body =
+            json!({"targets": [target], "frame": frame, "tool_name": "gripper 1", "base": "robot"});
+        app.post_json(&format!("{set}/compensate"), &body)
+            .await
+            .ok(200)
+    };
+    let joints = json!({"q_deg": [q], "tool": tool, "base": "robot"});
+    let by_joints = app
+        .post_json(&format!("{set}/compensate"), &joints)
+        .await
+        .ok(200);
+    let position = mm(&posture["position_mm"]);
+    let in_base = correct("base", position, &posture["quaternion"]).await;
+    for joint in 0..6 {
+        let of = |answer: &Value| answer["q_deg"][0][joint].as_f64().unwrap();
+        assert!(
+            (of(&in_base) - of(&by_joints)).abs() < 1e-4,
+            "{in_base} {by_joints}"
+        );
+    }
+    assert_eq!(in_base["status"], json!(["ok"]));
+    let std_mm = in_base["position_std_mm"][0].as_f64().unwrap();
+    assert!(std_mm > 0.0 && std_mm < 1.0, "{in_base}");
+    // the pose that a controller has to be given is what the nominal robot has at the corrected joint values
+    let told = &in_base["poses"][0]["position_mm"];
+    let body = json!({"q_deg": in_base["q_deg"][0], "tool": tool});
+    let nominal = app
+        .post_json(&format!("{robot}/posture"), &body)
+        .await
+        .ok(200);
+    assert!(apart(told, &nominal["position_mm"]) < 1e-6);
+    assert!(apart(told, &posture["position_mm"]) > 0.05, "corrected");
+    // the same target in the work frame: x there is y of the base
+    let in_work = [position[1], 500.0 - position[0], position[2] - 300.0];
+    // Rz(90°)⁻¹ · q: quaternion product with (√½, 0, 0, −√½)
+    let half = 0.5f64.sqrt();
+    let [w, x, y, z] = [0, 1, 2, 3].map(|k| posture["quaternion"][k].as_f64().unwrap());
+    let turned = json!([
+        half * (w + z),
+        half * (x + y),
+        half * (y - x),
+        half * (z - w)
+    ]);
+    let by_frame = correct("fixture", in_work, &turned).await;
+    for joint in 0..6 {
+        let of = |answer: &Value| answer["q_deg"][0][joint].as_f64().unwrap();
+        assert!((of(&by_frame) - of(&in_base)).abs() < 1e-4, "{by_frame}");
+    }
+    // its own uncertainty counts
+    assert!(by_frame["position_std_mm"][0].as_f64().unwrap() > std_mm);
+    // a new frame of the same name takes the place of the old one
+    let typed = json!({"translation_mm": [0.0, 0.0, 0.0]});
+    put(&app, &path, &typed).await.ok(200);
+    let moved = correct("fixture", position, &posture["quaternion"]).await;
+    assert!(apart(&moved["poses"][0]["position_mm"], told) < 1e-6);
+}
+
+#[tokio::test]
+async fn predictions_carry_a_standard_uncertainty() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let body = json!({"q_deg": [[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]]});
+    let answer = app
+        .post_json(&format!("{set}/predict"), &body)
+        .await
+        .ok(200);
+    let std_mm = answer["position_std_mm"][0].as_f64().unwrap();
+    assert!(std_mm > 0.0 && std_mm < 1.0, "{answer}");
+}
+
+#[tokio::test]
+async fn faults_of_frames_tools_and_cartesian_targets_are_told_with_their_place() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let robot = app.get(&set).await.ok(200)["robot_id"].clone();
+    let robot = format!("/v1/robots/{}", text(&robot));
+    let point = |x: f64| json!({"nominal_mm": [x, 0.0, 0.0], "measured_mm": [x, 0.0, 0.0]});
+    for (body, pointer, code) in [
+        (json!({}), "", "no_frame"),
+        (
+            json!({"points": [point(0.0), point(1.0)]}),
+            "/points",
+            "points_give_no_frame",
+        ),
+        (
+            json!({"points": [point(0.0), point(1.0), point(2.0)]}),
+            "/points",
+            "points_give_no_frame",
+        ),
+        (
+            json!({"translation_mm": [0, 0, 0], "quaternion": [1, 1, 0, 0]}),
+            "/quaternion",
+            "quaternion_not_normalised",
+        ),
+        (
+            json!({"translation_mm": [0, 0, 0], "points": [point(0.0)]}),
+            "/points",
+            "typed_and_measured",
+        ),
+        (
+            json!({"translation_mm": [0, 0, 0], "reference": "measuring"}),
+            "/measurement_set_id",
+            "missing",
+        ),
+    ] {
+        let problem = put(&app, &format!("{robot}/work-frames/f"), &body)
+            .await
+            .problem(
+                422,
+                if pointer == "/points" && code == "points_give_no_frame" {
+                    code
+                } else {
+                    "invalid_work_frame"
+                },
+            );
+        assert_eq!(problem["errors"][0]["code"], code, "{problem}");
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
+    }
+    for name in ["base", "measuring", "%20x"] {
+        let path = format!("{robot}/work-frames/{name}");
+        put(&app, &path, &json!({"translation_mm": [0, 0, 0]}))
+            .await
+            .problem(422, "invalid_name");
+    }
+    let target = json!({"position_mm": [500, 0, 500], "q_near_deg": [0, 0, 0, 0, 30, 0]});
+    for (body, status, code) in [
+        (
+            json!({"targets": [target], "tool_name": "none", "mode": "position"}),
+            404,
+            "not_found",
+        ),
+        (
+            json!({"targets": [target], "frame": "none", "mode": "position"}),
+            404,
+            "not_found",
+        ),
+        (json!({"targets": [target]}), 422, "invalid_poses"),
+        (
+            json!({"targets": [target], "q_deg": [[0, 0, 0, 0, 0, 0]], "mode": "position"}),
+            422,
+            "invalid_poses",
+        ),
+        (
+            json!({"q_deg": [[0, 0, 0, 0, 0, 0]], "frame": "base"}),
+            422,
+            "invalid_poses",
+        ),
+    ] {
+        app.post_json(&format!("{set}/compensate"), &body)
+            .await
+            .problem(status, code);
+    }
+}
