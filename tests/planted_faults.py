@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Plants one fault at a time in a copy of the tree and runs the test that has to catch it.
+"""Plants faults in a copy of the tree and runs the tests that have to catch them.
 
     tests/planted_faults.py --check             every fault finds its place in the tree as it is: a second, part of .ci/run
-    tests/planted_faults.py                     all faults; each is a build, so this runs by night
+    tests/planted_faults.py                     all faults, an hour or two: this runs by night
     tests/planted_faults.py fence "no scope"    those whose name contains one of these texts
 
-First the tests run without a fault and have to pass. A fault that no test catches fails this script. KINCAL_PLANT_DIR keeps the copy and its
+First the tests run without a fault and have to pass. A fault that no test catches fails this script. A build takes minutes, so faults are planted in
+batches, each fault in two batches, and its tests have to fail in both. No two faults share both, and no two with the same tests share one. KINCAL_PLANT_DIR keeps the copy and its
 target directory for the next run; a copy of target/ there saves building the dependencies.
 
 A fault is a text to find and a text to put in its place. It is looked for in all of src/ (or in the folder that the fault names), and has to be
@@ -312,15 +313,9 @@ class Tree:
         counted = [(find, len(self.places(find, fault.folder))) for find, _ in fault.edits]
         return [f"{fault.name}: found {n} times in {fault.folder}, not once: {find.strip()}" for find, n in counted if n != 1]
 
-    def planted(self, fault):
-        """The files with the fault in them."""
-        changed = {}
-        for name, begin, end, replace in sorted(
-            ((*self.places(find, fault.folder)[0], replace) for find, replace in fault.edits), reverse=True
-        ):
-            text = changed.get(name, self.files[name][0])
-            changed[name] = text[:begin] + replace + text[end:]
-        return changed
+    def edits(self, fault):
+        """(file, begin, end, replacement) of each edit."""
+        return [(*self.places(find, fault.folder)[0], replace) for find, replace in fault.edits]
 
 
 def check():
@@ -393,36 +388,91 @@ class Runner:
             (self.copy / name).write_text(text, encoding="utf-8")
 
 
+def batches(tree, faults, size, apart):
+    """Puts the faults into batches of at most `size`. No two faults of a batch have the same tests, edit the same place, or are a pair of `apart`."""
+    filled = []
+    for fault in faults:
+        def fits(batch):
+            return len(batch) < size and not any(
+                (other.test, other.filter) == (fault.test, fault.filter)
+                or frozenset((other.name, fault.name)) in apart
+                or overlap(tree, other, fault)
+                for other in batch
+            )
+        batch = next(filter(fits, filled), None)
+        if batch is None:
+            filled.append([fault])
+        else:
+            batch.append(fault)
+    return filled
+
+
+def pairs(batch):
+    return {frozenset((one.name, other.name)) for one in batch for other in batch if one is not other}
+
+
+def run_batch(runner, tree, batch):
+    """Plants all faults of a batch, runs the tests of each, and takes the faults out. Answers what became of each fault."""
+    files = {}
+    for fault in batch:
+        for name, begin, end, replace in tree.edits(fault):
+            files.setdefault(name, []).append((begin, end, replace))
+    changed = {}
+    for name, edits in files.items():
+        text = tree.files[name][0]
+        for begin, end, replace in sorted(edits, reverse=True):
+            text = text[:begin] + replace + text[end:]
+        changed[name] = text
+    runner.put(changed)
+    verdicts = {}
+    for test in dict.fromkeys(fault.test for fault in batch):
+        ours = [fault for fault in batch if fault.test == test]
+        if not runner.build(test):
+            errors = "\n".join(re.findall(r"^error.*(?:\n.*){0,4}", runner.output, re.MULTILINE)[:4])
+            verdicts.update({fault.name: ("NO BUILD", errors) for fault in ours})
+            continue
+        for fault in ours:
+            passed = runner.run(test, [fault.filter])
+            detail = f"{test} {fault.filter} passed" if passed else f"by {test}: {runner.failed()}"
+            verdicts[fault.name] = ("MISSED" if passed else "caught", detail)
+    # a new time, so that the build sees that the faults are gone
+    runner.put({name: tree.files[name][0] for name in changed})
+    return verdicts
+
+
+def overlap(tree, one, other):
+    """Whether two faults edit the same place."""
+    return any(a[0] == b[0] and a[1] < b[2] and b[1] < a[2] for a in tree.edits(one) for b in tree.edits(other))
+
+
 def plant(wanted, directory):
     faults = [fault for fault in FAULTS if not wanted or any(part in fault.name for part in wanted)]
     runner = Runner(directory)
     runner.refresh()
     tree = Tree(runner.copy)
-    missed = 0
+    if troubles := [trouble for fault in faults for trouble in tree.troubles(fault)]:
+        print("\n".join(troubles))
+        return False
     for test in dict.fromkeys(fault.test for fault in faults):
-        ours = [fault for fault in faults if fault.test == test]
-        if not (runner.build(test) and runner.run(test, sorted({fault.filter for fault in ours})) and runner.ran_any()):
+        filters = sorted({fault.filter for fault in faults if fault.test == test})
+        if not (runner.build(test) and runner.run(test, filters) and runner.ran_any()):
             print(f"without a fault, {test} fails: {runner.failed()}\n{runner.output[-3000:]}")
             return False
-        for fault in ours:
-            troubles = tree.troubles(fault)
-            if troubles:
-                verdict, detail = "NOT PLANTED", "; ".join(troubles)
-            else:
-                changed = tree.planted(fault)
-                runner.put(changed)
-                if not runner.build(test):
-                    verdict, detail = "NO BUILD", "\n".join(re.findall(r"^error.*(?:\n.*){0,4}", runner.output, re.MULTILINE)[:4])
-                elif runner.run(test, [fault.filter]):
-                    verdict, detail = "MISSED", f"{test} {fault.filter} passed"
-                else:
-                    verdict, detail = "caught", f"by {test}: {runner.failed()}"
-                # a new time, so that the build sees that the fault is gone
-                runner.put({name: tree.files[name][0] for name in changed})
-            missed += verdict != "caught"
-            print(f"{verdict:<12} {fault.name:<42} {detail}", flush=True)
-    print(f"{len(faults) - missed} caught, {missed} not")
-    return missed == 0 and bool(faults)
+    # With n faults, two rounds of about sqrt(n) batches: no two faults are together in both, so no other fault explains that a test fails twice.
+    size = max(1, round(len(faults) ** 0.5))
+    first = batches(tree, faults, size, set())
+    together = set().union(*map(pairs, first)) if first else set()
+    order = [fault for at in range(size) for fault in faults[at::size]]
+    rounds = [first] if size == 1 else [first, batches(tree, order, size, together)]
+    missed = {}
+    for number, filled in enumerate(rounds, 1):
+        for batch in filled:
+            for name, (verdict, detail) in run_batch(runner, tree, batch).items():
+                if verdict != "caught":
+                    missed[name] = verdict
+                print(f"{number} {verdict:<9} {name:<42} {detail}", flush=True)
+    print(f"{len(faults) - len(missed)} caught, {len(missed)} not: {', '.join(missed) or 'none'}")
+    return not missed and bool(faults)
 
 
 def main(arguments):

@@ -76,8 +76,7 @@ pub fn calibrate(
     found.model.links = unwound(found.model.links, &problem.nominal.links);
     let too_small = larger_model::warning(&problem, &found.model, &mut quiet(monitor))?;
     let are_wanted = corrections::are_wanted(request.corrections, request.preset);
-    let has_poses = request.set.has_poses();
-    let corrections = match are_wanted && problem.priors.is_none() && !has_poses {
+    let corrections = match are_wanted && problem.priors.is_none() {
         true => stage(monitor, "corrections", |monitor| {
             Ok(Some(corrections::corrections(
                 &problem,
@@ -128,9 +127,6 @@ pub fn calibrate(
     report
         .warnings
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
-    report
-        .warnings
-        .extend((are_wanted && has_poses).then(corrections::left_out_for_poses));
     // priors that were stated once are no result of the session
     let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
     report.estimate = fitted.and_then(Final::estimate);

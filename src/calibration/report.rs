@@ -49,6 +49,8 @@ pub struct RotationErrorsOfBoth {
     pub before: RotationErrors,
     /// The identified robot's.
     pub after: RotationErrors,
+    /// Its with corrections, where some were kept.
+    pub corrected: Option<RotationErrors>,
 }
 
 /// Angles between measured and predicted targets, rad.
@@ -103,8 +105,8 @@ pub struct PointErrors {
     pub after_vector_mm: Vector3<f64>,
     /// Residual with corrections, where they were looked for: as that of the links where none was kept.
     pub corrected_vector_mm: Option<Vector3<f64>>,
-    /// Angle between the measured target and where the nominal and the identified robot have it, rad, of a pose.
-    pub rotation_rad: Option<[f64; 2]>,
+    /// Angle between the measured target and where the nominal robot, the identified robot and that with its corrections have it, rad, of a pose.
+    pub rotation_rad: Option<[f64; 3]>,
     /// A warning names it as an outlier, and outliers are few enough not to count in comparisons.
     pub is_outlier: bool,
 }

@@ -2,9 +2,9 @@
 
 use crate::identification::KinematicModel;
 use crate::kinematics::compliance::t_base_flange_corrected;
-use crate::kinematics::rotation::between;
+use crate::kinematics::rotation::{between, rotation_exp, rotation_log};
 use crate::kinematics::{Corrections, MeasuredRegion, Payload, t_base_flange};
-use nalgebra::{IsometryMatrix3, Vector3};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 
 /// A robot as measured, with what its links cannot say. Base, links and targets were identified together with the corrections and are not
 /// those of the links alone.
@@ -44,6 +44,12 @@ impl CorrectedModel {
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
         let flange = self.t_instrument_flange(q_rad);
         flange.rotation * self.model.targets_mm[target] + flange.translation.vector
+    }
+
+    /// How a target is turned in the measuring frame; `None` where it is not known how it is turned in the flange frame.
+    pub fn rotation(&self, q_rad: &[f64], target: usize) -> Option<Rotation3<f64>> {
+        let of_target = self.model.target_rotations.get(target)?;
+        Some(self.t_instrument_flange(q_rad).rotation * of_target)
     }
 }
 
@@ -111,6 +117,19 @@ impl IdentifiedRobot {
                 plain + (corrected.position(q_rad, target) - plain) * weight
             }
             _ => self.plain.position(q_rad, target),
+        }
+    }
+
+    /// How a target is turned in the measuring frame; `None` where it is not known how it is turned in the flange frame.
+    pub fn rotation(&self, q_rad: &[f64], target: usize) -> Option<Rotation3<f64>> {
+        let plain = self.plain.rotation(q_rad, target)?;
+        let weight = self.weight(q_rad);
+        match &self.corrected {
+            Some(corrected) if weight > 0.0 => {
+                let turn = rotation_log(&(corrected.rotation(q_rad, target)? * plain.inverse()));
+                Some(rotation_exp(&(turn * weight)) * plain)
+            }
+            _ => Some(plain),
         }
     }
 }

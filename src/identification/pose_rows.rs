@@ -63,14 +63,19 @@ impl<'a> TurnedBy<'a> {
         }
     }
 
-    /// From a small rotation δ of the prediction to the change of the prediction's rows: with w = log(E), E = R_predᵀ·R_meas,
-    /// log(exp(−R_predᵀ·δ)·E) = w − J(w)⁻¹·R_predᵀ·δ, J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the negative.
+    /// As [`rows_by_turn`].
     pub fn rows(&self, predicted: &Rotation3<f64>, measured: &MeasuredRotation) -> Matrix3<f64> {
-        let w = rotation_residual_rad(predicted, measured);
-        // singular at whole turns only, and w is at most half of one
-        let inverse = left_jacobian(&w)
-            .try_inverse()
-            .unwrap_or_else(Matrix3::identity);
-        inverse * predicted.matrix().transpose()
+        rows_by_turn(predicted, measured)
     }
+}
+
+/// From a small rotation δ of the prediction to the change of the prediction's rows: with w = log(E), E = R_predᵀ·R_meas,
+/// log(exp(−R_predᵀ·δ)·E) = w − J(w)⁻¹·R_predᵀ·δ, J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the negative.
+pub fn rows_by_turn(predicted: &Rotation3<f64>, measured: &MeasuredRotation) -> Matrix3<f64> {
+    let w = rotation_residual_rad(predicted, measured);
+    // singular at whole turns only, and w is at most half of one
+    let inverse = left_jacobian(&w)
+        .try_inverse()
+        .unwrap_or_else(Matrix3::identity);
+    inverse * predicted.matrix().transpose()
 }

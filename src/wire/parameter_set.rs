@@ -15,7 +15,7 @@ use crate::wire::release::Gate;
 pub use crate::wire::target::Target;
 use crate::wire::target::{target_position, target_rotations};
 use crate::wire::tool::quaternion;
-use nalgebra::{IsometryMatrix3, Vector3};
+use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -153,15 +153,17 @@ impl From<&CalibrationReport> for ParameterSetContent {
         Self {
             links: report.links.iter().map(IdentifiedLink::from).collect(),
             t_instrument_base: Transform::from(&report.t_instrument_base),
-            targets: targets(report, &report.targets_mm),
+            targets: targets(report, &report.targets_mm, &report.target_rotations),
             links_with_corrections: report
                 .corrected
                 .as_ref()
                 .map(|c| c.model.links.iter().map(IdentifiedLink::from).collect()),
-            corrections: report
-                .corrected
-                .as_ref()
-                .map(|c| CorrectionsContent::new(c, targets(report, &c.model.targets_mm))),
+            corrections: report.corrected.as_ref().map(|c| {
+                CorrectionsContent::new(
+                    c,
+                    targets(report, &c.model.targets_mm, &c.model.target_rotations),
+                )
+            }),
         }
     }
 }
@@ -257,7 +259,11 @@ impl ParameterSetContent {
 }
 
 /// All targets in order, with one entry per segment for targets that moved.
-fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Target> {
+fn targets(
+    report: &CalibrationReport,
+    targets_mm: &[Vector3<f64>],
+    rotations: &[Rotation3<f64>],
+) -> Vec<Target> {
     let moved = |target: usize| {
         report
             .target_segments
@@ -278,7 +284,7 @@ fn targets(report: &CalibrationReport, targets_mm: &[Vector3<f64>]) -> Vec<Targe
         .zip(targets_mm)
         .map(of)
         .collect();
-    for (target, rotation) in targets.iter_mut().zip(&report.target_rotations) {
+    for (target, rotation) in targets.iter_mut().zip(rotations) {
         target.quaternion = Some(quaternion(rotation));
     }
     targets.sort_by_key(|t| (t.target, t.segment));

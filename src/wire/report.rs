@@ -227,6 +227,7 @@ impl From<RotationErrorsOfBoth> for RotationReport {
             n_poses: r.n_poses,
             before: r.before.into(),
             after: r.after.into(),
+            corrected: r.corrected.map(Into::into),
         }
     }
 }

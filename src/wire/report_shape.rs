@@ -135,6 +135,9 @@ pub struct RotationReport {
     pub before: RotationErrorsReport,
     /// Of the identified links.
     pub after: RotationErrorsReport,
+    /// Of the identified robot with its corrections, where some were kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected: Option<RotationErrorsReport>,
 }
 
 /// Mean, root mean square and maximum of the angles.

@@ -10,7 +10,10 @@ use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
 use kincal::identification::corrections::{Term, corrections_at, linearise};
 use kincal::identification::objective::Observation;
-use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::identification::parameters::{
+    Parameter, apply, complete_parameters, rotation_exp, target_rotation_parameters,
+};
+use kincal::identification::pose_rows::MeasuredRotation;
 use kincal::kinematics::{Mounting, ResidualNetwork, reach_mm};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use nalgebra::Vector3;
@@ -62,8 +65,11 @@ fn derivatives_equal_central_differences() {
         gravity_in_base: Vector3::new(0.2, -0.1, -0.97).normalize(),
         std_rad: 0.035,
     };
-    let model = true_robot(&nominal, 2, &mut random);
-    let (terms, parameters) = (every_term(6), complete_parameters(nominal.links.len(), 2));
+    let mut model = true_robot(&nominal, 2, &mut random);
+    model.target_rotations = (0..2).map(|_| rotation_exp(&random.vector())).collect();
+    let terms = every_term(6);
+    let mut parameters = complete_parameters(nominal.links.len(), 2);
+    parameters.extend(target_rotation_parameters(&[0, 1]));
     let values: Vec<f64> = terms
         .iter()
         .map(|t| random.draw() * t.prior(&mounting, reach_mm(&nominal.links)))
@@ -72,11 +78,16 @@ fn derivatives_equal_central_differences() {
         .into_iter()
         .enumerate()
         .map(|(i, q_rad)| Observation {
+            // the first half are poses, turned by some tenths of a radian from where the model has them
+            rotation: (i < 4).then(|| MeasuredRotation {
+                rotation: model.rotation(&q_rad, i % 2).unwrap()
+                    * rotation_exp(&(random.vector() * 0.3)),
+                mm_per_rad: 400.0,
+            }),
             q_rad,
             position_mm: random.vector() * 1000.0,
             target: i % 2,
             weight: 1.0 + i as f64,
-            rotation: None,
         })
         .collect();
     let network = ResidualNetwork {

@@ -154,7 +154,7 @@ pub fn report(
                 before: &KinematicModel,
                 after: &KinematicModel,
                 robot: Option<&IdentifiedRobot>| {
-        let rotation = rotation_errors((before, points), (after, points));
+        let rotation = rotation_errors((before, points), (after, points), robot);
         let (before, after) = (errors(before, points)?, errors(after, points)?);
         let corrected = robot.and_then(|robot| {
             if robot.corrected.is_some() {
@@ -222,6 +222,7 @@ pub fn report(
         let rotation = rotation_errors(
             (&before.model, &before.observed.all),
             (&after.model, &after.observed.all),
+            robot_there.as_ref(),
         );
         verify = before
             .errors()

@@ -10,6 +10,7 @@ use crate::calibration::{Event, Monitor};
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::identification::corrections::{Evidence, Fitted, Setting, Term, select};
 use crate::identification::objective::{Observation, weighted_residuals};
+use crate::identification::pose_rows::rotation_residual_rad;
 use crate::identification::priors::Prior;
 use crate::identification::start::{fit_base_and_targets, place};
 use crate::identification::{self, KinematicModel};
@@ -66,8 +67,9 @@ impl Points {
 
     /// σ² of the links alone, mm²; `None` where nothing is left to explain.
     fn variance(&self, problem: &Problem<'_>, model: &KinematicModel) -> Option<f64> {
-        let freedom = 3.0 * self.observations.len() as f64 - problem.decomposition.rank() as f64;
-        let variance = weighted_residuals(model, &self.observations).norm_squared() / freedom;
+        let rows = weighted_residuals(model, &self.observations);
+        let freedom = rows.len() as f64 - problem.decomposition.rank() as f64;
+        let variance = rows.norm_squared() / freedom;
         let noise_mm =
             stated_scale_mm(&problem.request.set).max(EXACT_PER_REACH * reach_mm(&model.links));
         (freedom > 0.0 && variance > noise_mm * noise_mm).then_some(variance)
@@ -149,19 +151,6 @@ pub fn left_out_for_priors() -> Warning {
     }
 }
 
-/// That none were looked for beside poses.
-pub fn left_out_for_poses() -> Warning {
-    // corrections are fitted to positions; what they would do to the rotations of poses is not
-    let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because poses were measured: corrections are \
-                  identified from positions alone so far. The set predicts by its links alone; upload the set without its rotation columns to have \
-                  corrections";
-    Warning {
-        code: "corrections_left_out",
-        detail: detail.into(),
-        rows: vec![],
-    }
-}
-
 /// That none were looked for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
@@ -195,7 +184,8 @@ pub fn veto(
     // points that both miss wildly do not count
     let comparison = robust_comparison(&errors_mm);
     let (links_mm, corrected_mm) = (comparison.before_rms_mm, comparison.after_rms_mm);
-    if corrected_mm <= links_mm || errors_mm.is_empty() {
+    let [links_rad, corrected_rad] = rotation_rms_rad(robot, points);
+    if (corrected_mm <= links_mm && corrected_rad <= links_rad) || errors_mm.is_empty() {
         return (found, None);
     }
     let drop = |tried: Evidence| Evidence {
@@ -208,9 +198,17 @@ pub fn veto(
         corrected: None,
         fitted: None,
     };
+    let turned = match corrected_rad > links_rad {
+        true => format!(
+            " (its tool is turned by {:.4}° with them and {:.4}° without)",
+            corrected_rad.to_degrees(),
+            links_rad.to_degrees()
+        ),
+        false => String::new(),
+    };
     let detail = format!(
         "corrections won on the identify points, but on the {} points to verify{} the robot is {corrected_mm:.4} mm rms off with them and {links_mm:.4} mm \
-         with its links alone: all were dropped, and the set predicts by its links alone. Identify from poses that cover the workspace of \
+         with its links alone{turned}: all were dropped, and the set predicts by its links alone. Identify from poses that cover the workspace of \
          the points to verify, and check that payload and mounting are as stated",
         points.len(),
         comparison.remark()
@@ -221,6 +219,24 @@ pub fn veto(
         rows: vec![],
     };
     (found, Some(warning))
+}
+
+/// How far measured poses are turned from where the links alone, and the robot with corrections, have them: root mean squares, rad; 0 without poses.
+fn rotation_rms_rad(robot: &IdentifiedRobot, points: &[Observation]) -> [f64; 2] {
+    let (mut sums, mut n) = ([0.0; 2], 0.0f64);
+    for o in points {
+        let (Some(measured), Some(plain), Some(corrected)) = (
+            o.rotation.as_ref(),
+            robot.plain.rotation(&o.q_rad, o.target),
+            robot.rotation(&o.q_rad, o.target),
+        ) else {
+            continue;
+        };
+        sums[0] += rotation_residual_rad(&plain, measured).norm_squared();
+        sums[1] += rotation_residual_rad(&corrected, measured).norm_squared();
+        n += 1.0;
+    }
+    sums.map(|sum| (sum / n.max(1.0)).sqrt())
 }
 
 /// Looks for corrections beside the identified `model`; nothing once the monitor breaks.

@@ -68,24 +68,43 @@ pub fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<O
     observations.iter().map(angle).collect()
 }
 
-/// Rotation errors of two robots, each with the points as they are laid out for it; `None` where no pose was measured.
+/// As [`angles_rad`], of a robot with corrections.
+fn corrected_angles_rad(robot: &IdentifiedRobot, observations: &[Observation]) -> Vec<Option<f64>> {
+    let angle = |o: &Observation| {
+        let predicted = robot.rotation(&o.q_rad, o.target)?;
+        Some(rotation_residual_rad(&predicted, o.rotation.as_ref()?).norm())
+    };
+    observations.iter().map(angle).collect()
+}
+
+/// Rotation errors of two robots, each with the points as they are laid out for it, and of the second one with its corrections; `None` where no
+/// pose was measured.
 pub fn rotation_errors(
     before: (&KinematicModel, &[Observation]),
     after: (&KinematicModel, &[Observation]),
+    robot: Option<&IdentifiedRobot>,
 ) -> Option<RotationErrorsOfBoth> {
     let of = |(model, points)| angles_rad(model, points).into_iter().flatten().collect();
-    of_angles(of(before), of(after))
+    let corrected = robot.filter(|robot| robot.corrected.is_some());
+    let corrected = corrected.map(|robot| corrected_angles_rad(robot, after.1));
+    let corrected = corrected.map(|angles| angles.into_iter().flatten().collect());
+    of_angles(of(before), of(after), corrected)
 }
 
 fn rotations_of_points(points: &[&PointErrors]) -> Option<RotationErrorsOfBoth> {
     let of = |which: usize| -> Vec<f64> {
         let angles = points.iter().filter_map(|point| point.rotation_rad);
-        angles.map(|both| both[which]).collect()
+        angles.map(|all| all[which]).collect()
     };
-    of_angles(of(0), of(1))
+    let is_corrected = points.iter().any(|p| p.corrected_vector_mm.is_some());
+    of_angles(of(0), of(1), is_corrected.then(|| of(2)))
 }
 
-fn of_angles(before: Vec<f64>, after: Vec<f64>) -> Option<RotationErrorsOfBoth> {
+fn of_angles(
+    before: Vec<f64>,
+    after: Vec<f64>,
+    corrected: Option<Vec<f64>>,
+) -> Option<RotationErrorsOfBoth> {
     let statistics = |angles: &[f64]| {
         let n = angles.len() as f64;
         (!angles.is_empty()).then(|| RotationErrors {
@@ -98,6 +117,7 @@ fn of_angles(before: Vec<f64>, after: Vec<f64>) -> Option<RotationErrorsOfBoth> 
         n_poses: after.len(),
         before: statistics(&before)?,
         after: statistics(&after)?,
+        corrected: corrected.and_then(|angles| statistics(&angles)),
     })
 }
 
@@ -133,6 +153,14 @@ pub fn per_point(
         angles_rad(before, &observed.all),
         angles_rad(after, &observed_after.all),
     );
+    let with_corrections = robot.filter(|robot| robot.corrected.is_some());
+    let corrected_angles =
+        with_corrections.map(|robot| corrected_angles_rad(robot, &observed_after.all));
+    let angle = |i: usize| {
+        let (before, after) = (angles_before[i]?, angles_after[i]?);
+        let corrected = corrected_angles.as_ref().and_then(|angles| angles[i]);
+        Some([before, after, corrected.unwrap_or(after)])
+    };
     let (before, after) = (
         residuals(before, &observed.all),
         residuals(after, &observed_after.all),
@@ -158,9 +186,7 @@ pub fn per_point(
             before_vector_mm: before[i],
             after_vector_mm: after[i],
             corrected_vector_mm: corrected(i),
-            rotation_rad: angles_before[i]
-                .zip(angles_after[i])
-                .map(|(before, after)| [before, after]),
+            rotation_rad: angle(i),
             is_outlier: false,
         })
         .collect()

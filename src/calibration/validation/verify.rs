@@ -246,6 +246,7 @@ pub fn verify(
         rotation: rotation_errors(
             (&scored.before.model, &scored.before.observed.all),
             (&scored.after.model, &scored.after.observed.all),
+            scored.corrected.as_ref(),
         ),
     };
     Ok(report(request, identified.is_some(), scored, errors))

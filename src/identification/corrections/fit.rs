@@ -4,7 +4,7 @@
 //! expected to be off, as the fit of the links alone has found it, and σ² the variance of a coordinate about the model, taken from the fit with as
 //! many degrees of freedom as it has used up.
 
-use super::linear::linearise;
+use super::linear::{linearise, rotation_rows};
 use super::{Term, corrections_at};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
@@ -49,9 +49,11 @@ pub struct Fitted {
 
 /// The linear problem at a fit: residuals ≈ `residuals` − `columns`·x, with the priors as further rows.
 pub struct Linear {
-    /// 3·N, weighted.
+    /// 3·N + 3·M, weighted: the positions of all observations, then the rotations of the poses among them.
     pub residuals: DVector<f64>,
-    /// 3·N × m: links, base and targets in units of their scales, then the terms in units of their priors.
+    /// First rotation row of each observation that is a pose.
+    pub rotation_rows: Vec<Option<usize>>,
+    /// (3·N + 3·M) × m: links, base and targets in units of their scales, then the terms in units of their priors.
     pub columns: DMatrix<f64>,
     /// The diagonal of Λ, m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
     pub prior: DVector<f64>,
@@ -110,6 +112,7 @@ impl Setting<'_> {
         columns.columns_mut(0, p).copy_from(&by_parameter);
         columns.columns_mut(p, k).copy_from(&by_term);
         Linear {
+            rotation_rows: rotation_rows(&at.model, self.observations),
             residuals,
             columns,
             prior,
@@ -119,6 +122,12 @@ impl Setting<'_> {
 }
 
 impl Linear {
+    /// The rows of an observation.
+    pub fn rows_of(&self, observation: usize) -> impl Iterator<Item = usize> + use<> {
+        let of_rotation = self.rotation_rows[observation].map(|row| row..row + 3);
+        (3 * observation..3 * observation + 3).chain(of_rotation.into_iter().flatten())
+    }
+
     /// x of the most probable answer, from the normal matrix AᵀA and Aᵀr of some of the rows.
     pub fn solve(
         &self,

@@ -4,15 +4,16 @@ use super::{Term, across_gravity};
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, Quantity};
+use crate::identification::pose_rows::{rotation_residual_rad, rows_by_turn};
 use crate::kinematics::compliance::{first_moments, rigid_chain};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::jacobian::{LinkColumns, link_columns};
 use crate::kinematics::rotation::{left_jacobian, rotation_exp};
 use crate::kinematics::{Corrections, Mounting};
-use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Vector3};
 
-/// sqrt(weight) · (measured − predicted), 3·N, and the derivatives of the prediction by `parameters` and by `terms`, 3·N × each, weighted
-/// alike. That a link moves the masses on it is left out of its own derivative: it is a thousandth of it.
+/// sqrt(weight) · (measured − predicted), 3·N + 3·M, and the derivatives of the prediction by `parameters` and by `terms`, weighted alike: the
+/// positions of all observations, then the rotation rows of the M poses among them ([`rotation_rows`]). That a link moves the masses on it is left out of its own derivative: it is a thousandth of it.
 pub fn linearise(
     model: &KinematicModel,
     corrections: &Corrections,
@@ -20,7 +21,8 @@ pub fn linearise(
     (parameters, terms): (&[Parameter], &[Term]),
     observations: &[Observation],
 ) -> (DVector<f64>, DMatrix<f64>, DMatrix<f64>) {
-    let n = 3 * observations.len();
+    let rotation_rows = rotation_rows(model, observations);
+    let n = 3 * observations.len() + 3 * rotation_rows.iter().flatten().count();
     let mut residuals = DVector::zeros(n);
     let (mut by_parameter, mut by_term) = (
         DMatrix::zeros(n, parameters.len()),
@@ -29,28 +31,82 @@ pub fn linearise(
     for (i, o) in observations.iter().enumerate() {
         let pose = Pose::new(model, corrections, o);
         let root = o.weight.sqrt();
-        let put = |to: &mut DMatrix<f64>, column: usize, v: Vector3<f64>| {
-            (0..3).for_each(|axis| to[(3 * i + axis, column)] = root * v[axis])
-        };
-        for (column, parameter) in parameters.iter().enumerate() {
-            put(
-                &mut by_parameter,
-                column,
-                pose.by_parameter(parameter, o.target),
-            );
-        }
-        for (column, term) in terms.iter().enumerate() {
-            put(
-                &mut by_term,
-                column,
-                pose.by_term(term, &corrections.compliance.gravity_in_base, mounting),
-            );
-        }
         residuals
             .fixed_rows_mut::<3>(3 * i)
             .copy_from(&((o.position_mm - pose.position_mm) * root));
+        // from a small turn of the prediction to the change of its rotation rows
+        let turned = rotation_rows[i].map(|row| {
+            let measured = o.rotation.as_ref();
+            let predicted = Rotation3::from_matrix_unchecked(pose.flange_rotation)
+                * model.target_rotations[o.target];
+            let (left, by_turn) = measured.map_or_else(Default::default, |measured| {
+                let root = root * measured.mm_per_rad;
+                let left = rotation_residual_rad(&predicted, measured) * root;
+                (left, rows_by_turn(&predicted, measured) * root)
+            });
+            residuals.fixed_rows_mut::<3>(row).copy_from(&left);
+            (row, by_turn)
+        });
+        let put = |to: &mut DMatrix<f64>, column: usize, moved: Moved| {
+            let shift = moved.shift * root;
+            to.fixed_view_mut::<3, 1>(3 * i, column).copy_from(&shift);
+            if let Some((row, by_turn)) = turned {
+                let turn = by_turn * moved.turn;
+                to.fixed_view_mut::<3, 1>(row, column).copy_from(&turn);
+            }
+        };
+        for (column, parameter) in parameters.iter().enumerate() {
+            let moved = pose.by_parameter(parameter, o.target);
+            put(&mut by_parameter, column, moved);
+        }
+        for (column, term) in terms.iter().enumerate() {
+            let gravity = &corrections.compliance.gravity_in_base;
+            put(&mut by_term, column, pose.by_term(term, gravity, mounting));
+        }
     }
     (residuals, by_parameter, by_term)
+}
+
+/// First rotation row of each observation, where it is a pose whose target's rotation the model has.
+pub fn rotation_rows(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<usize>> {
+    let mut next = 3 * observations.len();
+    let mut row_of = |o: &Observation| {
+        let is_pose = o.n_rows(model) > 3;
+        let row = is_pose.then_some(next);
+        next += if is_pose { 3 } else { 0 };
+        row
+    };
+    observations.iter().map(&mut row_of).collect()
+}
+
+/// What a small change does to a target: it shifts it, and turns it by a rotation vector, both in the measuring frame.
+#[derive(Clone, Copy, Default)]
+struct Moved {
+    shift: Vector3<f64>,
+    turn: Vector3<f64>,
+}
+
+impl Moved {
+    fn new(shift: Vector3<f64>, turn: Vector3<f64>) -> Self {
+        Self { shift, turn }
+    }
+
+    fn shifted(shift: Vector3<f64>) -> Self {
+        Self::new(shift, Vector3::zeros())
+    }
+}
+
+/// A frame's turn: `axes` takes a rotation vector of the frame to one of the measuring frame, and `lever` that to the shift of the target.
+struct Turn {
+    lever: Matrix3<f64>,
+    axes: Matrix3<f64>,
+}
+
+impl Turn {
+    fn by(&self, rotation: &Vector3<f64>) -> Moved {
+        let turn = self.axes * rotation;
+        Moved::new(self.lever * turn, turn)
+    }
 }
 
 /// One pose, in the measuring frame.
@@ -61,9 +117,9 @@ struct Pose<'a> {
     /// ∂p/∂(turn of the whole robot about its base's origin).
     base_rotation: Matrix3<f64>,
     flange_rotation: Matrix3<f64>,
-    /// ∂p/∂w for the rotation vector w = K∘M of each joint, and of the base.
-    by_turn: Vec<Matrix3<f64>>,
-    by_base_turn: Matrix3<f64>,
+    /// What the rotation vector w = K∘M of each joint does, and that of the base.
+    by_turn: Vec<Turn>,
+    by_base_turn: Turn,
     /// Frames without corrections, in the base frame, and the moments there.
     chain: Vec<IsometryMatrix3<f64>>,
     first: Vec<Vector3<f64>>,
@@ -115,9 +171,15 @@ impl<'a> Pose<'a> {
             base_rotation: -(position_mm - base.translation.vector).cross_matrix(),
             flange_rotation: *at.rotation.matrix(),
             by_turn: (0..n)
-                .map(|i| lever(&after[i]) * after[i].rotation.matrix() * left_jacobian(&turns[i]))
+                .map(|i| Turn {
+                    lever: lever(&after[i]),
+                    axes: after[i].rotation.matrix() * left_jacobian(&turns[i]),
+                })
                 .collect(),
-            by_base_turn: lever(&base) * base.rotation.matrix() * left_jacobian(&base_turn),
+            by_base_turn: Turn {
+                lever: lever(&base),
+                axes: base.rotation.matrix() * left_jacobian(&base_turn),
+            },
             chain,
             first: first.joints,
             first_base: first.base,
@@ -125,29 +187,41 @@ impl<'a> Pose<'a> {
         }
     }
 
-    fn by_parameter(&self, parameter: &Parameter, own_target: usize) -> Vector3<f64> {
+    fn by_parameter(&self, parameter: &Parameter, own_target: usize) -> Moved {
+        let link = |link: usize| &self.links[link];
         match *parameter {
-            Parameter::Link(link, Quantity::A) => self.links[link].a,
-            Parameter::Link(link, Quantity::Alpha) => self.links[link].alpha,
-            Parameter::Link(link, Quantity::D) => self.links[link].d,
-            Parameter::Link(link, Quantity::ThetaOffset) => self.links[link].theta_offset,
-            Parameter::Link(link, Quantity::Beta) => self.links[link].beta,
-            Parameter::BaseTranslation(axis) => Vector3::ith(axis, 1.0),
-            Parameter::BaseRotation(axis) => self.base_rotation.column(axis).into(),
-            Parameter::Target(target, axis) if target == own_target => {
-                self.flange_rotation.column(axis).into()
+            Parameter::Link(i, Quantity::A) => Moved::shifted(link(i).a),
+            Parameter::Link(i, Quantity::Alpha) => Moved::new(link(i).alpha, link(i).a),
+            Parameter::Link(i, Quantity::D) => Moved::shifted(link(i).d),
+            Parameter::Link(i, Quantity::ThetaOffset) => {
+                Moved::new(link(i).theta_offset, link(i).d)
             }
-            Parameter::Target(..) | Parameter::TargetRotation(..) => Vector3::zeros(),
+            Parameter::Link(i, Quantity::Beta) => Moved::new(link(i).beta, link(i).beta_axis),
+            Parameter::BaseTranslation(axis) => Moved::shifted(Vector3::ith(axis, 1.0)),
+            Parameter::BaseRotation(axis) => Moved::new(
+                self.base_rotation.column(axis).into(),
+                Vector3::ith(axis, 1.0),
+            ),
+            Parameter::Target(target, axis) if target == own_target => {
+                Moved::shifted(self.flange_rotation.column(axis).into())
+            }
+            Parameter::TargetRotation(target, axis) if target == own_target => {
+                Moved::new(Vector3::zeros(), self.flange_rotation.column(axis).into())
+            }
+            Parameter::Target(..) | Parameter::TargetRotation(..) => Moved::default(),
         }
     }
 
-    fn by_term(&self, term: &Term, g: &Vector3<f64>, mounting: &Mounting) -> Vector3<f64> {
+    fn by_term(&self, term: &Term, g: &Vector3<f64>, mounting: &Mounting) -> Moved {
         match *term {
             Term::Joint(joint, axis) => {
                 let moment = self.chain[joint].rotation.inverse() * self.first[joint].cross(g);
-                self.by_turn[joint].column(axis) * moment[axis]
+                self.by_turn[joint].by(&Vector3::ith(axis, moment[axis]))
             }
-            Term::Base(axis) => self.by_base_turn.column(axis) * self.first_base.cross(g)[axis],
+            Term::Base(axis) => {
+                let moment = self.first_base.cross(g)[axis];
+                self.by_base_turn.by(&Vector3::ith(axis, moment))
+            }
             Term::Mass(link) => {
                 let origin = self.chain[link].translation.vector;
                 self.bent(link + 1, |from| (origin - from) / 1e3, g)
@@ -164,18 +238,22 @@ impl<'a> Pose<'a> {
             }
             Term::Harmonic(joint, order, phase) => {
                 let (s, c) = libm::sincos((order + 1) as f64 * self.q_rad[joint]);
-                self.links[joint].theta_offset * if phase == 0 { s } else { c }
+                let size = if phase == 0 { s } else { c };
+                Moved::new(
+                    self.links[joint].theta_offset * size,
+                    self.links[joint].d * size,
+                )
             }
         }
     }
 
-    /// Displacement by a first moment, given about each frame's origin (mm), that the first `n_joints` joints and the base carry.
+    /// What a first moment does, given about each frame's origin (mm), that the first `n_joints` joints and the base carry.
     fn bent(
         &self,
         n_joints: usize,
         about: impl Fn(&Vector3<f64>) -> Vector3<f64>,
         g: &Vector3<f64>,
-    ) -> Vector3<f64> {
+    ) -> Moved {
         let joints: Vec<Vector3<f64>> = self.chain[..n_joints]
             .iter()
             .map(|frame| about(&frame.translation.vector))
@@ -183,19 +261,16 @@ impl<'a> Pose<'a> {
         self.turned_by(&about(&Vector3::zeros()), &joints, g)
     }
 
-    /// Displacement when the moments change by `first` × `g`.
-    fn turned_by(
-        &self,
-        base: &Vector3<f64>,
-        joints: &[Vector3<f64>],
-        g: &Vector3<f64>,
-    ) -> Vector3<f64> {
+    /// What happens when the moments change by `first` × `g`.
+    fn turned_by(&self, base: &Vector3<f64>, joints: &[Vector3<f64>], g: &Vector3<f64>) -> Moved {
         let compliance = &self.corrections.compliance;
-        let mut sum = self.by_base_turn * compliance.base_rad.component_mul(&base.cross(g));
+        let of_base = compliance.base_rad.component_mul(&base.cross(g));
+        let mut sum = self.by_base_turn.by(&of_base);
         for (i, first) in joints.iter().enumerate() {
-            sum += self.by_turn[i]
-                * compliance.joints_rad[i]
-                    .component_mul(&(self.chain[i].rotation.inverse() * first.cross(g)));
+            let moment = self.chain[i].rotation.inverse() * first.cross(g);
+            let moved = self.by_turn[i].by(&compliance.joints_rad[i].component_mul(&moment));
+            sum.shift += moved.shift;
+            sum.turn += moved.turn;
         }
         sum
     }

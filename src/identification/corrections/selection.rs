@@ -2,7 +2,7 @@
 //!
 //! The points are divided into five parts, whole configurations together (by session where there are several); each part is predicted by
 //! links and corrections fitted to the others. What a correction gains is the mean over configurations of the squared error without it less
-//! that with it; it is kept where that exceeds its own standard error. The fits to four parts are steps of the linear problem at the
+//! that with it (of a pose, its rotation counts by its weight beside the position); it is kept where that exceeds its own standard error. The fits to four parts are steps of the linear problem at the
 //! fit to all: both differ by noise, over which the robot is linear to a ten-thousandth.
 
 use super::fit::{Fitted, Linear, Setting, fit};
@@ -39,7 +39,7 @@ pub(super) fn residuals_by_fold(
     let normal = |fold: usize| {
         let rows: Vec<usize> = (0..folds.folds.len())
             .filter(|p| folds.folds[*p] == fold)
-            .flat_map(|p| 3 * p..3 * p + 3)
+            .flat_map(|p| linear.rows_of(p))
             .collect();
         let (columns, residuals) = (
             linear.columns.select_rows(&rows),
@@ -75,10 +75,9 @@ fn unseen(
     for folds in divisions {
         let residuals = residuals_by_fold(&linear, folds, fitted.variance)?;
         for (point, error) in errors.iter_mut().enumerate() {
-            *error += residuals[folds.folds[point]]
-                .fixed_rows::<3>(3 * point)
-                .norm_squared()
-                / divisions.len() as f64;
+            let left = &residuals[folds.folds[point]];
+            let squares: f64 = linear.rows_of(point).map(|row| left[row] * left[row]).sum();
+            *error += squares / divisions.len() as f64;
         }
         first.get_or_insert(residuals);
     }
