@@ -200,6 +200,7 @@ export const GATES = {
   improved_on_active: "It is at least as good as what is active now",
   second_person: "Who releases is not who uploaded",
   sessions_fit: "The set fits the sessions that it was scored on",
+  scored_on_later_sessions: "It was scored on every session that came after it",
   sessions_better_than_nominal: "Every session shows it to be better than nominal",
   upload_not_insisted: "No upload that it rests on was insisted on",
   uncertainty_within_tolerance: "Its uncertainty is within the robot's tolerance",

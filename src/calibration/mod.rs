@@ -22,6 +22,7 @@ pub use preparation::check::{check, network_fits};
 pub use preparation::stated_priors::{PriorFault, prior_faults};
 pub use report::{CalibrationReport, DOES_NOT_FIT, Errors, NO_FIT};
 pub use request::{CalibrationRequest, Method, Model, Preset};
+pub use session_comparison::ROBOT_CHANGED;
 pub use solve::corrections::are_wanted as corrections_are_wanted;
 pub use solve::larger_model::MODEL_TOO_SMALL;
 pub use validation::fit::Fit;

@@ -19,6 +19,8 @@ use crate::identification::parameters::Parameter;
 use crate::kinematics::reach_mm;
 use crate::measurement::{MeasurementSet, Subset};
 
+/// Code of the warning that the robot has changed.
+pub const ROBOT_CHANGED: &str = "robot_changed";
 /// A change by more than this share of what a fresh robot is expected to be off (1 mm, 0.3°) is a jump.
 const JUMP: f64 = 0.2;
 /// A collision moves few things: at most this share of what both sessions see.
@@ -148,7 +150,7 @@ fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
             }
         );
         warnings.push(Warning {
-            code: "robot_changed",
+            code: ROBOT_CHANGED,
             detail,
             rows: vec![],
         });

@@ -117,6 +117,7 @@ impl Examples {
             "application/xml" => XML.into(),
             "text/html" => "<!doctype html><title>kincal</title>".into(),
             "text/plain" => "ok\n".into(),
+            "multipart/form-data" => "--boundary\r\nContent-Disposition: form-data; name=\"robot\"; filename=\"log.csv\"\r\n\r\n".into(),
             _ => return None,
         })
     }

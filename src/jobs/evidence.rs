@@ -1,7 +1,7 @@
 //! Gathers the evidence for a release: the facts of every job about a parameter set, and the points to compare it with the active one.
 
-use crate::calibration::CalibrationRequest;
 use crate::calibration::request::VerifySource;
+use crate::calibration::{CalibrationRequest, ROBOT_CHANGED};
 use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
@@ -9,7 +9,9 @@ use crate::release::comparison::{
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
 use crate::release::independence::hides_base;
+use crate::release::sessions::UnscoredSession;
 use crate::release::{Comparison, Session};
+use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
@@ -25,11 +27,15 @@ pub struct Unreadable(pub String);
 
 /// Description of the points on which a set was verified when it was identified.
 const HELD_OUT: &str = "the points held out";
+/// Later sessions without a score that are read: one is enough to refuse a set.
+const MAX_LATER: i64 = 20;
 
 /// Stored rows about a parameter set, not parsed yet.
 #[derive(Debug)]
 pub struct EvidenceRows {
+    n_verifications: i64,
     rows: Vec<VerificationRow>,
+    later: Vec<LaterSession>,
     n_without_facts: i64,
     last_check: Option<LastCheck>,
     inputs: JobInputs,
@@ -66,6 +72,8 @@ pub struct ParsedEvidence {
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
+    /// Later sessions on which it was not scored.
+    pub unscored: Vec<UnscoredSession>,
     request: CalibrationRequest,
 }
 
@@ -80,6 +88,8 @@ pub async fn load(
 ) -> Result<EvidenceRows> {
     Ok(EvidenceRows {
         // Read first: if a job adds facts after this, the release fails with `ChecksOutdated`.
+        n_verifications: verifications::count(store, &set.id).await?,
+        later: verifications::later_sessions(store, &set.id, MAX_LATER).await?,
         rows: verifications::of_set(store, &set.id).await?,
         n_without_facts: verifications::n_without_facts(store, &set.id).await?,
         last_check: last_check(store, &set.robot_id).await?,
@@ -106,9 +116,9 @@ async fn last_check(store: &Store, robot_id: &str) -> Result<Option<LastCheck>> 
 }
 
 impl EvidenceRows {
-    /// Number of jobs that have identified or scored the set.
+    /// Number of jobs that have identified or scored sets of the robot.
     pub fn n_verifications(&self) -> i64 {
-        self.rows.len() as i64
+        self.n_verifications
     }
 }
 
@@ -150,7 +160,9 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
             repeats(&request.robot, &[earlier], &request.set)
         }
     };
+    let unscored = stored.later.into_iter().map(unscored);
     Ok(ParsedEvidence {
+        unscored: unscored.collect::<std::result::Result<_, _>>()?,
         job_id: stored.inputs.job.id,
         report: parsed(&stored.summary)?,
         identification,
@@ -164,6 +176,22 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
             .transpose()?,
         sessions,
         request,
+    })
+}
+
+fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreadable> {
+    // reports of older versions have no summary
+    let has_changed = match later.summary_json.as_str() {
+        "" => false,
+        text => {
+            let warnings = parsed::<ReportSummary>(text)?.warnings;
+            warnings.iter().any(|told| told.code == ROBOT_CHANGED)
+        }
+    };
+    Ok(UnscoredSession {
+        job_id: later.job_id,
+        measurement_set_id: later.measurement_set_id,
+        has_changed,
     })
 }
 

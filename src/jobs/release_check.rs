@@ -227,6 +227,7 @@ fn run_gates(
         content: &parsed.content,
         active: parsed.active.as_ref(),
         sessions: &parsed.sessions,
+        unscored: &parsed.unscored,
         comparisons,
         archived: match (request.set.archived_at_ms, robot.archived_at_ms) {
             (Some(_), _) => Some(ArchivedItem::ParameterSet),

@@ -9,7 +9,7 @@ use crate::calibration::{
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use crate::release::comparison::Comparison;
-use crate::release::sessions::Session;
+use crate::release::sessions::{Session, UnscoredSession};
 use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS, WRONG_ROBOT, has_warning};
 use crate::wire::measurement::Subset;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -80,6 +80,8 @@ pub struct Facts<'a> {
     pub active: Option<&'a ParameterSetContent>,
     /// Every session on which the set was scored after its identification, in order.
     pub sessions: &'a [Session],
+    /// Later sessions on which it was not scored, in order.
+    pub unscored: &'a [UnscoredSession],
     /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
     /// What is archived, if the set cannot be released because of that.

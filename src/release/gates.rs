@@ -4,7 +4,7 @@ use crate::release::comparison::ComparedRms;
 use crate::release::facts::{ArchivedItem, Facts, MIN_VERIFY_POINTS};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
-    better_than_nominal, check_robot, measured_since_check, sessions_fit,
+    better_than_nominal, check_robot, measured_since_check, scored_on_later_sessions, sessions_fit,
 };
 use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
@@ -37,6 +37,7 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
         check_robot(facts),
         measured_since_check(facts),
         sessions_fit(facts),
+        scored_on_later_sessions(facts),
         better_than_nominal(facts),
     ];
     gates.extend([

@@ -93,6 +93,32 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     }
 }
 
+/// Every session counts, also one from which another set was identified: as long as this set was not scored on it, nobody knows whether it still
+/// holds. A rollback is refused where that session found that the robot has changed; else it only warns.
+pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
+    let name = "scored_on_later_sessions";
+    let mut unscored = facts.unscored.iter();
+    let changed = unscored.clone().find(|session| session.has_changed);
+    let Some(session) = changed.or_else(|| unscored.next()) else {
+        return Gate::new(
+            name,
+            true,
+            "no session of another set came after it without being scored on it",
+        );
+    };
+    let (set, job) = (&session.measurement_set_id, &session.job_id);
+    let found = match session.has_changed {
+        true => ", and that job found that the robot has changed",
+        false => "",
+    };
+    let detail = format!(
+        "after this set, another one was identified from the session {set} (job {job}){found}. Score this one on that session: {} and measurement_set_id {set}",
+        verify_request(facts)
+    );
+    let only_warns = facts.is_rollback && !session.has_changed;
+    Gate::new(name, only_warns, detail).warned(only_warns)
+}
+
 /// Refuses a set that was no better than nominal in a session. The gate fails closed: an error that cannot be compared does not count as smaller.
 pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";

@@ -18,6 +18,17 @@ pub struct Session {
     pub verification: Verification,
 }
 
+/// A session from which another set was identified after this one, and on which this set was not scored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnscoredSession {
+    /// The job that identified the other set.
+    pub job_id: String,
+    /// The session's upload.
+    pub measurement_set_id: String,
+    /// Whether that job found that the robot has changed.
+    pub has_changed: bool,
+}
+
 /// Whether a session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
 pub fn supports(session: &Verification) -> bool {
     session.kind == VerificationKind::Session

@@ -123,7 +123,7 @@ pub struct CheckedState {
     pub active: Option<String>,
     /// Version of the robot's policy.
     pub policy_version: i64,
-    /// Number of jobs that have identified or scored the set.
+    /// Number of jobs that have identified or scored sets of the robot.
     pub n_verifications: i64,
     /// The state of the robot.
     pub robot: RobotCheck,

@@ -88,6 +88,23 @@ pub struct EarlierUpload {
 
 from_row!(EarlierUpload { id, n_points });
 
+/// A session that another set was identified from, and on which this set was not scored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LaterSession {
+    /// The job that identified the other set.
+    pub job_id: String,
+    /// The session's upload.
+    pub measurement_set_id: String,
+    /// The summary of that job's report; empty if there is none.
+    pub summary_json: String,
+}
+
+from_row!(LaterSession {
+    job_id,
+    measurement_set_id,
+    summary_json
+});
+
 /// The two numbers of a robot's row that a job reads when it begins and when it ends.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CheckRow {
@@ -123,6 +140,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     OF_JOB,
     OF_SET,
     COUNT,
+    LATER_SESSIONS,
     N_UNKNOWN,
     EARLIER_UPLOADS,
     CHECK,
@@ -148,7 +166,18 @@ const OF_JOB: &str = concat!(rows!(), " where v.job_id = $1");
 
 const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v.seq");
 
-const COUNT: &str = "select count(*) from verification where parameter_set_id = $1";
+// Of the whole robot: a later session of another set counts as well.
+const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
+
+// Repeats of earlier uploads show nothing new.
+const LATER_SESSIONS: &str = "
+    select v.job_id as job_id, j.measurement_set_id as measurement_set_id, coalesce(r.summary_json, '') as summary_json
+    from verification v join job j on j.id = v.job_id left join report_summary r on r.job_id = v.job_id
+    where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3 and v.is_repeat = 0
+        and v.seq > (select own.seq from verification own join parameter_set p on p.job_id = own.job_id where p.id = $1)
+        and not exists (select 1 from verification s join job k on k.id = s.job_id
+            where s.parameter_set_id = $1 and (k.measurement_set_id = j.measurement_set_id or k.verify_set_id = j.measurement_set_id))
+    order by v.seq limit cast($4 as bigint)";
 
 // Jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "
@@ -264,6 +293,35 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRo
 pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
     Ok(sqlx::query_as(OF_SET)
         .bind(parameter_set_id)
+        .fetch_all(store.readers())
+        .await?)
+}
+
+/// Number of facts of a set's robot.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
+    Ok(sqlx::query_scalar(COUNT)
+        .bind(parameter_set_id)
+        .fetch_one(store.readers())
+        .await?)
+}
+
+/// Sessions from which other sets of the robot were identified after this one, and on which it was not scored: at most `limit`, in order.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn later_sessions(
+    store: &Store,
+    parameter_set_id: &str,
+    limit: i64,
+) -> Result<Vec<LaterSession>> {
+    Ok(sqlx::query_as(LATER_SESSIONS)
+        .bind(parameter_set_id)
+        .bind(VerificationKind::Identification.as_str())
+        .bind(Fit::Fits.as_str())
+        .bind(limit)
         .fetch_all(store.readers())
         .await?)
 }

@@ -1,12 +1,12 @@
 //! Conversion of the core's report, and the hash of its result.
 
-use crate::calibration::CalibrationReport;
 use crate::calibration::report::NamedChange;
 use crate::calibration::report::{
     ErrorModel, Errors, FinalErrors, MethodComparison, ParameterOutcome, PointErrors,
     PoseRepeatability, PriorOutcome, Repeatability, RotationErrors, RotationErrorsOfBoth,
     SubsetErrors,
 };
+use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
 use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
@@ -43,7 +43,7 @@ pub struct RunContext<'a> {
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Codes of warnings that compare with earlier sessions.
-const ABOUT_EARLIER_SESSIONS: [&str; 2] = ["robot_changed", "placement_changed"];
+const ABOUT_EARLIER_SESSIONS: [&str; 2] = [ROBOT_CHANGED, "placement_changed"];
 
 /// Builds the wire's report with its hash.
 ///
