@@ -80,6 +80,12 @@ FAULTS = [
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
         ("Base::Measured => anchor_in_measuring_frame(&model, &nominal.links),\n        };\n        Self { model, anchor }",
          "Base::Measured => anchor(&model.links, &nominal.links),\n        };\n        Self { model, anchor }")], "src/compensation"),
+    Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [
+        ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = true;")], "src/release"),
+    Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [
+        ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = facts.is_rollback;")], "src/release"),
+    Fault("no wrist turns two joints together", "core", "a_last_joint_that_turns_with_the_one_before", [
+        ("for reading in COUPLED {", "for reading in COUPLED.into_iter().take(0) {")], "src/calibration"),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
         ("""create table parameter_set (

@@ -138,17 +138,14 @@ pub async fn provenance(
     Ok(release::provenance(summary, Some(measured.frame)))
 }
 
-/// The estimate behind a parameter set, where its uncertainty can be stated and its targets are those of the set.
+/// The estimate behind a parameter set, where one is kept and its targets are those of the set. One is kept where its uncertainty is known, also
+/// where that is too large to be stated for the whole workspace.
 pub async fn estimate(
     app: &App,
     permit: &ComputePermit,
     row: &ParameterSetRow,
     robot: &RobotBody,
 ) -> Result<Option<Estimate>, Error> {
-    let summary = report_summary(app, permit, &row.job_id).await?;
-    if summary.tool_uncertainty_absent_because.is_some() {
-        return Ok(None);
-    }
     let Some(text) = estimates::of_parameter_set(&app.store, &row.id).await? else {
         return Ok(None);
     };

@@ -1,5 +1,6 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
+use crate::calibration::TOOL_UNCERTAIN;
 use crate::release::comparison::ComparedRms;
 use crate::release::facts::{ArchivedItem, Facts, MIN_VERIFY_POINTS};
 use crate::release::robot_gates::{change, identity, orientation};
@@ -155,11 +156,17 @@ fn with_and_without_outliers(facts: &Facts<'_>) -> String {
 fn final_fit(facts: &Facts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {
-        return Gate::new(
-            name,
-            true,
-            "the parameters that were verified are delivered",
-        );
+        // without a final fit, only the uncertainty shows that points leave open where the tool is
+        let is_open = facts.report.tool_uncertainty_absent_because.is_some();
+        let mut warnings = facts.report.warnings.iter();
+        return match warnings.find(|told| is_open && told.code == TOOL_UNCERTAIN) {
+            Some(told) => Gate::new(name, false, &*told.detail),
+            None => Gate::new(
+                name,
+                true,
+                "the parameters that were verified are delivered",
+            ),
+        };
     };
     let Some(verified_mm) = facts
         .identification
@@ -179,7 +186,7 @@ fn final_fit(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "{detail}: measure poses spread over the workspace, or identify with `final_fit: identify_subset`"
+                "{detail}: the points leave open where the tool is elsewhere. Measure poses spread over the workspace, with the wrist turned as well"
             ),
         ),
     }

@@ -611,13 +611,23 @@ fn warned_with(
     sign: f64,
     reflector_mm: Vector3<f64>,
 ) -> Vec<(&'static str, String)> {
+    warned_where(nominal, seed, |q| q[5] *= sign, reflector_mm)
+}
+
+/// The same where the controller shows other joint values.
+fn warned_where(
+    nominal: &Robot,
+    seed: u64,
+    shown: impl Fn(&mut [f64]),
+    reflector_mm: Vector3<f64>,
+) -> Vec<(&'static str, String)> {
     let mut random = Normal::new(seed);
     let mut truth = robot_of_the_priors(nominal, 1, &mut random);
     truth.targets_mm[0] = reflector_mm;
     let poses = poses(60, &mut random);
     let mut set = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
     for point in &mut set.points {
-        point.q_rad[5] *= sign;
+        shown(&mut point.q_rad);
         // half of them to verify on
         point.subset = None;
     }
@@ -649,6 +659,25 @@ fn a_last_joint_that_counts_the_other_way_is_told_from_a_reflector_a_fifth_of_a_
                         .all(|(_, detail)| !detail.contains("They fit as well")),
                     "{off_mm} mm, seed {seed}: {warnings:?}"
                 );
+            }
+        }
+    }
+}
+
+/// With the reflector near the last axis, a wrist whose last two joints turn together fits to some millimetres, and turns the flange by up to half a turn.
+#[test]
+fn a_last_joint_that_turns_with_the_one_before_is_told() {
+    let nominal = limited(paper_robot());
+    for off_mm in [1.0, 2.0, 4.0, 8.0] {
+        for seed in 0..3 {
+            let reflector_mm = Vector3::new(0.8 * off_mm, 0.6 * off_mm, 60.0);
+            for coupling in [1.0, -1.0] {
+                let shown = |q: &mut [f64]| q[5] += coupling * q[4];
+                let warnings = warned_where(&nominal, seed, shown, reflector_mm);
+                let told = warnings
+                    .iter()
+                    .any(|(code, _)| ["joint_map_suspect", "no_fit"].contains(code));
+                assert!(told, "{off_mm} mm, seed {seed}, {coupling}: {warnings:?}");
             }
         }
     }

@@ -25,7 +25,7 @@ use crate::calibration::validation::verification_set::refits;
 use crate::calibration::warnings::last_joint::{LastJoint, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::plausibility::{
-    JOINT_MAP, base_frame_off, joint_counted_otherwise,
+    JOINT_MAP, TOOL_UNCERTAIN, base_frame_off, joint_counted_otherwise,
 };
 use crate::calibration::warnings::refused_upload::advised;
 use crate::calibration::warnings::screening::{
@@ -365,7 +365,7 @@ pub fn report(
     };
     report.warnings = verdict::warnings(&report, &problem.request.robot.links, fit);
     report.warnings.extend(not_determined.map(|detail| Warning {
-        code: "tool_uncertain",
+        code: TOOL_UNCERTAIN,
         detail,
         rows: vec![],
     }));

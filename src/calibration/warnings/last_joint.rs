@@ -1,5 +1,5 @@
 //! Which way the last joint counts. A reflector near its axis hardly moves with it: then the points may fit as well, or better, with that joint
-//! counted the other way round, or with the reflector behind the wrist.
+//! counted the other way round or together with the joint before it, or with the reflector behind the wrist.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
@@ -18,6 +18,40 @@ use std::ops::ControlFlow;
 /// Reflectors less than this share of the reach off the last axis: 17 mm of 1.7 m. Further off, points that are counted the other way round do not
 /// fit at all.
 const NEAR_PER_REACH: f64 = 0.01;
+/// Points that other readings are tried on at most, evenly taken.
+const MOST_POINTS: usize = 600;
+
+/// Another reading of the last joint: its value times `sign`, and `coupling` times the value of the joint before it.
+#[derive(Clone, Copy)]
+struct Reading {
+    sign: f64,
+    coupling: f64,
+}
+
+/// The other way round.
+const REVERSED: Reading = Reading {
+    sign: -1.0,
+    coupling: 0.0,
+};
+/// Wrists whose last two motors turn together.
+const COUPLED: [Reading; 4] = [
+    Reading {
+        sign: 1.0,
+        coupling: 1.0,
+    },
+    Reading {
+        sign: 1.0,
+        coupling: -1.0,
+    },
+    Reading {
+        sign: -1.0,
+        coupling: 1.0,
+    },
+    Reading {
+        sign: -1.0,
+        coupling: -1.0,
+    },
+];
 
 /// What the points show of the last joint's direction.
 pub enum LastJoint {
@@ -29,7 +63,31 @@ pub enum LastJoint {
     Otherwise(Warning),
 }
 
-/// Compares the fit with the one to the same points with the last joint counted the other way round.
+impl Reading {
+    fn of(self, q_rad: &mut [f64]) {
+        if let [.., before, last] = q_rad {
+            *last = self.sign * *last + self.coupling * *before;
+        }
+    }
+
+    fn in_words(self, joint: usize) -> String {
+        let before = joint - 1;
+        match (self.sign < 0.0, self.coupling) {
+            (true, 0.0) => "counted the other way round".into(),
+            (is_reversed, coupling) => format!(
+                "counted{} together with joint {before} (q{joint} {} q{before})",
+                if is_reversed {
+                    " the other way round,"
+                } else {
+                    ""
+                },
+                if coupling > 0.0 { '+' } else { '−' }
+            ),
+        }
+    }
+}
+
+/// Compares the fit with those to the same points with other readings of the last joint.
 pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let reach_mm = reach_mm(&problem.request.robot.links);
     if let Some(warning) = behind_the_wrist(model, reach_mm) {
@@ -41,27 +99,40 @@ pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
         return LastJoint::Shown;
     }
     let own = problem.noise(model);
-    let Some(reversed) = noise_reversed(problem) else {
-        return LastJoint::Shown;
-    };
-    if reversed.is_more_than(&own) {
-        return LastJoint::Shown;
-    }
+    let reversed = noise_of(problem, REVERSED);
     // a link that is turned by half a turn does what a joint that counts the other way round does
-    if !own.is_more_than(&reversed) && !is_turned(problem, model) {
-        return LastJoint::NotShown;
+    let is_turned = is_turned(problem, model);
+    let is_reversed =
+        |other: &Noise| own.is_more_than(other) || (is_turned && !other.is_more_than(&own));
+    if let Some(other) = reversed.as_ref().filter(|other| is_reversed(other)) {
+        return LastJoint::Otherwise(otherwise(model, &own, other, REVERSED));
     }
+    for reading in COUPLED {
+        let other = noise_of(problem, reading);
+        if let Some(other) = other.filter(|other| own.is_more_than(other)) {
+            return LastJoint::Otherwise(otherwise(model, &own, &other, reading));
+        }
+    }
+    match reversed {
+        Some(other) if !other.is_more_than(&own) => LastJoint::NotShown,
+        _ => LastJoint::Shown,
+    }
+}
+
+fn otherwise(model: &KinematicModel, own: &Noise, other: &Noise, reading: Reading) -> Warning {
     let joint = model.links.len();
-    LastJoint::Otherwise(Warning {
+    Warning {
         code: JOINT_MAP,
         detail: format!(
-            "the points scatter by {:.4} mm, and by {:.4} mm with joint {joint} counted the other way round (one standard deviation of a coordinate): the \
-             flange is turned wrongly. Turn joint {joint} at the controller, compare the nominal robot, correct the robot's joint_map, and upload the file \
-             again. It cannot be released",
-            own.std_mm, reversed.std_mm
+            "the points scatter by {:.4} mm, and by {:.4} mm with joint {joint} {} (one standard deviation of a coordinate): the flange is turned \
+             wrongly. Turn joint {joint} at the controller, compare the nominal robot, correct the robot's joint_map, and upload the file again. It \
+             cannot be released",
+            own.std_mm,
+            other.std_mm,
+            reading.in_words(joint)
         ),
         rows: vec![],
-    })
+    }
 }
 
 /// True if a link is turned by more than a joint that was never mastered.
@@ -69,16 +140,17 @@ fn is_turned(problem: &Problem<'_>, model: &KinematicModel) -> bool {
     joint_counted_otherwise(&model.links, &problem.request.robot.links, &BTreeSet::new()).is_some()
 }
 
-/// What a fit leaves of the points with the last joint counted the other way round; `None` where it has to turn a link for that.
-fn noise_reversed(problem: &Problem<'_>) -> Option<Noise> {
-    let reversed = |o: &Observation| {
+/// What a fit leaves of the points with another reading of the last joint; `None` where it has to turn a link for that.
+fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
+    let read = |o: &Observation| {
         let mut o = o.clone();
-        o.q_rad.iter_mut().last().into_iter().for_each(|q| *q = -*q);
+        reading.of(&mut o.q_rad);
         o
     };
     let trusted = problem.trusted();
-    let counting = trusted.iter().filter(|o| o.weight > 0.0);
-    let points: Vec<Observation> = counting.map(reversed).collect();
+    let counting: Vec<_> = trusted.iter().filter(|o| o.weight > 0.0).collect();
+    let step = counting.len().div_ceil(MOST_POINTS).max(1);
+    let points: Vec<Observation> = counting.into_iter().step_by(step).map(read).collect();
     let links = &problem.nominal.links;
     let start = fit_base_and_targets(links, &points, problem.screening.targets.len());
     let rows = problem.rows(&points, &[]);

@@ -137,6 +137,9 @@ const SCALE_SHARE: f64 = 0.1;
 /// What the points of one configuration share is worth a word from so many times their own noise on.
 const SHARED: f64 = 10.0;
 
+/// Code of the warning that the points do not determine the tool over the workspace.
+pub const TOOL_UNCERTAIN: &str = "tool_uncertain";
+
 /// Remarks on a finished identification, for its report.
 pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     let warning = |code, detail| Warning {
@@ -164,7 +167,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
              spread over the workspace, with every joint moving",
             tool.max_mm
         );
-        warnings.push(warning("tool_uncertain", detail));
+        warnings.push(warning(TOOL_UNCERTAIN, detail));
     }
     warnings.extend(shared_errors(report));
     let told = report

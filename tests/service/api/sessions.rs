@@ -341,3 +341,60 @@ async fn a_rollback_goes_to_what_was_superseded_whatever_the_clock_said() {
         assert_eq!(active["id"], sets[back_to]);
     }
 }
+
+/// A collision is often seen first by an identification of the new session. Sets from before it were not scored on that session, and are off by what
+/// it found.
+#[tokio::test]
+async fn a_set_is_released_only_after_it_was_scored_on_later_sessions_of_other_sets() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, before) = identified_from_noisy_points(&app).await;
+    let mut random = Normal::new(31);
+    let after = with_noise(&rows("followup_collision.csv"), 0.03, &mut random);
+    let collision = upload(&app, &robot, &after).await;
+    let request = json!({"measurement_set_id": collision, "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    let report = format!("/v1/jobs/{}/report", text(&job["id"]));
+    let report = app.get(&report).await.ok(200);
+    assert!(codes(&report).contains(&"robot_changed"), "{report}");
+    let set = format!("/v1/parameter-sets/{}", text(&before));
+    let reason = json!({"reason": "it was verified"});
+    let (failed, _) = failed_gates(&app, &before).await;
+    assert_eq!(failed, ["scored_on_later_sessions"]);
+    let refused = app.post_json(&format!("{set}/release"), &reason).await;
+    refused.problem(409, "release_refused");
+    // once it was scored there, the session itself decides: the set does not fit it
+    scored(&app, &robot, &collision, &before).await;
+    let (failed, _) = failed_gates(&app, &before).await;
+    assert!(!failed.contains(&"scored_on_later_sessions".to_owned()));
+    assert!(!failed.is_empty(), "the collision passes unseen");
+    let refused = app.post_json(&format!("{set}/release"), &reason).await;
+    refused.problem(409, "release_refused");
+}
+
+/// As above, of a rollback: the new set was released, and the one that it superseded would come back.
+#[tokio::test]
+async fn a_rollback_to_a_set_from_before_a_collision_is_refused() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, before) = identified_from_noisy_points(&app).await;
+    let release = |set: &Value| format!("/v1/parameter-sets/{}/release", text(set));
+    let reason = json!({"reason": "it was verified", "change_reason": "after the collision"});
+    app.post_json(&release(&before), &reason).await.ok(200);
+    let mut random = Normal::new(32);
+    let after = with_noise(&rows("followup_collision.csv"), 0.03, &mut random);
+    let collision = upload(&app, &robot, &after).await;
+    let request = json!({"measurement_set_id": collision, "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    app.post_json(&release(&job["parameter_set_id"]), &reason)
+        .await
+        .ok(200);
+    let path = format!("{robot}/parameter-sets/rollback");
+    let back = app.post_json(&path, &json!({"reason": "back"})).await;
+    let refused = back.problem(409, "release_refused");
+    let failed: Vec<&str> = refused["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|error| text(&error["code"]))
+        .collect();
+    assert!(failed.contains(&"scored_on_later_sessions"), "{refused}");
+}
