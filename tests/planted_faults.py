@@ -277,7 +277,7 @@ FAULTS = [
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
         ("let n_placed = match refit || n_stations(set) > 1 {", "let n_placed = match n_stations(set) > 1 {")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [
-        ("if corrected_mm <= links_mm || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
+        ("if (corrected_mm <= links_mm && corrected_rad <= links_rad) || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
     Fault("uncertainty of what did not converge", "core", "did_not_converge", [
         ("const AT_MINIMUM_STDS: f64 = 1.0", "const AT_MINIMUM_STDS: f64 = 1e12")]),
     Fault("a lower bound without what is not linear", "core", "never_above_the_cost", [
