@@ -121,7 +121,7 @@ impl WorkFrame {
 
 /// ∂(point)/∂(translation, rotation vector) for a point at `arm` from the centre of rotation.
 fn by_motion(arm: &Vector3<f64>) -> SMatrix<f64, 3, 6> {
-    let mut j = SMatrix::zeros();
+    let mut j = SMatrix::<f64, 3, 6>::zeros();
     j.fixed_view_mut::<3, 3>(0, 0)
         .copy_from(&Matrix3::identity());
     j.fixed_view_mut::<3, 3>(0, 3)

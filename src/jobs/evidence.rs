@@ -9,8 +9,7 @@ use crate::release::comparison::{
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
 use crate::release::independence::hides_base;
-use crate::release::sessions::UnscoredSession;
-use crate::release::{Comparison, Session};
+use crate::release::{Comparison, Session, UnscoredSession};
 use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
@@ -72,7 +71,7 @@ pub struct ParsedEvidence {
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
-    /// Later sessions on which it was not scored.
+    /// Later sessions on which it was not scored, first those that found a change. Some may repeat its own upload.
     pub unscored: Vec<UnscoredSession>,
     request: CalibrationRequest,
 }
@@ -160,9 +159,11 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
             repeats(&request.robot, &[earlier], &request.set)
         }
     };
-    let unscored = stored.later.into_iter().map(unscored);
+    let later = stored.later.into_iter().map(unscored);
+    let mut unscored = later.collect::<std::result::Result<Vec<_>, _>>()?;
+    unscored.sort_by_key(|session| !session.has_changed);
     Ok(ParsedEvidence {
-        unscored: unscored.collect::<std::result::Result<_, _>>()?,
+        unscored,
         job_id: stored.inputs.job.id,
         report: parsed(&stored.summary)?,
         identification,
@@ -193,6 +194,22 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
         measurement_set_id: later.measurement_set_id,
         has_changed,
     })
+}
+
+/// Whether an upload repeats the points that the set was identified from: then it was not measured later.
+///
+/// # Errors
+/// If the upload cannot be parsed.
+pub fn repeats_own_upload(
+    parsed: &ParsedEvidence,
+    upload: &MeasurementSetInput,
+) -> std::result::Result<bool, Unreadable> {
+    let request = &parsed.request;
+    let set = upload
+        .parse(request.robot.links.len())
+        .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))?;
+    let own = std::slice::from_ref(&request.set);
+    Ok(repeats(&request.robot, own, &set))
 }
 
 /// A session's facts. Versions that did not ask whether the base was checked stored more of them than they show.

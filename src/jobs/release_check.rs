@@ -4,7 +4,7 @@ use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::PointsToCompare;
 use crate::release::facts::ArchivedItem;
-use crate::release::{Comparison, Decision, Facts, decide};
+use crate::release::{Comparison, Decision, Facts, UnscoredSession, decide};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
     PolicyRow, Release, RobotRow, Store, audit, jobs, measurement_sets, parameter_sets, policies,
@@ -145,6 +145,7 @@ pub async fn check(
         Purpose::Release { .. } => compare(store, permit, &parsed).await?,
         Purpose::Rollback => Vec::new(),
     };
+    let unscored = unscored_session(store, permit, &parsed).await?;
     let (id, approver) = (row.id.clone(), request.approver.clone());
     let inputs = GateInputs {
         request,
@@ -153,8 +154,10 @@ pub async fn check(
         set,
         uploaders,
     };
-    let decision =
-        blocking::run(permit, move || run_gates(&parsed, &comparisons, &inputs)).await??;
+    let decision = blocking::run(permit, move || {
+        run_gates(&parsed, &comparisons, unscored.as_ref(), &inputs)
+    })
+    .await??;
     Ok(ReleaseCheck {
         decision,
         id,
@@ -200,9 +203,27 @@ async fn compare(
     Ok(comparisons)
 }
 
+/// The first later session on which the set was not scored and that is no copy of its own upload. Reads one upload at a time.
+async fn unscored_session(
+    store: &Store,
+    permit: &(impl Clone + Send + 'static),
+    parsed: &Arc<ParsedEvidence>,
+) -> Result<Option<UnscoredSession>, ReleaseCheckError> {
+    for session in &parsed.unscored {
+        let upload = MeasurementSetInput::read(store, &session.measurement_set_id).await?;
+        let parsed = Arc::clone(parsed);
+        let is_copy = move || evidence::repeats_own_upload(&parsed, &upload);
+        if !blocking::run(permit, is_copy).await?? {
+            return Ok(Some(session.clone()));
+        }
+    }
+    Ok(None)
+}
+
 fn run_gates(
     parsed: &ParsedEvidence,
     comparisons: &[Comparison],
+    unscored: Option<&UnscoredSession>,
     inputs: &GateInputs,
 ) -> Result<Decision, Unreadable> {
     let GateInputs {
@@ -227,7 +248,7 @@ fn run_gates(
         content: &parsed.content,
         active: parsed.active.as_ref(),
         sessions: &parsed.sessions,
-        unscored: &parsed.unscored,
+        unscored,
         comparisons,
         archived: match (request.set.archived_at_ms, robot.archived_at_ms) {
             (Some(_), _) => Some(ArchivedItem::ParameterSet),

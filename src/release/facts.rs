@@ -80,8 +80,8 @@ pub struct Facts<'a> {
     pub active: Option<&'a ParameterSetContent>,
     /// Every session on which the set was scored after its identification, in order.
     pub sessions: &'a [Session],
-    /// Later sessions on which it was not scored, in order.
-    pub unscored: &'a [UnscoredSession],
+    /// A later session on which it was not scored, if there is one.
+    pub unscored: Option<&'a UnscoredSession>,
     /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
     /// What is archived, if the set cannot be released because of that.

@@ -22,7 +22,7 @@ pub use comparison::Comparison;
 pub use decision::{Decision, decide};
 pub use facts::{Facts, LastCheck};
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
-pub use sessions::Session;
+pub use sessions::{Session, UnscoredSession};
 pub use suspicions::{KeptMisfit, keep_misfit};
 pub use trend::{ScoredJob, ScoredSession, scored_sessions, trend};
 pub use verdict::{

@@ -97,9 +97,7 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
 /// holds. A rollback is refused where that session found that the robot has changed; else it only warns.
 pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
     let name = "scored_on_later_sessions";
-    let mut unscored = facts.unscored.iter();
-    let changed = unscored.clone().find(|session| session.has_changed);
-    let Some(session) = changed.or_else(|| unscored.next()) else {
+    let Some(session) = facts.unscored else {
         return Gate::new(
             name,
             true,

@@ -244,12 +244,12 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
         "--upload-only",
         "--robot",
         &robot,
-        &data("second.csv"),
+        &data("followup_unchanged.csv"),
     ];
     let set = json(&uploaded).await;
     let set = text(&set["id"]).to_owned();
     let points = out(&app, key, &["sets", &set, "--points"]).await;
-    assert_eq!(points.into_bytes(), paper("second.csv"));
+    assert_eq!(points.into_bytes(), paper("followup_unchanged.csv"));
     let frames = ["frames", "--robot", &robot, &data("sweeps_instrument.csv")];
     let frames = json(&frames).await;
     assert_eq!(json(&["frames", text(&frames["id"])]).await, frames);
