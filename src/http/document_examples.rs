@@ -117,7 +117,6 @@ impl Examples {
             "application/xml" => XML.into(),
             "text/html" => "<!doctype html><title>kincal</title>".into(),
             "text/plain" => "ok\n".into(),
-            "multipart/form-data" => "--boundary\r\nContent-Disposition: form-data; name=\"robot\"; filename=\"log.csv\"\r\n\r\n".into(),
             _ => return None,
         })
     }
@@ -265,7 +264,8 @@ mod tests {
                 let answers = answers.filter(|(status, _)| status.starts_with('2'));
                 let answers = answers.filter_map(|(_, answer)| answer["content"].as_object());
                 for (media_type, content) in bodies.into_iter().chain(answers).flatten() {
-                    let is_binary = media_type == "application/octet-stream";
+                    let is_binary = ["application/octet-stream", "multipart/form-data"]
+                        .contains(&media_type.as_str());
                     let is_stream = media_type == "text/event-stream";
                     let is_asset = path == "/assets/{file}";
                     assert!(
