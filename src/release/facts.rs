@@ -1,5 +1,6 @@
 //! The facts that the gates read, and how a job's report becomes facts.
 
+use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
@@ -241,7 +242,7 @@ pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> 
     })
 }
 
-/// Facts of a job of kind `verify`, from its report.
+/// Facts of a job of kind `verify` or `check`, from its report.
 pub fn session_facts(
     request: &CalibrationRequest,
     report: &Report,
@@ -252,6 +253,9 @@ pub fn session_facts(
         Fit::DoesNotFit
     } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
+    } else if has_warning(report, CHECK_CHANGED) {
+        // whatever the size of the change, it asks for a look at the robot
+        Fit::DoesNotFit
     } else {
         Fit::Fits
     };

@@ -153,7 +153,7 @@ const COUNT: &str = "select count(*) from verification where parameter_set_id = 
 // Jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "
     select count(*) from job j where j.status = 'succeeded'
-        and ((j.kind = 'verify' and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
+        and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
 // Uploads from before the session that did not fit, in the order of the audit chain. Uploads of sessions that did not fit are left out. An upload
@@ -188,7 +188,7 @@ const JOBS_WITHOUT: &str = "
     select id from (
         select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = $1) as ended
         from job j where j.status = 'succeeded' and not exists (select 1 from verification v where v.job_id = j.id)
-            and (j.kind = 'verify' or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
+            and (j.kind in ('verify', 'check') or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
 
 impl Audited for VerificationRow {
