@@ -29,7 +29,7 @@ pub use validation::fit::Fit;
 pub use validation::quick_check::{ReleasedSet, check_quick_check, check_released};
 pub use validation::repeated_rows::{is_anew, repeated_rows};
 pub use validation::rescoring::{errors_mm, errors_on_verify_subset_mm};
-pub use validation::robust_comparison::{RobustComparison, robust_comparison};
+pub use validation::robust_comparison::{RobustComparison, after_errors_mm, robust_comparison};
 pub use validation::session_fit::{HeldOut, session_fit, times_worse};
 pub use validation::verdict::{NO_BETTER, SET_FAR_OFF};
 pub use validation::verify::{check_verify, verify};

@@ -116,7 +116,10 @@ pub fn noncentral_f_tail(value: f64, numerator: f64, denominator: f64, noncentra
 
 /// The value that F with (`numerator`, `denominator`) degrees of freedom exceeds with this probability.
 pub fn f_quantile(above: f64, numerator: f64, denominator: f64) -> f64 {
-    increasing(|value| 1.0 - f_tail(value, numerator, denominator), 1.0 - above)
+    increasing(
+        |value| 1.0 - f_tail(value, numerator, denominator),
+        1.0 - above,
+    )
 }
 
 /// The value that chi-square with `freedom` degrees of freedom exceeds with this probability.
@@ -248,7 +251,10 @@ mod tests {
             let found = noncentral_f_tail(critical * critical, 1.0, 1e7, mean * mean);
             let above = |z: f64| 0.5 * libm::erfc(z / 2.0_f64.sqrt());
             let expected = above(critical - mean) + above(critical + mean);
-            assert!((found - expected).abs() < 1e-5, "{mean}: {found} {expected}");
+            assert!(
+                (found - expected).abs() < 1e-5,
+                "{mean}: {found} {expected}"
+            );
         }
         // z of 1 % on both sides and of 95 % on one
         let lambda = noncentrality(0.01, 0.95, 1.0, 1e7);
@@ -262,7 +268,9 @@ mod tests {
         const DRAWS: usize = 20_000;
         let mut state = 1_u64;
         let mut uniform = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             ((state >> 11) as f64 + 0.5) / 9_007_199_254_740_992.0
         };
         let mut normal = || {
@@ -280,7 +288,10 @@ mod tests {
             }
             let found = noncentral_f_tail(critical, m as f64, nu as f64, lambda);
             let counted = n_above as f64 / DRAWS as f64;
-            assert!((found - counted).abs() < by_chance(found, DRAWS), "{found} {counted}");
+            assert!(
+                (found - counted).abs() < by_chance(found, DRAWS),
+                "{found} {counted}"
+            );
         }
     }
 }

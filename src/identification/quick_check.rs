@@ -122,7 +122,11 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
     }
     let covariance = covariance_mm2(poses);
     let root = covariance.clone().cholesky().ok_or(Untestable::Singular)?;
-    let whiten = |m: DMatrix<f64>| root.l().solve_lower_triangular(&m).ok_or(Untestable::Singular);
+    let whiten = |m: DMatrix<f64>| {
+        root.l()
+            .solve_lower_triangular(&m)
+            .ok_or(Untestable::Singular)
+    };
     let placement = placement_parameters(model.targets_mm.len());
     let placed = whiten(jacobian(poses, &placement))?;
     let taken = match poses.is_placed_anew {
@@ -243,17 +247,14 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
     let p = known.n_parameters;
     // base and targets of the earlier session are not those that were placed anew
     let counts = |parameter: &Parameter| !poses.is_placed_anew || parameter.is_link();
-    let rows: Vec<usize> = (0..p)
-        .filter(|j| counts(&before.parameters[*j]))
-        .collect();
+    let rows: Vec<usize> = (0..p).filter(|j| counts(&before.parameters[*j])).collect();
     let parameters: Vec<Parameter> = rows.iter().map(|j| before.parameters[*j]).collect();
     let mut errors = jacobian(poses, &parameters) * known.root.select_rows(&rows);
     if known.root.nrows() > p {
         let here = observations
             .iter()
             .map(|o| (o.q_rad.as_slice(), o.target, 1.0));
-        errors += known.features.features(model, here)
-            * known.root.rows(p, known.root.nrows() - p);
+        errors += known.features.features(model, here) * known.root.rows(p, known.root.nrows() - p);
     }
     let mut covariance = &errors * errors.transpose();
     let finest_mm = FINEST * reach_mm(&model.links) / 3.0_f64.sqrt();

@@ -97,6 +97,7 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
         .extend(missing_misfit_warning(&request, &report));
     let since = since(inputs, &request).ok()?;
     Some(identification_facts(
+        &request,
         &report,
         is_verified_anew(&request),
         since,

@@ -64,6 +64,7 @@ pub fn compute(
     let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
         verification: Some(identification_facts(
+            &request,
             &report,
             another,
             since(inputs, &request)?,
@@ -128,9 +129,7 @@ pub(super) fn run_verification(
         .map_err(broken)?
         .map(|content| content.identified_robot(None));
     let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
-    let checked = identified
-        .as_ref()
-        .filter(|_| body.kind == Kind::Check);
+    let checked = identified.as_ref().filter(|_| body.kind == Kind::Check);
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = estimate_of_checked(kept, &inputs.robot).map_err(broken)?;

@@ -92,6 +92,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0017_estimate.sql"),
         include_str!("../../migrations/postgres/0017_estimate.sql"),
     ),
+    (
+        18,
+        "check",
+        include_str!("../../migrations/sqlite/0018_check.sql"),
+        include_str!("../../migrations/postgres/0018_check.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

@@ -1,9 +1,7 @@
 //! The answer of a quick check, as part of a report.
 
 pub use crate::calibration::CheckVerdict;
-use crate::calibration::quick_check::{
-    CheckTest, DetectableChange, LikeliestCause, QuickCheck,
-};
+use crate::calibration::quick_check::{CheckTest, DetectableChange, LikeliestCause, QuickCheck};
 use crate::wire::job::After;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

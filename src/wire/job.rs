@@ -2,9 +2,7 @@
 
 use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, PreviousSession, VerifySource};
-pub use crate::calibration::request::{
-    After, CorrectionsChoice, FinalFit, Method, Model, Preset,
-};
+pub use crate::calibration::request::{After, CorrectionsChoice, FinalFit, Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
@@ -270,14 +268,26 @@ impl JobRequestBody {
         if self.kind.scores() {
             let kind = self.kind.as_str();
             let given = [
-                (self.verify.is_some(), "/verify", "scores all points of measurement_set_id: leave verify out"),
-                (self.parameters.is_some(), "/parameters", "identifies nothing: leave parameters out"),
+                (
+                    self.verify.is_some(),
+                    "/verify",
+                    "scores all points of measurement_set_id: leave verify out",
+                ),
+                (
+                    self.parameters.is_some(),
+                    "/parameters",
+                    "identifies nothing: leave parameters out",
+                ),
                 (
                     self.payload.is_some(),
                     "/payload",
                     "scores the robot with what it carried when it was identified: leave payload out",
                 ),
-                (self.network_id.is_some(), "/network_id", "identifies nothing: leave network_id out"),
+                (
+                    self.network_id.is_some(),
+                    "/network_id",
+                    "identifies nothing: leave network_id out",
+                ),
             ];
             for (_, pointer, detail) in given.iter().filter(|(is_given, ..)| *is_given) {
                 unused(pointer, &format!("kind \"{kind}\" {detail}"));

@@ -341,13 +341,21 @@ fn reason(said: &Said<'_>) -> String {
     match said.verdict {
         CheckVerdict::Holds => format!("the released set still holds: {errors}"),
         CheckVerdict::Changed if said.is_far => {
-            format!("the released set no longer holds, these points miss it by far: {errors}{}", causes(said.likeliest))
+            format!(
+                "the released set no longer holds, these points miss it by far: {errors}{}",
+                causes(said.likeliest)
+            )
         }
         CheckVerdict::Changed => {
-            format!("the released set no longer holds: {errors}{}", causes(said.likeliest))
+            format!(
+                "the released set no longer holds: {errors}{}",
+                causes(said.likeliest)
+            )
         }
         CheckVerdict::CannotTell => match said.tested {
-            Err(why) => format!("it cannot be told whether the released set holds: {why} ({errors})"),
+            Err(why) => {
+                format!("it cannot be told whether the released set holds: {why} ({errors})")
+            }
             Ok(()) if !said.blind.is_empty() => {
                 let names: Vec<&str> = said.blind.iter().map(|c| c.name.as_str()).collect();
                 format!(
