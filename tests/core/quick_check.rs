@@ -377,3 +377,48 @@ fn without_a_kept_uncertainty_it_cannot_be_told() {
         check.next
     );
 }
+
+/// Three readings of a pose that share most of their error are worth little more than one.
+#[test]
+fn the_points_of_one_configuration_are_not_taken_as_independent() {
+    const SHARED_MM: f64 = 0.1;
+    let mut n_false = 0;
+    for seed in 0..ROBOTS / 2 {
+        let mut random = Normal::new(7_000 + seed);
+        let mut truth = robot_of_the_priors(&paper_robot(), 3, &mut random);
+        truth.t_instrument_base = IsometryMatrix3::identity();
+        let campaign = Campaign {
+            n_targets: 3,
+            shared_mm: SHARED_MM,
+            ..Campaign::PLAIN
+        };
+        let mut session = |n: usize| {
+            let mut set = measure(&truth, &poses(n, &mut random), &campaign, &mut random);
+            set.frame = Frame::Base;
+            set
+        };
+        let (first, few) = (session(IDENTIFIED_FROM), session(10));
+        let request = CalibrationRequest::new(paper_robot(), first);
+        let kept = estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let kept = kept.expect("an uncertainty is stated");
+        let request = CalibrationRequest {
+            scored_frame: Some(Frame::Base),
+            ..CalibrationRequest::new(paper_robot(), few)
+        };
+        let robot = IdentifiedRobot::of_links(kept.model.clone());
+        let released = ReleasedSet {
+            robot: &robot,
+            estimate: Some(&kept),
+            after: None,
+        };
+        let report =
+            check_released(&request, &released, &mut |_| ControlFlow::Continue(())).unwrap();
+        let check = report.quick_check.unwrap();
+        n_false += usize::from(check.verdict == CheckVerdict::Changed);
+    }
+    println!(
+        "{n_false} of {} unchanged robots called changed",
+        ROBOTS / 2
+    );
+    assert!(n_false <= 2, "{n_false}");
+}
