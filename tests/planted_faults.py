@@ -196,7 +196,17 @@ FAULTS = [
         ("status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end", "status = 'succeeded'")]),
     # Release
     Fault("a broken beam decides a release", "core", "one_outlier", [
-        ("let n_set_aside = if points", "let n_set_aside = if points.is_empty() && points")]),
+        ("match points.len() >= FEWEST && n_outliers", "match points.is_empty() && points.len() >= FEWEST && n_outliers")]),
+    Fault("the uncertainty of a figure is not counted", "service", "the_tolerance_counts_the_uncertainty", [
+        ("if figure + expanded <= tolerance", "if figure <= tolerance || expanded.is_nan()")], "src/release"),
+    Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
+        ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite"),
+    Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
+        ("else if has_warning(report, CHECK_CHANGED) { // whatever", "else if false { // whatever")], "src/release"),
+    Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
+        ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
+    Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [
+        ("if configuration == other {", "if configuration == other && i == j {")], "src/identification"),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
         ("find(|session| !session.verification.is_better)", "find(|session| session.seq == -1)")]),
     Fault("a copy with noise is a session", "core", "a_second_visit", [

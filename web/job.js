@@ -31,17 +31,17 @@ export async function jobPage(context, id) {
   else fill(body, ending(job, robot));
 }
 
-const noun = (job) => (job.kind === "verify" ? "verification" : "calibration");
+const noun = (job) => ({ verify: "verification", check: "check" }[job.kind] ?? "calibration");
 
-/** The parameter set that a job of kind verify scores; null where that is the nominal robot, or an older server does not say. */
+/** The parameter set that a job of kind verify or check scores; null where that is the nominal robot, or an older server does not say. */
 function scoredSet(job, signal) {
-  const id = job.kind === "verify" && (job.parameter_set_from ?? job.request?.parameter_set_id);
+  const id = job.kind !== "identify" && (job.parameter_set_from ?? job.request?.parameter_set_id);
   return id ? get(`/v1/parameter-sets/${id}`, signal) : null;
 }
 
 /** The request of the job. */
 function asked(job, verified) {
-  if (job.kind !== "verify") return `method: ${method(job.method)}`;
+  if (job.kind === "identify") return `method: ${method(job.method)}`;
   if (!verified) return "nothing is identified";
   return ["scores the ", el("a", { href: `#/jobs/${verified.job_id}` }, `parameters identified ${when(verified.created_at)}`), `, now ${verified.status}; nothing is identified`];
 }
@@ -49,7 +49,7 @@ function asked(job, verified) {
 function head(job, robot, set, verified) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
-    el("p.quiet", {}, `${job.kind === "verify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · `, asked(job, verified))),
+    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", {}, statusBadge(job.status)));
 }
 

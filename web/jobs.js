@@ -20,7 +20,7 @@ export async function jobsPage({ main, signal }) {
   const rows = el("div", {});
   const draw = () => fill(rows, table(caption, [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))], ["Robot", (job) => el("a", { href: `#/robots/${job.robot_id}` }, names.get(job.robot_id) ?? job.robot_id), "name"],
-    ["State", (job) => statusBadge(job.status)], ["What", (job) => (job.kind === "verify" ? "verification" : job.method ? method(job.method) : "calibration")],
+    ["State", (job) => statusBadge(job.status)], ["What", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : job.method ? method(job.method) : "calibration")],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"], ["Remark", (job) => job.error?.detail ?? "", "name"],
   ], jobs.filter((job) => state.status === "" || job.status === state.status), "No such job."));
   const status = el("select", { id: "job-status", change: () => { state.status = status.value; draw(); } }, [["", "all"], ...["running", "queued", "failed", "succeeded", "cancelled"].map((s) => [s, s])].map(([value, words]) => el("option", { value }, words)));

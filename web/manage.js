@@ -20,16 +20,20 @@ export function manageCard(robot, sets, may, signal) {
   return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Policy of releases, rollback, archive"), body));
 }
 
+/** The decision rules of ILAC-G8 and JCGM 106. */
+const RULES = [["guarded_acceptance", "guarded acceptance: rms plus its uncertainty (95 %) within the tolerance"], ["simple_acceptance", "simple acceptance: rms alone within the tolerance"]];
+
 function policyForm(robot, policy, may) {
   const out = el("div", {});
   const locked = !may("admin");
   const tolerance = el("input", { id: "policy-tolerance", type: "number", min: 0, step: "any", value: policy.tolerance_mm ?? "", placeholder: "none", disabled: locked });
+  const rule = el("select", { id: "policy-rule", disabled: locked }, RULES.map(([value, words]) => el("option", { value, selected: value === policy.decision_rule }, words)));
   const box = (checked) => el("input", { type: "checkbox", checked, disabled: locked });
   const [session, person] = [box(policy.independent_session_required), box(policy.second_person_required)];
   const submit = async (event) => {
     event.preventDefault();
     try {
-      await put(`/v1/robots/${robot.id}/policy`, { ...policy, tolerance_mm: tolerance.value === "" ? null : Number(tolerance.value), independent_session_required: session.checked, second_person_required: person.checked });
+      await put(`/v1/robots/${robot.id}/policy`, { ...policy, tolerance_mm: tolerance.value === "" ? null : Number(tolerance.value), decision_rule: rule.value, independent_session_required: session.checked, second_person_required: person.checked });
       fill(out, el("div.done", {}, el("p", {}, "Stored. It holds from the next release on.")));
       say("Policy stored");
     } catch (error) {
@@ -37,7 +41,8 @@ function policyForm(robot, policy, may) {
     }
   };
   return el("form", { submit }, el("h3", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
-    el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance)),
+    el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance),
+      el("div", {}, el("label", { for: "policy-rule" }, "Decision rule for the rms on verify points"), rule)),
     el("label.choice", {}, session, "another measuring session must have verified it"), el("label.choice", {}, person, "who releases must not be who uploaded"),
     out, locked ? el("p.note", {}, "Changing the policy takes a key with the scope admin.") : el("p", {}, el("button", { type: "submit" }, "Store the policy")));
 }

@@ -19,8 +19,9 @@ export function uselessBy(report) {
 export function nextSteps({ report, job, robot, set, parameterSet, verified }, { may, why }) {
   const useless = uselessBy(report);
   const card = (...content) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), ...content);
+  if (report.check) return false; // its verdict says what to measure next
   if (useless) return card(remedy(useless, { job, robot, set, may }), may("identify") ? false : why("identify", "start another calibration"));
-  if (job.kind === "verify") return card(afterVerification(report, robot, verified));
+  if (job.kind !== "identify") return card(afterVerification(report, robot, verified));
   if (!parameterSet) return false;
   return card(path(report, robot, parameterSet), advice(report, robot, parameterSet, may));
 }

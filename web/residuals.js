@@ -111,7 +111,7 @@ function download(points, name, { order, joints }) {
  * why, so that both files are kept and nothing is hidden.
  */
 export function leavingOut({ job, set, robot, may, name, changed }) {
-  if (job.kind === "verify" || !may("identify") || !may("upload")) return null;
+  if (job.kind !== "identify" || !may("identify") || !may("upload")) return null;
   const excluded = new Set();
   const out = el("div", {});
   const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });

@@ -1,6 +1,7 @@
 // Result of a calibration, in this order: errors, release, changes, method.
 
 import { get, post } from "./api.js";
+import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
@@ -23,14 +24,14 @@ export async function result(body, context, { job, robot, set, verified }) {
     job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
-  const names = job.kind === "verify" ? VERIFIED : IDENTIFIED;
+  const names = job.kind !== "identify" ? VERIFIED : IDENTIFIED;
   const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
   const next = el("div", {});
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
-    report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
+  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+    report.check && checkTables(report), report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
     parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
 }
 
@@ -75,10 +76,10 @@ function score(report, half, verified) {
 function summary(report, half, job, verified) {
   const { rank, n_parameters: n } = report.identifiability;
   const alone = report.parameters.filter((p) => p.identifiable).length;
-  const before = job.kind === "verify" ? "nominal robot" : "before";
+  const before = job.kind !== "identify" ? "nominal robot" : "before";
   // the robot's page has the same figure; what the service computed is the smaller part of a short job
   const whole = ran(job) ?? report.duration_ms / 1000;
-  const how = job.kind === "verify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`;
+  const how = job.kind !== "identify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`;
   const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
     verified && ["Verified", el("a", { href: `#/jobs/${verified.job_id}` }, verified.status === "released" ? "active set" : `${verified.status} set`), `identified ${when(verified.created_at)}`],
@@ -175,7 +176,7 @@ function refusal({ errors, detail }) {
 }
 
 function errorTable(report, job) {
-  const verifies = job.kind === "verify";
+  const verifies = job.kind !== "identify";
   const [before, after] = verifies ? ["nominal robot", "these parameters"] : ["before", "after"];
   const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify], ["without", "Verify, without outliers", report.verify_without_outliers]].filter(([, , half]) => half?.n_points > 0);
   const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, before, half.before], ["", after, half.after], ...(isCorrected(half) ? [["", `${after}, with corrections`, half.corrected]] : [])]);

@@ -134,7 +134,7 @@ function jobTable(jobs, sets) {
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
     ["State", (job) => statusBadge(job.status)],
-    ["Method", (job) => (job.kind === "verify" ? "verification" : method(job.method))],
+    ["Method", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : method(job.method))],
     ["Measurement set", name, "name"],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
     ["Remark", (job) => job.error?.detail ?? "", "name"],

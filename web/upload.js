@@ -167,7 +167,10 @@ function choice(id, label, options) {
 }
 
 /** What a job may do, where the robot has parameters to verify. */
-const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"]];
+const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"], ["check", "Quick check: do the robot's parameters still hold? (five to ten poses)"]];
+
+/** What may have happened before a quick check. */
+const AFTER = [["", "nothing in particular"], ["collision", "a collision"], ["mastering", "joints were mastered anew"], ["motor", "a motor was exchanged"]];
 
 /** Whether a set is large enough only for a verification. */
 const onlyVerifies = (set) => set.warnings.some((remark) => remark.code === "under_determined");
@@ -190,7 +193,8 @@ function jobForm(robot, sets, parameterSets) {
     ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
   const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
   const candidates = verifiable(parameterSets);
-  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to verify", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
+  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to score", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
+  const [after, afterField] = choice(`job-after-${n}`, "What happened before", AFTER);
   const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
     KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
   const options = jobOptions(robot);
@@ -198,10 +202,11 @@ function jobForm(robot, sets, parameterSets) {
   const button = el("button.primary", { type: "submit" });
   const kind = () => kinds.querySelector("input:checked").value;
   const shape = () => {
-    const verifies = kind() === "verify";
+    const verifies = kind() !== "identify";
     for (const field of [methodField, verifyField, presetField, options.node]) field.hidden = verifies;
     scoredField.hidden = !verifies;
-    fill(button, verifies ? "Start verification" : "Start calibration");
+    afterField.hidden = kind() !== "check";
+    fill(button, { verify: "Start verification", check: "Start check" }[kind()] ?? "Start calibration");
   };
   const preselect = () => {
     const chosen = sets.find((s) => s.id === set.value);
@@ -214,7 +219,7 @@ function jobForm(robot, sets, parameterSets) {
   const submit = async (event) => {
     event.preventDefault();
     button.disabled = true;
-    const request = kind() === "verify" ? { kind: "verify", measurement_set_id: set.value, parameter_set_id: scored.value }
+    const request = kind() !== "identify" ? { kind: kind(), measurement_set_id: set.value, parameter_set_id: scored.value, ...kind() === "check" && after.value ? { after: after.value } : {} }
       : options.add({ measurement_set_id: set.value, method: method.value, preset: preset.value });
     if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
     try {
@@ -225,5 +230,5 @@ function jobForm(robot, sets, parameterSets) {
       button.disabled = false;
     }
   };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), options.node, out, button);
+  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField, afterField), options.node, out, button);
 }

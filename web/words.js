@@ -7,6 +7,8 @@ export const WARNINGS = {
   base_moved: "The robot's base or the instrument moved while measuring",
   drift: "Base or instrument drifted while measuring",
   base_not_checked: "A wrong base would not show in these points",
+  check_cannot_tell: "These poses cannot tell whether the released set holds",
+  check_changed: "The robot, its base or its tool has changed: the released set no longer holds",
   column_suspect: "Columns or rows seem to be exchanged",
   base_frame_off: "The base stands elsewhere than its frame says",
   configurations_err_together: "The points of one pose err together far more than each by itself",

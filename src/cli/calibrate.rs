@@ -7,12 +7,13 @@ use super::robots::Mounted;
 use super::table;
 use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
-use crate::calibration::remedy_of_refusal;
+use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
     rotations::{self, ROTATION_SUSPECT},
 };
+use crate::calibration::{CheckVerdict, remedy_of_refusal};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
@@ -209,8 +210,19 @@ fn print_warning(code: &str, detail: &str) {
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
+    let changed = report
+        .check
+        .as_ref()
+        .filter(|check| check.verdict == CheckVerdict::Changed);
     let Some(code) = headline(report) else {
-        return Ok(());
+        return match changed {
+            None => Ok(()),
+            Some(check) => anyhow::bail!(
+                "{} ({CHECK_CHANGED})\nnext: {}",
+                words::warning(CHECK_CHANGED),
+                plain(&check.next)
+            ),
+        };
     };
     let refused = refused_as(report).map(|refused| in_commands(remedy_of_refusal(refused)));
     let next = match code {

@@ -7,6 +7,7 @@ mod actions;
 mod archive;
 mod backup;
 mod calibrate;
+mod check_table;
 mod client;
 mod compensate;
 mod completions;

@@ -18,7 +18,7 @@ fn of_shape(name: &str) -> Option<Value> {
         "RobotPatchBody" => json!({"name": "Cell 4, left", "serial_number": "ER20-0117"}),
         "ReleaseBody" | "ReasonBody" => json!({"reason": "verified on a second session"}),
         "PolicyBody" => {
-            json!({"tolerance_mm": 0.3, "independent_session_required": true, "second_person_required": false})
+            json!({"tolerance_mm": 0.3, "decision_rule": "guarded_acceptance", "independent_session_required": true, "second_person_required": false})
         }
         "MeasurementSetBody" => {
             json!({"frame": "base", "points": [{"q_deg": [10.0, -20.0, 30.0, 0.0, 45.0, 0.0], "position_mm": [812.4031, 141.9925, 655.1808]}]})

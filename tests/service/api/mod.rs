@@ -32,6 +32,7 @@ mod patch_robots;
 mod pose_plans;
 mod poses;
 mod problems;
+mod quick_check;
 mod release;
 mod report_page;
 mod residual_networks;
