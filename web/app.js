@@ -13,7 +13,7 @@ import { jobsPage } from "./jobs.js";
 const main = document.getElementById("main");
 const session = document.getElementById("session");
 const PAGES = [
-  [/^#\/robots\/(\w+)$/, robotPage],
+  [/^#\/robots\/(\w+)(?:\/(upload))?$/, robotPage],
   [/^#\/robots\/(\w+)\/plan$/, planPage],
   [/^#\/robots\/(\w+)\/correct$/, correctPage],
   [/^#\/robots\/(\w+)\/compare$/, comparePage],

@@ -1,7 +1,7 @@
 // The arm with what was measured: positions, error arrows and the posture of the point that is selected.
 
 import { el, fill } from "./dom.js";
-import { capital, fixed, mm, number, SMALLEST_MM } from "./format.js";
+import { capital, fixed, mm, SMALLEST_MM } from "./format.js";
 import { apply, axisX, framesOf, IDENTITY, inverse, origin, poseOf, reachOf, restOf, turn } from "./kinematics.js";
 import { VIEWS, view } from "./scene.js";
 import { arm, ground } from "./solids.js";
@@ -139,7 +139,8 @@ const level = (error, top) => Math.max(0, Math.min(LEVELS.length - 1, Math.floor
 
 function legendOf({ stage, top }) {
   if (!stage) return false;
-  return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${number((top * (i + 1)) / LEVELS.length, 2)} mm` : `above ${number((top * i) / LEVELS.length, 2)} mm`));
+  const decimals = Math.max(0, Math.min(5, 1 - Math.floor(Math.log10(top / LEVELS.length))));
+  return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${((top * (i + 1)) / LEVELS.length).toFixed(decimals)} mm` : `above ${((top * i) / LEVELS.length).toFixed(decimals)} mm`));
 }
 
 function arrowsSaid({ stage, factor, share, drawn }, n, stages, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {

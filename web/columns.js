@@ -2,6 +2,7 @@
 
 import { list, post, put } from "./api.js";
 import { el, fill, problem } from "./dom.js";
+import { capital, plain } from "./format.js";
 
 /** Refusals that a mapping of columns can mend. */
 const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "unknown_sheet"];
@@ -61,7 +62,8 @@ export async function askColumns(robot, body, contentType, out, read) {
   };
   fill(out, el("form.columns", { submit },
     el("h3", {}, "Say once what the columns are"),
-    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 8).map((issue) => el("li", {}, issue.detail))),
+    el("p.note", {}, "Nothing was stored yet. Choose a meaning above each column; what is proposed may be wrong."),
+    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 12).map((issue) => el("li", {}, capital(plain(issue.detail))))),
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
     el("label.choice", {}, keep, "Remember this for the robot"),

@@ -17,7 +17,7 @@ export function residualTable(points, name, selected, leave) {
   const state = { key: "row", up: true, filter: "all", least: null, order: [], joints: null };
   const columns = () => [["row", "Row", (i) => name(i), (i) => i], ["configuration", "Configuration", (i) => points[i].configuration], ["target", "Target", (i) => points[i].target], ["subset", "Half", (i) => points[i].subset],
     ["before", "Before, mm", (i) => error(points[i].before_mm), (i) => points[i].before_mm], ["after", "After, mm", (i) => error(points[i].after_mm), (i) => points[i].after_mm],
-    ...points[0]?.corrected_mm !== undefined ? [["corrected", "Corrected, mm", (i) => error(points[i].corrected_mm), (i) => points[i].corrected_mm]] : [],
+    ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "Corrected, mm", (i) => error(points[i].corrected_mm), (i) => points[i].corrected_mm]] : [],
     ...["x", "y", "z"].map((axis, k) => [axis, `Δ${axis}, mm`, (i) => fixed(points[i].after_vector_mm?.[k], 3), (i) => points[i].after_vector_mm?.[k] ?? 0]),
     ["note", "Remark", (i) => [points[i].outlier && "outlier", leave?.excluded.has(i) && "left out"].filter(Boolean).join(", ")]];
   const head = el("tr", {});

@@ -163,8 +163,9 @@ function ask(action, title, set, draw, robot) {
 function gates(id) {
   const node = el("div", { "aria-live": "polite" });
   get(`/v1/parameter-sets/${id}/gates`).then((found) => {
-    const told = found.gates.filter((gate) => !gate.passed || gate.warning).map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), gate.passed ? ": " : ", no: ", gateDetail(gate.detail)));
-    if (told.length > 0) fill(node, el(found.releasable ? "div.warning" : "div.problem", {}, el("p", {}, found.releasable ? "It may be released. Worth a look:" : "A release would be refused:"), el("ul", {}, told)));
+    const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), el("ul", {}, some.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail)))));
+    fill(node, told("A release would be refused:", "div.problem", found.gates.filter((gate) => !gate.passed)),
+      told(found.releasable ? "It may be released. Worth a look:" : "Worth a look, too:", "div.warning", found.gates.filter((gate) => gate.passed && gate.warning)));
   }, () => { /* the release itself says what is wrong */ });
   return node;
 }

@@ -4,7 +4,7 @@ import { post } from "./api.js";
 import { askColumns, isAboutColumns, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
-import { when } from "./format.js";
+import { capital, plain, when } from "./format.js";
 import { jobOptions } from "./job_options.js";
 import { posesOf } from "./poses.js";
 import { SUSPICIONS } from "./words.js";
@@ -28,17 +28,20 @@ export function uploadCard(robot, sets, parameterSets, may, uploaded) {
   };
   offer();
   const parts = [];
-  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came }));
+  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came, sets }));
   if (may("identify")) parts.push(here);
-  return parts.length > 0 && el("section.card", {}, el("h2", {}, "Calibrate"), parts);
+  return parts.length > 0 && el("section.card", { id: "calibrate" }, el("h2", {}, "Calibrate"), parts);
 }
 
 function uploadForm(context) {
+  const { sets } = context;
   const out = el("div", { "aria-live": "polite", tabindex: -1 });
   const file = el("input", { id: "set-file", type: "file", multiple: true, accept: ".csv,.txt,.tsv,.xlsx,.ods,.json,.dat,.mod,.ls,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
-  const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", true), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", false));
+  const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", sets[0]?.frame !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", sets[0]?.frame === "instrument"));
   const query = () => ({ frame: frames.querySelector("input:checked").value });
+  // the next file is most likely of the same frame
+  context.framed = (frame) => { frames.querySelector(`[value=${frame}]`).checked = true; };
   const take = async (chosen) => {
     const files = [...chosen];
     if (files.length === 2) twoFiles(context, files, query(), out);
@@ -100,19 +103,22 @@ async function upload(context, file, query, out) {
     const columns = el("div", {});
     const retry = (more) => () => {
       out.focus();
+      if (more.frame) context.framed?.(more.frame);
       upload(context, file, { ...query, ...more }, out);
     };
     fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
     if (!isJson && isAboutColumns(error)) {
       const read = (chosen) => retry({ columns: JSON.stringify(chosen) })();
-      // without a preview the refusal says enough
-      await askColumns(robot, file.body, file.type, columns, read).catch(() => false);
+      // the choice of the columns says what is missing; without a preview the refusal stays
+      if (await askColumns(robot, file.body, file.type, columns, read).catch(() => false)) out.replaceChildren(columns);
     }
   }
 }
 
 /** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
 function remedies({ code, errors }, isJson, retry) {
+  const decimal = (errors ?? []).map((issue) => /\?decimal=(comma|point)/.exec(issue.detail)?.[1]).find(Boolean);
+  if (decimal && !isJson) return el("div.actions", {}, el("button.primary", { type: "button", click: retry({ decimal }) }, `Read it with decimal ${decimal}s`));
   if (!SUSPICIONS.includes(code)) return [];
   const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);
   return el("div", {},
@@ -155,7 +161,7 @@ function faults(errors, text) {
     ["Line in file", (issue) => issue.line ?? "–", "n"],
     ["Column", (issue) => issue.column ?? issue.pointer ?? "–"],
     ["Found", value, "wrong"],
-    ["What is wrong", (issue) => issue.detail, "name"],
+    ["What is wrong", (issue) => capital(plain(issue.detail)), "name"],
   ];
   const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
   return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];

@@ -86,7 +86,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             "row, line, column and what stands there: {fault}"
         );
         browser
-            .picture("upload-fault", Picture::Element("section.card"))
+            .picture("upload-fault", Picture::Element("#calibrate"))
             .await;
 
         browser
@@ -96,7 +96,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             .until_it_says("100 points in 100 configurations")
             .await;
         browser
-            .picture("upload", Picture::Element("section.card"))
+            .picture("upload", Picture::Element("#calibrate"))
             .await;
         browser
             .button("Start calibration")
@@ -344,7 +344,7 @@ fn what_the_service_says_stands_on_the_pages() {
             .await
             .unwrap();
         assert!(
-            told.contains("How strong the verification is, no: only points of the same upload"),
+            told.contains("How strong the verification is: only points of the same upload"),
             "{told}"
         );
         browser
