@@ -96,7 +96,7 @@ function stageChoice(stages, state, changed) {
 }
 
 const hint = (n) => [el("p.note", {}, n > 0 ? "Click, tap or press N to pick a point: its row, its joints and its residual appear here, and the arm takes its posture." : "Drag to turn the arm."),
-  el("p.note", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom. Two fingers: zoom and move.")];
+  el("p.note.by-mouse", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom."), el("p.note.by-touch", {}, "One finger: turn. Two fingers: zoom and move.")];
 
 /** Postures whose joints are within the first picture. */
 const FRAMED = 40;

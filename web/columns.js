@@ -102,7 +102,7 @@ function fileTable(file, nJoints, found) {
   });
   const title = { table: "The file", robot: "The robot's file", instrument: "The instrument's file" }[file.part];
   const cells = (row) => Array.from({ length: width }, (_, at) => el("td", {}, row[at] ?? ""));
-  const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood)}`),
+  const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood, false)}`),
     el("div.scroll", { tabindex: 0, role: "region", "aria-label": title },
       el("table", { "aria-label": title },
         el("thead", {}, el("tr", {}, selects.map((select) => el("th", {}, select))), el("tr", {}, Array.from({ length: width }, (_, at) => el("th", { scope: "col" }, file.header[at] || `column ${at + 1}`)))),
@@ -111,10 +111,10 @@ function fileTable(file, nJoints, found) {
 }
 
 /** How a table was understood, in a sentence. */
-export function inWords(understood) {
+export function inWords(understood, isSure = true) {
   const separator = { ",": "commas", ";": "semicolons", "|": "bars", tab: "tabs", spaces: "spaces" }[understood.separator];
   const header = understood.header_row === null ? "no header" : `header in line ${understood.header_row}`;
-  return `${understood.encoding}, columns separated by ${separator}, decimal ${understood.decimal}, ${header}, ${understood.skipped_rows} other lines`;
+  return `${understood.encoding}, columns separated by ${separator}, ${isSure ? `decimal ${understood.decimal}, ` : ""}${header}, ${understood.skipped_rows} other lines`;
 }
 
 /** What was understood of a stored set, folded; nothing for a file as the documentation describes it. */

@@ -3,7 +3,7 @@
 import { get, list, post } from "./api.js";
 import { rowsOf } from "./csv.js";
 import { el, fill, problem, table, warning } from "./dom.js";
-import { fixed, mm, signed, when } from "./format.js";
+import { error, fixed, mm, signed, when } from "./format.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
 
@@ -97,7 +97,7 @@ function corrected(program, answer, name) {
   answer.warnings.map(warning),
   odd.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, odd.length === 1 ? "One target is not fully corrected. " : `${odd.length} targets are not fully corrected. `), `The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. Rows ${rows}.`)),
   el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name) }, "Download as CSV"))),
-    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its change. Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "name"], ...joints, ["Before", (i) => mm(answer.position_error_before_mm[i]), "n"], ["After", (i) => mm(answer.position_error_after_mm[i]), "n"]], shown, ""))];
+    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its change. Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
 }
 
 function save({ header, rows, places, separator }, answer, name) {

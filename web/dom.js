@@ -46,9 +46,14 @@ export function fill(node, ...children) {
 export function table(caption, columns, rows, empty) {
   if (rows.length === 0) return el("p.empty", {}, empty);
   const head = el("tr", {}, columns.map(([heading, , kind]) => el(kind ? `th.${kind}` : "th", { scope: "col" }, heading)));
-  const body = rows.map((row) => el("tr", {}, columns.map(([, cell, kind]) => el(kind ? `td.${kind}` : "td", {}, cell(row)))));
+  // on a phone a table with names shows each row as a list; the heading of each cell stands before it
+  const isStacked = columns.some(([, , kind]) => kind === "name");
+  const body = rows.map((row) => el("tr", {}, columns.map(([heading, cell, kind]) => {
+    const content = cell(row);
+    return el(["td", kind, isStacked && content === "–" && "none"].filter(Boolean).join("."), isStacked ? { "data-label": heading } : {}, content);
+  })));
   return [el("p.caption", {}, caption), el("div.scroll", { tabindex: 0, role: "region", "aria-label": caption },
-    el("table", { "aria-label": caption }, el("thead", {}, head), el("tbody", {}, body)))];
+    el(isStacked ? "table.stacked" : "table", { "aria-label": caption }, el("thead", {}, head), el("tbody", {}, body)))];
 }
 
 /** Shows a notice, which screen readers also read out. */

@@ -1,6 +1,6 @@
 // Numbers, times and the service's codes as people read them.
 
-import { CORRECTIONS, GATES, METHODS, WARNINGS } from "./words.js";
+import { CORRECTIONS, GATES, METHODS, UNMET, WARNINGS } from "./words.js";
 
 const MINUS = "\u2212";
 const THIN = "\u202f";
@@ -94,7 +94,7 @@ export const EVIDENCE = {
 };
 
 export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);
-export const gateTitle = (code) => GATES[code] ?? sentence(code);
+export const gateTitle = (code, refuses = false) => (refuses && UNMET[code]) || (GATES[code] ?? sentence(code));
 /** What a gate found. The code that some begin with is said by the rest of the sentence. */
 export const gateDetail = (detail) => plain(detail).replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all));
 export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);

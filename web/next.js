@@ -60,7 +60,7 @@ function advice(report, evidence, robot, parameterSet, may) {
 function judged(found) {
   const failed = found.gates.filter((gate) => !gate.passed);
   if (failed.length === 0) return el("p.note", {}, "A release would be accepted now.");
-  return el("div.warning", {}, el("p", {}, el("strong", {}, "A release would be refused now:")), el("ul", {}, failed.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail)))));
+  return el("div.warning", {}, el("p", {}, el("strong", {}, "A release would be refused now:")), el("ul", {}, failed.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate, true)), ": ", gateDetail(gate.detail)))));
 }
 
 function afterVerification(report, robot, verified) {

@@ -26,7 +26,7 @@ function form(robot, sets, out) {
   const number = (name, value, more = {}) => el("input", { id: name, type: "number", value, ...more });
   const field = (name, label, input) => el("div", {}, el("label", { for: name }, label), input);
   const [n, floor] = [number("plan-n", 30, { min: 1, max: 300, step: 1, required: true }), number("plan-floor", "", { step: "any", placeholder: "none" })];
-  const frame = el("select", { id: "plan-frame" }, el("option", { value: "base" }, "the robot's base frame"), el("option", { value: "instrument" }, "the instrument's frame"));
+  const frame = el("select", { id: "plan-frame" }, el("option", { value: "base" }, "the robot's base frame"), el("option", { value: "instrument", selected: sets[0]?.frame === "instrument" }, "the instrument's frame"));
   const before = el("input", { id: "plan-before", type: "checkbox", checked: sets.length > 0 });
   const boxes = keepOuts();
   const button = el("button.primary", { type: "submit" }, "Plan");

@@ -85,9 +85,9 @@ function summary(report, half, job, verified) {
     ["Mean error", mm(half.after.mean_mm), `${before} ${mm(half.before.mean_mm)}`],
     isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
     ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
-    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone, not of predictions with corrections`],
+    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone`],
     report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", report.tool_uncertainty_absent_because],
-    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation under what is known of robots beforehand: corrected poses are refused, positions of a measured reflector are not" : `one standard deviation under what is known of robots beforehand${report.last_joint_zero_std_deg == null ? "" : `; ${number(report.last_joint_zero_std_deg)}° of it is the zero of the last joint, which positions never show`}`],
+    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation; corrected poses are refused, positions of a measured reflector are not" : `one standard deviation${report.last_joint_zero_std_deg == null ? "" : `; ${number(report.last_joint_zero_std_deg)}° by the zero of the last joint, which positions never show`}`],
     ["Evidence", evidence, `${half.n_points} points`],
     n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
     ["Took", span(whole), `from start to end, computed for ${span(report.duration_ms / 1000)}; ${how}`],
@@ -163,7 +163,7 @@ function ask(action, title, set, draw, robot) {
 function gates(id) {
   const node = el("div", { "aria-live": "polite" });
   get(`/v1/parameter-sets/${id}/gates`).then((found) => {
-    const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), el("ul", {}, some.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail)))));
+    const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), el("ul", {}, some.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate, !gate.passed)), ": ", gateDetail(gate.detail)))));
     fill(node, told("A release would be refused:", "div.problem", found.gates.filter((gate) => !gate.passed)),
       told(found.releasable ? "It may be released. Worth a look:" : "Worth a look, too:", "div.warning", found.gates.filter((gate) => gate.passed && gate.warning)));
   }, () => { /* the release itself says what is wrong */ });
@@ -172,7 +172,7 @@ function gates(id) {
 
 function refusal({ errors, detail }) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, "It was not released. "), errors.length > 0 ? "What was not fulfilled:" : detail),
-    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code)), ": ", gateDetail(issue.detail)))));
+    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code, true)), ": ", gateDetail(issue.detail)))));
 }
 
 function errorTable(report, job) {

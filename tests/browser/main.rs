@@ -139,7 +139,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             .await
             .unwrap();
         assert!(
-            told.contains("How strong the verification is: only points of the same upload")
+            told.contains("The verification is not strong enough: only points of the same upload")
                 && told.contains("It is the same robot: "),
             "{told}"
         );
@@ -344,7 +344,7 @@ fn what_the_service_says_stands_on_the_pages() {
             .await
             .unwrap();
         assert!(
-            told.contains("How strong the verification is: only points of the same upload"),
+            told.contains("The verification is not strong enough: only points of the same upload"),
             "{told}"
         );
         browser
@@ -362,7 +362,7 @@ fn what_the_service_says_stands_on_the_pages() {
                 .text()
                 .await
                 .unwrap()
-                .contains("How strong the verification is: ")
+                .contains("The verification is not strong enough: ")
         );
         browser.button("Not now").await.click().await.unwrap();
         browser.assert_quiet(&[409]).await;
