@@ -25,6 +25,33 @@ export function figure(title, caption, height, draw, ...extras) {
   return node;
 }
 
+/** Makes a figure answer: `marks()` are [x, words] of what was drawn last; the nearest is told by pointer, touch and arrow keys. */
+export function answering(node, marks, idle = "Point, tap or use the arrow keys for values.") {
+  const image = node.querySelector(".plot svg");
+  const value = el("p.value", { "aria-live": "polite" }, idle);
+  let at = -1;
+  const tell = (index) => {
+    at = index;
+    fill(value, marks()[index]?.[1] ?? idle);
+  };
+  const near = (event) => {
+    const x = event.clientX - image.getBoundingClientRect().left;
+    tell(marks().reduce((best, [place], i, all) => (best < 0 || Math.abs(place - x) < Math.abs(all[best][0] - x) ? i : best), -1));
+  };
+  node.classList.add("answers");
+  for (const [name, text] of [["tabindex", 0], ["role", "application"], ["aria-roledescription", "chart"]]) image.setAttribute(name, text);
+  image.addEventListener("pointermove", near);
+  image.addEventListener("pointerdown", near);
+  image.addEventListener("keydown", (event) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (by === undefined || marks().length === 0) return;
+    event.preventDefault();
+    tell(Math.max(0, Math.min(marks().length - 1, at < 0 ? (by > 0 ? 0 : marks().length - 1) : at + by)));
+  });
+  node.append(value);
+  return node;
+}
+
 /** Which mark means what. */
 export function legend(entries) {
   return el("p.legend", {}, entries.map(([kind, text]) => el("span", {}, svg("svg.key", { width: 14, height: 12, "aria-hidden": "true" }, svg(`rect.${kind}`, { x: 1, y: 1, width: 12, height: 10 })), text)));

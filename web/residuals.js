@@ -58,7 +58,7 @@ export function residualTable(points, name, selected, leave) {
   new ResizeObserver(draw).observe(box);
   const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
   sort();
-  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; } };
+  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; }, download: () => download(points, name, state) };
 }
 
 function keeps(p, i, { filter, least }, leave) {

@@ -31,7 +31,7 @@ export async function result(body, context, { job, robot, set, verified }) {
   const swarm = curve.iteration.length > 1 && convergence(curve);
   fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
     report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
-    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
@@ -102,7 +102,7 @@ function decision(parameterSet, context, steps, robot) {
     const buttons = [];
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
-    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"));
+    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"), el("button", { type: "button", click: () => document.getElementById("exports").scrollIntoView() }, "Export …"));
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
@@ -273,20 +273,20 @@ function changed(report) {
 }
 
 /** What other programs read the links as: the query of the export, the ending of the file, the name of the button. */
-const FORMATS = [["urdf", "urdf", "URDF"], ["csv", "csv", "CSV"], ["yaml", "yaml", "YAML"]];
+const FORMATS = [["format=json", "json", "JSON with the nominal robot"], ["format=urdf", "urdf", "URDF"], ["format=csv", "csv", "CSV"], ["format=csv&beta=refit", "csv", "CSV without β"], ["format=yaml", "yaml", "YAML"], ["format=ur_kinematics", "yaml", "Universal Robots' kinematics"], ["format=mastering", "json", "joint offsets for mastering"]];
 
 function exports(set) {
-  return FORMATS.map(([format, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?format=${format}`, set.id, `.${ending}`, `Parameters as ${name}`));
+  return FORMATS.map(([query, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, `${set.id}-${/\w+$/.exec(query)[0]}`, `.${ending}`, `Parameters as ${name}`));
 }
 
 /** One menu with everything that can be taken along. */
-function files(job, set, parameterSet) {
+function files(job, set, parameterSet, residuals) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
   const group = (title, note, ...buttons) => el("div.group", {}, el("h3", {}, title), el("p.note", {}, note), el("div.actions", {}, buttons));
-  return el("section.card", {}, el("h2", {}, "Take it along"), el("div.groups", {},
+  return el("section.card", { id: "exports" }, el("h2", {}, "Export: take it along"), el("div.groups", {},
     group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json")),
-    parameterSet && group("Parameters", "Links, base and reflectors as they were identified; with corrections where there are any.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
-    group("Points", "The file as it was uploaded. Residuals are above, in their table.", savePoints("Measured points", set)),
+    parameterSet && group("Parameters", "Links, base and reflectors as they were identified. Corrections stand in JSON and YAML only. Joint offsets are for controllers that take nothing else.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
+    group("Points", "The file as it was uploaded, and what remains of every point.", savePoints("Measured points", set), el("button", { type: "button", click: residuals }, "Residuals as CSV")),
     parameterSet && group("Programs", "Joint targets that were programmed offline, corrected with these parameters.", el("a.button", { href: `#/robots/${parameterSet.robot_id}/correct` }, "Correct a program"))));
 }
 

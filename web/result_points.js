@@ -35,7 +35,7 @@ export function resultPoints({ report, job, set, robot, parameterSet, names }, {
     table.known(read);
     cell?.refresh?.();
   }, () => { /* the figures stand without joints */ });
-  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node };
+  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node, download: table.download };
 }
 
 const captionOf = (set, robot, parameterSet) => `${Math.round(reachOf(robot)).toLocaleString("en-GB")} mm from joint to joint; grey: the nominal arm. ${set.frame === "base" ? "Positions are in the robot's base frame." : parameterSet ? "Positions are brought into the robot's base frame by the base that was found." : "Positions stand as the instrument measured them."}`;

@@ -30,7 +30,7 @@ export async function robotPage({ main, signal, may, why }, id, part) {
     uploads.closest("section").hidden = false;
   };
   const isNew = sets.length + jobs.length === 0;
-  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may), known(robot, stand, trend, gates, isNew), uploadCard(robot, sets, stand.sets, may, uploaded), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
+  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may), known(robot, stand, trend, gates, isNew), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
     section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets), isNew), section("Measurement sets", uploads, isNew),
     networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, may, signal), nominal(robot));
   if (part === "upload") document.getElementById("calibrate")?.scrollIntoView();

@@ -13,13 +13,13 @@ import { SUSPICIONS } from "./words.js";
 const MAX_SHOWN = 25;
 
 /** Upload by drag and drop or by choice, then the request; also for sets that are there already. `uploaded` is told of a new one. */
-export function uploadCard(robot, sets, parameterSets, may, uploaded) {
+export function uploadCard(robot, sets, parameterSets, may, uploaded, hasNetwork) {
   const known = [...sets];
   const again = el("div", {});
   const here = el("details", {}, el("summary", {}, "Use a set that is here already"), again);
   const offer = () => {
     here.hidden = known.length === 0;
-    if (known.length > 0) fill(again, jobForm(robot, known, parameterSets));
+    if (known.length > 0) fill(again, jobForm(robot, known, parameterSets, hasNetwork));
   };
   const came = (set) => {
     known.unshift(set);
@@ -28,7 +28,7 @@ export function uploadCard(robot, sets, parameterSets, may, uploaded) {
   };
   offer();
   const parts = [];
-  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came, sets }));
+  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came, sets, hasNetwork }));
   if (may("identify")) parts.push(here);
   return parts.length > 0 && el("section.card", { id: "calibrate" }, el("h2", {}, "Calibrate"), parts);
 }
@@ -96,7 +96,7 @@ async function upload(context, file, query, out) {
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
       set.warnings.map(warning), understoodDetails(set), posesOf(robot, set),
-      may("identify") && jobForm(robot, [set], parameterSets));
+      may("identify") && jobForm(robot, [set], parameterSets, context.hasNetwork));
     came(set);
   } catch (error) {
     const text = isJson || !file.text ? "" : await textOf(file.text);
@@ -186,12 +186,12 @@ function verifiable(parameterSets) {
 
 let forms = 0;
 
-function jobForm(robot, sets, parameterSets) {
+function jobForm(robot, sets, parameterSets, hasNetwork) {
   forms += 1;
   const n = forms;
   const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
   const [method, methodField] = choice(`job-method-${n}`, "Method", [
-    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ["bpnn_pso", "swarm started by the robot's network"]]);
+    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm started by the robot's network"]] : []]);
   const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
     ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
   const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
