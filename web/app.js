@@ -60,7 +60,8 @@ async function show(moveFocus) {
   } finally {
     if (!signal.aborted) main.removeAttribute("aria-busy");
   }
-  if (moveFocus && !signal.aborted) main.focus({ preventScroll: true });
+  // a page may have put the focus where its work begins
+  if (moveFocus && !signal.aborted && !main.contains(document.activeElement)) main.focus({ preventScroll: true });
 }
 
 function who() {

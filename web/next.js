@@ -16,7 +16,7 @@ export function uselessBy(report) {
 }
 
 /** The card. `verified` is the set that a verification scored. */
-export function nextSteps({ report, job, robot, set, parameterSet, verified }, { may, why }) {
+export function nextSteps({ report, job, robot, set, parameterSet, verified }, { may, why, signal }) {
   const useless = uselessBy(report);
   const card = (...content) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), ...content);
   if (useless) return card(remedy(useless, { job, robot, set, may }), may("identify") ? false : why("identify", "start another calibration"));
@@ -30,9 +30,17 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified }, {
   };
   draw(null);
   // the gates know of verifications that were made since
-  get(`/v1/parameter-sets/${parameterSet.id}/gates`).then(draw, () => { /* the release itself says what is wrong */ });
-  return card(way, words);
+  const ask = () => get(`/v1/parameter-sets/${parameterSet.id}/gates`, signal).then(draw, () => { /* the release itself says what is wrong */ });
+  if (set.n_points <= SOON_JUDGED) {
+    ask();
+    return card(way, words);
+  }
+  const button = el("button", { type: "button", click: () => { fill(button, "Checking …"); ask().then(() => button.remove()); } }, "Check what a release asks for");
+  return card(way, words, el("div.actions", {}, button));
 }
+
+/** With more points the service takes many seconds to judge a set, and other pages wait meanwhile: it is asked only on demand. */
+export const SOON_JUDGED = 20_000;
 
 /** The three steps, and where this result stands. */
 function path(report, evidence, { status }) {
@@ -54,7 +62,7 @@ function advice(report, evidence, robot, parameterSet, may) {
   if (!better) return el("p", {}, "It is no better than the nominal robot. Look at the warnings below, leave out points that do not fit, or measure again.");
   return [el("p", {}, isVerified ? "The fit holds on another session. It can be released below."
     : `The fit is good: ${mm(half.after.mean_mm)} on average instead of ${mm(half.before.mean_mm)}. Measure some 20 to 30 other poses in a session of their own, and verify it with them: only that shows a wrong tool, base or scale. Then release it.`),
-  el("div.actions", {}, !isVerified && robotLink("Verify with another session", "upload"), !isVerified && robotLink("Plan the poses to measure", "plan"), may("release") && el("button", { type: "button", click: () => document.querySelector(".decision")?.scrollIntoView({ block: "center" }) }, "To the release"))];
+  el("div.actions", {}, !isVerified && robotLink("Verify with another session", "upload"), !isVerified && robotLink("Plan the poses to measure", "plan"), may("release") && el("button", { type: "button", click: () => { const decision = document.querySelector(".decision"); decision?.scrollIntoView({ block: "center" }); decision?.querySelector("button")?.focus({ preventScroll: true }); } }, "To the release"))];
 }
 
 function judged(found) {

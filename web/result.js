@@ -96,7 +96,7 @@ function summary(report, half, job, verified) {
 
 /** The state of the parameter set and what this user may do with it. */
 function decision(parameterSet, context, steps, robot) {
-  const node = el("section.card.decision", { "aria-label": "Parameter set" });
+  const node = el("section.card.decision", { "aria-label": "Parameter set", tabindex: -1 });
   const draw = (current, said) => {
     const again = (action, title) => () => ask(action, title, current, draw, robot);
     const buttons = [];
@@ -109,6 +109,8 @@ function decision(parameterSet, context, steps, robot) {
     if (!context.may("release")) node.append(context.why("release", "decide about it"));
     if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at:")), el("ul", {}, remarks.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail))))));
     if (!said) return;
+    // the button that had the focus is gone
+    node.focus({ preventScroll: true });
     say(said);
     steps(current);
   };

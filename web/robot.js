@@ -5,6 +5,7 @@ import { brief, el, fill, problem, table } from "./dom.js";
 import { age, capital, error, EVIDENCE, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
+import { SOON_JUDGED } from "./next.js";
 import { facts, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { uploadCard } from "./upload.js";
@@ -21,8 +22,7 @@ export async function robotPage({ main, signal, may, why }, id, part) {
     list(`/v1/robots/${id}/jobs`, SHOWN, signal),
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
-  const shown = stand.active ?? stand.newest;
-  const [entries, { trend }, gates] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal), shown && get(`/v1/parameter-sets/${shown.id}/gates`, signal).catch(() => null)]);
+  const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
   const uploads = el("div", {}, setTable(sets));
   const uploaded = (set) => {
     sets.unshift(set);
@@ -30,10 +30,12 @@ export async function robotPage({ main, signal, may, why }, id, part) {
     uploads.closest("section").hidden = false;
   };
   const isNew = sets.length + jobs.length === 0;
-  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may), known(robot, stand, trend, gates, isNew), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
+  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may), known(robot, stand, trend, isNew, signal), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
     section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets), isNew), section("Measurement sets", uploads, isNew),
     networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, may, signal), nominal(robot));
-  if (part === "upload") document.getElementById("calibrate")?.scrollIntoView();
+  if (part !== "upload") return;
+  document.getElementById("calibrate")?.scrollIntoView();
+  document.getElementById("set-file")?.focus({ preventScroll: true });
 }
 
 /** An archived robot is in no list; somebody who has its address sees why. */
@@ -84,15 +86,24 @@ function beyondChance(sessions) {
   return sessions.probability < FALSE_ALARMS ? "; more than chance" : "; may be chance";
 }
 
-function known(robot, { active, newest, report, drift }, trend, gates, isNew) {
+/** The evidence, and what later sessions added to it. */
+function evidenceOf(set, report, signal) {
+  const node = el("span", {}, EVIDENCE[report.evidence]?.[0] ?? report.evidence, el("small", {}, `${best(report).n_points} points checked`));
+  if (report.evidence === "independent_session" || report.per_point.length > SOON_JUDGED) return node;
+  get(`/v1/parameter-sets/${set.id}/gates`, signal).then(({ evidence }) => {
+    if (evidence !== report.evidence) fill(node, EVIDENCE[evidence]?.[0] ?? evidence, el("small", {}, "a later session verified it"));
+  }, () => { /* what the report says stays */ });
+  return node;
+}
+
+function known(robot, { active, newest, report, drift }, trend, isNew, signal) {
   if (!newest) return isNew ? firstSteps(robot) : el("p", {}, "This robot has not been calibrated yet. Start a calibration below with a set that is here, or upload measured points.");
-  const evidence = gates?.evidence ?? report.evidence;
   const now = best(report);
   return facts([
     ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
     [`Error now (${active ? "active set" : "newest result"})`, mm(now.after.rms_mm), `rms; nominal robot ${mm(now.before.rms_mm)}`],
     ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
-    ["Evidence", EVIDENCE[evidence]?.[0] ?? evidence, evidence === report.evidence ? `${now.n_points} points checked` : "a later session verified it"],
+    ["Evidence", evidenceOf(active ?? newest, report, signal)],
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
     active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, capital(plain(trend.detail))],
   ]);
