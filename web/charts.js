@@ -102,6 +102,22 @@ export function range(values, { zero = false, log = false, pad = 0.04 } = {}) {
 
 const label = (value, log) => (log && (value < 0.01 || value >= 1e4) ? powerOfTen(Math.round(Math.log10(value))) : number(value, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
 
+const [SECOND, DAY] = [1000, 86_400_000];
+/** Steps of a time axis. */
+const STEPS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21_600, 43_200].map((s) => s * SECOND).concat([1, 2, 7, 14, 30, 91, 182, 365, 730, 1826].map((d) => d * DAY));
+
+/** A real time axis between two instants, ms, with marks at whole steps of local time. */
+export function timeAxis(min, max) {
+  const step = STEPS.find((s) => (max - min) / s <= 5) ?? STEPS.at(-1);
+  const shift = new Date(min).getTimezoneOffset() * 60 * SECOND;
+  const marks = [];
+  for (let at = Math.ceil((min - shift) / step) * step + shift; at <= max; at += step) marks.push(at);
+  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" };
+  // the day is said where the marks tell the hour only
+  const label = step < DAY ? new Date((min + max) / 2).toLocaleDateString("en-GB", { day: "numeric", month: "short", year: "numeric" }) : undefined;
+  return { min, max, ticks: marks, label, format: (v) => new Date(v).toLocaleString("en-GB", how) };
+}
+
 /** Both axes with grid lines; gives the pixel functions and the nodes. */
 export function axes(width, height, x, y) {
   const margin = { left: 58, right: 14, top: y.label ? 26 : 10, bottom: 38 };

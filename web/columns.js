@@ -13,6 +13,13 @@ export const REMEMBERED = "dashboard";
 /** Whether a refusal is about columns. */
 export const isAboutColumns = ({ errors }) => (errors ?? []).some((issue) => ASKED.includes(issue.code));
 
+/** What was said of the columns of this robot's files before; undefined if nothing was, or of another kind of upload. */
+export async function saidBefore(robot, isPair) {
+  const kept = await list(`/v1/robots/${robot.id}/columns`, 200).catch(() => []);
+  const columns = kept.find((mapping) => mapping.name === REMEMBERED)?.columns;
+  return columns && Boolean(columns.robot || columns.instrument) === isPair ? columns : undefined;
+}
+
 /** Columns that every file may have. */
 const OTHERS = ["configuration", "target", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
 const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s", "time, s"], ["time_ms", "time, ms"]];

@@ -1,7 +1,7 @@
 // A robot's past: each parameter set with the report of its job.
 
 import { each, get, list } from "./api.js";
-import { answering, axes, figure, legend, range, ticks } from "./charts.js";
+import { answering, axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
 
@@ -97,23 +97,12 @@ function square(x, y, status) {
   return svg(`rect.${released ? "released" : "candidate"}`, { x: x - 4, y: y - 4, width: 8, height: 8 });
 }
 
-const [SECOND, DAY] = [1000, 86_400_000];
-/** Steps of a time axis. */
-const STEPS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21_600, 43_200].map((s) => s * SECOND).concat([1, 2, 7, 14, 30, 91, 182, 365, 730, 1826].map((d) => d * DAY));
-
-/** A real time axis: the distance between two sets is the time between them. */
+/** The distance between two sets is the time between them. */
 function times(entries) {
   const all = entries.map(({ set }) => Date.parse(set.created_at));
   const [from, to] = [Math.min(...all), Math.max(...all)];
-  const pad = Math.max(SECOND, (to - from) * 0.05);
-  const [min, max] = [from - pad, to + pad];
-  const step = STEPS.find((s) => (max - min) / s <= 5) ?? STEPS.at(-1);
-  // whole steps of local time
-  const shift = new Date(min).getTimezoneOffset() * 60 * SECOND;
-  const marks = [];
-  for (let at = Math.ceil((min - shift) / step) * step + shift; at <= max; at += step) marks.push(at);
-  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" };
-  return { min, max, ticks: marks, format: (v) => new Date(v).toLocaleString("en-GB", how) };
+  const pad = Math.max(1000, (to - from) * 0.05);
+  return timeAxis(from - pad, to + pad);
 }
 
 /** One parameter over time with twice its standard uncertainty, and the choice of it. */

@@ -163,12 +163,12 @@ function ask(action, title, set, draw, robot) {
 
 /** What a release would find now, before anybody asks for it: what refuses it, and what is worth a look. */
 function gates(id) {
-  const node = el("div", { "aria-live": "polite" });
+  const node = el("div", { "aria-live": "polite" }, el("p.quiet", {}, "Checking what a release asks for …"));
   get(`/v1/parameter-sets/${id}/gates`).then((found) => {
     const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), el("ul", {}, some.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate, !gate.passed)), ": ", gateDetail(gate.detail)))));
     fill(node, told("A release would be refused:", "div.problem", found.gates.filter((gate) => !gate.passed)),
       told(found.releasable ? "It may be released. Worth a look:" : "Worth a look, too:", "div.warning", found.gates.filter((gate) => gate.passed && gate.warning)));
-  }, () => { /* the release itself says what is wrong */ });
+  }, () => fill(node));
   return node;
 }
 

@@ -91,7 +91,7 @@ function evidenceOf(set, report, signal) {
   const node = el("span", {}, EVIDENCE[report.evidence]?.[0] ?? report.evidence, el("small", {}, `${best(report).n_points} points checked`));
   if (report.evidence === "independent_session" || report.per_point.length > SOON_JUDGED) return node;
   get(`/v1/parameter-sets/${set.id}/gates`, signal).then(({ evidence }) => {
-    if (evidence !== report.evidence) fill(node, EVIDENCE[evidence]?.[0] ?? evidence, el("small", {}, "a later session verified it"));
+    if (!signal.aborted && evidence !== report.evidence) fill(node, EVIDENCE[evidence]?.[0] ?? evidence, el("small", {}, "a later session verified it"));
   }, () => { /* what the report says stays */ });
   return node;
 }

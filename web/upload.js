@@ -1,7 +1,7 @@
 // Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
-import { askColumns, isAboutColumns, understoodDetails } from "./columns.js";
+import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, plain, when } from "./format.js";
@@ -84,13 +84,13 @@ function twoFiles(context, [one, other], query, out) {
 }
 
 /** Sends what was chosen. */
-async function upload(context, file, query, out) {
+async function upload(context, file, query, out, isTried = false) {
   const { robot, parameterSets, may, came } = context;
   const { isJson } = file;
   const name = file.name.replace(/\.\w+$/, "").slice(0, 200) || "set";
   fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
-    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...query, name })}`;
+    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...query, name }).filter(([, value]) => value !== ""))}`;
     const set = await post(path, file.body, file.type);
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
@@ -99,12 +99,18 @@ async function upload(context, file, query, out) {
       may("identify") && jobForm(robot, [set], parameterSets, context.hasNetwork));
     came(set);
   } catch (error) {
+    if (!isJson && !isTried && isAboutColumns(error)) {
+      const known = await saidBefore(robot, file.text === null);
+      if (known) return upload(context, file, { ...query, columns: JSON.stringify(known) }, out, true);
+    }
+    // columns that were said do not fit this file: they are asked anew
+    if (isTried && query.columns && !SUSPICIONS.includes(error.code)) return upload(context, file, { ...query, columns: "" }, out, true);
     const text = isJson || !file.text ? "" : await textOf(file.text);
     const columns = el("div", {});
     const retry = (more) => () => {
       out.focus();
       if (more.frame) context.framed?.(more.frame);
-      upload(context, file, { ...query, ...more }, out);
+      upload(context, file, { ...query, ...more }, out, isTried || Boolean(more.columns));
     };
     fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
     if (!isJson && isAboutColumns(error)) {
