@@ -49,7 +49,7 @@ export function histogram(points, names) {
     const frame = axes(width, height, x, { min: 0, max: top * 1.06, label: "points", ticks: ticks({ min: 0, max: top }, 4).filter(Number.isInteger) });
     const step = (frame.right - frame.left) / n;
     const edge = (i) => (log ? x.min * (x.max / x.min) ** (i / n) : x.min + ((x.max - x.min) * i) / n);
-    told = counts[0].map((_, i) => [frame.left + (i + 0.5) * step, `${error(Math.max(0, edge(i)))} to ${mm(edge(i + 1))}: ${counts[0][i]} points ${names.before}, ${counts[1][i]} ${names.after}`]);
+    told = counts[0].map((_, i) => [frame.left + (i + 0.5) * step, `${error(Math.max(0, edge(i)))} to ${mm(edge(i + 1))}: ${counts[0][i]} ${counts[0][i] === 1 ? "point" : "points"} ${names.before}, ${counts[1][i]} ${names.after}`]);
     const columns = (kind, values) => values.map((count, i) => count > 0 && svg(`rect.${kind}`, { x: frame.left + i * step + 0.5, y: frame.y(count), width: step - 1, height: frame.bottom - frame.y(count) }));
     return [frame.nodes, columns("before", counts[0]), columns("after", counts[1])];
   }, legend(names.legend));
