@@ -278,7 +278,7 @@ function changed(report) {
 const FORMATS = [["format=json", "json", "JSON with the nominal robot"], ["format=urdf", "urdf", "URDF"], ["format=csv", "csv", "CSV"], ["format=csv&beta=refit", "csv", "CSV without β"], ["format=yaml", "yaml", "YAML"], ["format=ur_kinematics", "yaml", "Universal Robots' kinematics"], ["format=mastering", "json", "joint offsets for mastering"]];
 
 function exports(set) {
-  return FORMATS.map(([query, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, `${set.id}-${/\w+$/.exec(query)[0]}`, `.${ending}`, `Parameters as ${name}`));
+  return FORMATS.map(([query, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, ["urdf", "csv", "yaml"].includes(query.slice(7)) ? set.id : `${set.id}-${/\w+$/.exec(query)[0]}`, `.${ending}`, `Parameters as ${name}`));
 }
 
 /** One menu with everything that can be taken along. */
