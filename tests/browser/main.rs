@@ -13,6 +13,7 @@ mod fleet;
 mod hall;
 mod reach;
 mod trouble;
+mod walk;
 
 use browser::{Browser, Driver, Look, Picture};
 use hall::{Plant, data};
