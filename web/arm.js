@@ -74,7 +74,7 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
   };
   selected.listen(refresh);
   const button = (text, label, click) => el("button", { type: "button", click, "aria-label": label, title: label }, text);
-  fill(shown, VIEWS.map(([name, words]) => el("button", { type: "button", click: () => scene.look(name) }, words)),
+  fill(shown, VIEWS.map(([name, [more, word]]) => el("button", { type: "button", "aria-label": `${more}${word}`, click: () => scene.look(name) }, el("span.wide", {}, more), el("span", {}, word))),
     button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3)));
   const node = el("figure.arm", {}, el("figcaption", {}, el(level, {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
     el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel), shown);

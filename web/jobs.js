@@ -35,7 +35,7 @@ export async function jobsPage({ main, signal }) {
       fill(more, problem(error));
     }
   };
-  const pick = (id, label, key, options) => [el("label.inline", { for: id }, label), el("select", { id, change: (event) => { state[key] = event.target.value; load(false); } }, options.map(([value, words]) => el("option", { value }, words)))];
+  const pick = (id, label, key, options) => el("span.pair", {}, el("label.inline", { for: id }, label), el("select", { id, change: (event) => { state[key] = event.target.value; load(false); } }, options.map(([value, words]) => el("option", { value }, words))));
   const byName = robots.map((r) => [r.robot_id, r.name]).sort(([, a], [, b]) => a.localeCompare(b, "en", { numeric: true }));
   await load(false);
   fill(main, el("div.head", {}, el("h1", {}, "Jobs")), el("section.card", {}, el("div.controls", {}, pick("job-status", "Show", "status", CHOICES), pick("job-kind", "of", "kind", KINDS), byName.length > 1 && pick("job-robot", "Robot", "robot", [["", "all robots"], ...byName])), rows, more));

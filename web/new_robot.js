@@ -39,7 +39,7 @@ function library(show, failed) {
       };
       const use = async () => { if (!select.value) return; try { const found = await get(`/v1/robot-models/${select.value}`); show(found.robot ?? found); } catch (error) { failed(error); } };
       draw();
-      fill(place, el("div.controls", {}, el("label.inline", { for: "robot-model-search" }, "Find"), search, el("label.inline", { for: "robot-model" }, "Ready arms"), select, el("button", { type: "button", click: use }, "Look at it"), count));
+      fill(place, el("div.controls", {}, el("span.pair", {}, el("label.inline", { for: "robot-model-search" }, "Find"), search), el("span.pair", {}, el("label.inline", { for: "robot-model" }, "Ready arms"), select), el("button", { type: "button", click: use }, "Look at it"), count));
     } catch (error) {
       fill(place, error.status === 404 ? el("p.note", {}, "This server has no library of ready arms.") : problem(error));
     }

@@ -147,7 +147,7 @@ async function textOf(file) {
 function refused(error, file, text) {
   const errors = error.errors ?? [];
   const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
-  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => issue.detail).join("; ")}.` : error.detail });
+  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => plain(issue.detail)).join("; ")}.` : error.detail });
   return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
 }
 
