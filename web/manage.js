@@ -4,7 +4,7 @@ import { get, patch, post, put } from "./api.js";
 import { el, fill, problem, say } from "./dom.js";
 
 /** What can be done with a robot, folded. */
-export function manageCard(robot, sets, may, signal) {
+export function manageCard(robot, sets, { may, why, signal }) {
   const body = el("div", {});
   let drawn = false;
   const open = async (event) => {
@@ -12,7 +12,7 @@ export function manageCard(robot, sets, may, signal) {
     drawn = true;
     try {
       const [policy, contract] = await Promise.all([get(`/v1/robots/${robot.id}/policy`, signal), get("/openapi.json", signal)]);
-      fill(body, may("upload") && editForm(robot), policyForm(robot, policy, may), may("release") && rollback(robot, sets), archive(robot, contract, may));
+      fill(body, may("upload") && editForm(robot), policyForm(robot, policy, may), may("release") ? rollback(robot, sets) : why("release", "roll back to the set before"), archive(robot, contract, may), why("upload", "rename this robot, archive or restore it"));
     } catch (error) {
       if (error.name !== "AbortError") fill(body, problem(error));
     }

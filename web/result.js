@@ -145,6 +145,8 @@ function ask(action, title, set, draw, robot) {
       dialog.close();
       draw(now, action === "release" ? `Released: ${robot.name} now uses this set.` : "Withdrawn.");
     } catch (refused) {
+      // what was foretold is said by the refusal now
+      if (preview) fill(preview);
       fill(out, refused.code === "release_refused" ? refusal(refused) : problem(refused));
       if (refused.errors.some((issue) => issue.code === "change_plausible")) {
         changeField.hidden = false;

@@ -30,9 +30,9 @@ export async function robotPage({ main, signal, may, why }, id, part) {
     uploads.closest("section").hidden = false;
   };
   const isNew = sets.length + jobs.length === 0;
-  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may), known(robot, stand, trend, isNew, signal), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
+  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may, why), known(robot, stand, trend, isNew, signal), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
     section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets), isNew), section("Measurement sets", uploads, isNew),
-    networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, may, signal), nominal(robot));
+    networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
   if (part !== "upload") return;
   document.getElementById("calibrate")?.scrollIntoView();
   document.getElementById("set-file")?.focus({ preventScroll: true });
@@ -58,7 +58,7 @@ function head(robot, stand) {
 }
 
 /** What to do where a session does not fit the robot. */
-function checkRobot(robot, may) {
+function checkRobot(robot, may, why) {
   if (robot.state !== "check_robot") return [];
   const out = el("div", {});
   const reason = el("input", { id: "checked-reason", required: true, maxlength: 2000 });
@@ -73,7 +73,7 @@ function checkRobot(robot, may) {
   };
   return el("section.card", {}, el("h2", {}, "Check this robot"),
     el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, "this verification"), " does not fit this robot: it is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well."),
-    may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
+    why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
       el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
 }
 
