@@ -79,7 +79,7 @@ const welcome = () => el("section.card", {}, el("h2", {}, "There is no robot yet
 function counted(robots) {
   const urgent = robots.filter(isUrgent).length;
   const all = robots.length === 1 ? "One robot" : `${robots.length} robots`;
-  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${urgent === 1 ? "one needs" : `${urgent} need`} you.`;
+  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${robots.length === 1 ? "it needs" : urgent === 1 ? "one needs" : `${urgent} need`} you.`;
 }
 
 const passes = (robot, filter) => filter === "all" || (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter);

@@ -256,6 +256,12 @@ export const METHODS = {
   warm_start: "warm start",
 };
 
+// What to do about a job that failed, by the code of its error.
+export const FAILURES = {
+  attempts_exhausted: "It did not end within the time that this server allows, or its process was stopped. The automatic method is fastest. If it fails once more, tell whoever runs the server.",
+  other: "Do what the message above says, then start it again. If it says nothing that you can do, tell whoever runs the server.",
+};
+
 export const STAGES = {
   screening: "Screening the points",
   least_squares: "Least squares",
