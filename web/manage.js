@@ -1,10 +1,10 @@
-// The policy of a robot's releases, going back to the set before, and the archive.
+// What a robot is called and how it hangs, the policy of its releases, going back to the set before, and the archive.
 
-import { get, post, put } from "./api.js";
+import { get, patch, post, put } from "./api.js";
 import { el, fill, problem, say } from "./dom.js";
 
 /** What can be done with a robot, folded. */
-export function manageCard(robot, sets, may, signal) {
+export function manageCard(robot, sets, { may, why, signal }) {
   const body = el("div", {});
   let drawn = false;
   const open = async (event) => {
@@ -12,12 +12,35 @@ export function manageCard(robot, sets, may, signal) {
     drawn = true;
     try {
       const [policy, contract] = await Promise.all([get(`/v1/robots/${robot.id}/policy`, signal), get("/openapi.json", signal)]);
-      fill(body, policyForm(robot, policy, may), may("release") && rollback(robot, sets), archive(robot, contract, may));
+      fill(body, may("upload") && editForm(robot), policyForm(robot, policy, may), may("release") ? rollback(robot, sets) : why("release", "roll back to the set before"), archive(robot, contract, may), why("upload", "rename this robot, archive or restore it"));
     } catch (error) {
       if (error.name !== "AbortError") fill(body, problem(error));
     }
   };
-  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Policy of releases, rollback, archive"), body));
+  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Name, policy of releases, rollback, archive"), body));
+}
+
+/** How an arm may hang: [value, words]. */
+export const MOUNTINGS = [["", "on the floor"], ["wall", "on a wall"], ["ceiling", "on the ceiling"]];
+
+function editForm(robot) {
+  const out = el("div", {});
+  const field = (id, label, input) => el("div", {}, el("label", { for: id }, label), input);
+  const name = el("input", { id: "edit-name", value: robot.name, required: true, maxlength: 200 });
+  const serial = el("input", { id: "edit-serial", value: robot.serial_number ?? "", maxlength: 200 });
+  const isOther = robot.mounting && typeof robot.mounting !== "string";
+  const mounting = el("select", { id: "edit-mounting" }, [...isOther ? [["other", "as it was stated"]] : [], ...MOUNTINGS].map(([value, words]) => el("option", { value, selected: isOther ? value === "other" : value === (robot.mounting === "floor" ? "" : robot.mounting ?? "") }, words)));
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      await patch(`/v1/robots/${robot.id}`, { name: name.value, serial_number: serial.value.trim() || null, ...mounting.value === "other" ? {} : { mounting: mounting.value || "floor" } });
+      location.reload();
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  return el("form", { submit }, el("h3", {}, "Name"), el("p.note", {}, "The serial number stands in the report, and tells two arms of one type apart. The mounting says which way the arm sags."),
+    el("div.fields", {}, field("edit-name", "Name", name), field("edit-serial", "Serial number", serial), field("edit-mounting", "Mounting", mounting)), out, el("p", {}, el("button", { type: "submit" }, "Store")));
 }
 
 /** The decision rules of ILAC-G8 and JCGM 106. */
@@ -40,7 +63,7 @@ function policyForm(robot, policy, may) {
       fill(out, problem(error));
     }
   };
-  return el("form", { submit }, el("h3", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
+  return el("form", { submit }, el("h3.below", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
     el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance),
       el("div", {}, el("label", { for: "policy-rule" }, "Decision rule for the rms on verify points"), rule)),
     el("label.choice", {}, session, "another measuring session must have verified it"), el("label.choice", {}, person, "who releases must not be who uploaded"),

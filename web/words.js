@@ -215,6 +215,30 @@ export const GATES = {
   withdrawn: "It was not withdrawn",
 };
 
+// The same where a gate refuses; a gate that is not here refuses in the words above.
+export const UNMET = {
+  all_finite: "Not every number is finite",
+  archived: "The set or its robot is archived",
+  change_plausible: "The parameters changed by more than is plausible",
+  check_robot: "A session did not fit the robot",
+  evidence: "The verification is not strong enough",
+  final_fit_near_verified: "The delivered parameters are far from the verified ones",
+  fits: "The identified robot does not fit the points",
+  identity: "It may be another robot",
+  improved_on_active: "It is worse than what is active now",
+  joint_map_changed: "The robot's joint map has changed since",
+  orientation_known: "How the flange is turned is not known",
+  second_person: "Who releases must not be who uploaded",
+  sessions_better_than_nominal: "A session shows it to be no better than nominal",
+  sessions_fit: "It misses a session by far",
+  uncertainty_within_tolerance: "Its uncertainty is beyond the robot's tolerance",
+  upload_not_insisted: "An upload that it rests on was insisted on",
+  verified: "No points were held out to verify",
+  verify_errors_improved: "The errors on points to verify did not become smaller",
+  verify_errors_within_tolerance: "Its errors are beyond the robot's tolerance",
+  withdrawn: "It was withdrawn",
+};
+
 export const CORRECTIONS = {
   all_together: "All of these together",
   base_compliance: "Compliance of the base",
@@ -233,6 +257,12 @@ export const METHODS = {
   least_squares: "least squares",
   pso: "particle swarm",
   warm_start: "warm start",
+};
+
+// What to do about a job that failed, by the code of its error.
+export const FAILURES = {
+  attempts_exhausted: "It did not end within the time that this server allows, or its process was stopped. The automatic method is fastest. If it fails once more, tell whoever runs the server.",
+  other: "Do what the message above says, then start it again. If it says nothing that you can do, tell whoever runs the server.",
 };
 
 export const STAGES = {

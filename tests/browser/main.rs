@@ -13,6 +13,7 @@ mod fleet;
 mod hall;
 mod reach;
 mod trouble;
+mod walk;
 
 use browser::{Browser, Driver, Look, Picture};
 use hall::{Plant, data};
@@ -86,7 +87,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             "row, line, column and what stands there: {fault}"
         );
         browser
-            .picture("upload-fault", Picture::Element("section.card"))
+            .picture("upload-fault", Picture::Element("#calibrate"))
             .await;
 
         browser
@@ -96,7 +97,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             .until_it_says("100 points in 100 configurations")
             .await;
         browser
-            .picture("upload", Picture::Element("section.card"))
+            .picture("upload", Picture::Element("#calibrate"))
             .await;
         browser
             .button("Start calibration")
@@ -139,7 +140,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             .await
             .unwrap();
         assert!(
-            told.contains("How strong the verification is: only points of the same upload")
+            told.contains("The verification is not strong enough: only points of the same upload")
                 && told.contains("It is the same robot: "),
             "{told}"
         );
@@ -344,7 +345,7 @@ fn what_the_service_says_stands_on_the_pages() {
             .await
             .unwrap();
         assert!(
-            told.contains("How strong the verification is, no: only points of the same upload"),
+            told.contains("The verification is not strong enough: only points of the same upload"),
             "{told}"
         );
         browser
@@ -362,7 +363,7 @@ fn what_the_service_says_stands_on_the_pages() {
                 .text()
                 .await
                 .unwrap()
-                .contains("How strong the verification is: ")
+                .contains("The verification is not strong enough: ")
         );
         browser.button("Not now").await.click().await.unwrap();
         browser.assert_quiet(&[409]).await;
