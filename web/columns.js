@@ -2,6 +2,7 @@
 
 import { list, post, put } from "./api.js";
 import { el, fill, problem } from "./dom.js";
+import { inDashboard } from "./words.js";
 
 /** Refusals that a mapping of columns can mend. */
 const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "unknown_sheet"];
@@ -61,7 +62,7 @@ export async function askColumns(robot, body, contentType, out, read) {
   };
   fill(out, el("form.columns", { submit },
     el("h3", {}, "Say once what the columns are"),
-    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 8).map((issue) => el("li", {}, issue.detail))),
+    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 8).map((issue) => el("li", {}, inDashboard(issue.detail)))),
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
     el("label.choice", {}, keep, "Remember this for the robot"),
@@ -127,8 +128,8 @@ export function understoodDetails(set) {
 }
 
 function joinWords(join) {
-  const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock is ${join.clock_offset_s.toFixed(3)} s ahead; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
+  const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock minus the instrument's is ${join.clock_offset_s.toFixed(3)} s; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
   const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
     .map(([file, rows]) => el("p.note", {}, `${rows.n} rows of the ${file} file have no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
-  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}.${clock}`), rest];
+  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? ", without signs, spaces and leading zeros in the names" : ""}.${clock}`), rest];
 }

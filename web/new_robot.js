@@ -26,7 +26,7 @@ function library(show, failed) {
   const open = async () => {
     try {
       const { items } = await get("/v1/robot-models?limit=200");
-      const select = el("select", { id: "robot-model" }, items.map((model) => el("option", { value: model.id }, model.name)));
+      const select = el("select", { id: "robot-model" }, items.map((model) => el("option", { value: model.id }, `${model.maker} ${model.name}`)));
       const use = async () => { try { const found = await get(`/v1/robot-models/${select.value}`); show(found.robot ?? found); } catch (error) { failed(error); } };
       fill(place, el("label", { for: "robot-model" }, "Ready arms"), el("div.controls", {}, select, el("button", { type: "button", click: use }, "Look at it")));
     } catch (error) {

@@ -7,7 +7,7 @@ import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { when } from "./format.js";
 import { jobOptions } from "./job_options.js";
 import { posesOf } from "./poses.js";
-import { SUSPICIONS } from "./words.js";
+import { SUSPICIONS, inDashboard } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
 const MAX_SHOWN = 25;
@@ -135,7 +135,7 @@ async function textOf(file) {
 function refused(error, file, text) {
   const errors = error.errors ?? [];
   const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
-  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => issue.detail).join("; ")}.` : error.detail });
+  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => inDashboard(issue.detail)).join("; ")}.` : error.detail });
   return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
 }
 
@@ -155,7 +155,7 @@ function faults(errors, text) {
     ["Line in file", (issue) => issue.line ?? "–", "n"],
     ["Column", (issue) => issue.column ?? issue.pointer ?? "–"],
     ["Found", value, "wrong"],
-    ["What is wrong", (issue) => issue.detail, "name"],
+    ["What is wrong", (issue) => inDashboard(issue.detail), "name"],
   ];
   const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
   return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];

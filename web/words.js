@@ -249,3 +249,6 @@ export const STAGES = {
   compare_sessions: "Comparing with the session before",
   verify: "Scoring the points",
 };
+
+/** A remedy that names a mapping and an option of the command line, for the page where columns are chosen below. */
+export const inDashboard = (text) => text.replace(/\?columns=.*? \(--(?:"(?:[^"\\]|\\.)*"|[^)"])*\)/gu, "the choices below");

@@ -257,7 +257,40 @@ pub fn read_robot(path: &Path) -> anyhow::Result<Robot> {
 }
 
 fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {
-    read_json(path, "a robot")
+    if let Some(arm) = path.to_str().filter(|_| !path.exists()).and_then(ready_arm) {
+        return Ok(arm);
+    }
+    if !path.exists() {
+        let text = format!(
+            "there is no file {0}, and no ready arm of this id: `kincal robots find` lists the arms, `kincal robots show ROBOT --json > {0}` writes a \
+             server's robot",
+            path.display()
+        );
+        return Err(Usage(text).into());
+    }
+    robot_file(path, &read(path)?)
+}
+
+/// What a server's answer has besides the body of a robot.
+const ANSWERED: [&str; 7] = [
+    "id",
+    "created_at",
+    "version",
+    "state",
+    "checked",
+    "archived_at",
+    "updated_at",
+];
+
+/// A robot file: the body of `POST /v1/robots`, or a server's answer with it.
+pub fn robot_file(path: &Path, bytes: &[u8]) -> anyhow::Result<RobotBody> {
+    if let Ok(Value::Object(mut robot)) = serde_json::from_slice(bytes)
+        && robot.contains_key("id")
+    {
+        robot.retain(|name, _| !ANSWERED.contains(&name.as_str()));
+        return parse_json(path, &serde_json::to_vec(&robot)?, "a robot");
+    }
+    parse_json(path, bytes, "a robot")
 }
 
 fn failure(failure: JobFailure) -> anyhow::Error {

@@ -7,6 +7,7 @@ use super::runtime::block_on;
 use super::terminal;
 use super::terminal::Output;
 use super::usage::Usage;
+use crate::measurement::column_names::{Known, Unit, recognise};
 use crate::operations;
 use crate::wire::compensate::{
     Base, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, MAX_TARGETS_PER_REQUEST, Mode,
@@ -69,6 +70,9 @@ struct Program {
     rows: Vec<Vec<String>>,
     /// Column of each joint, and whether it is in radians.
     joints: Vec<(usize, bool)>,
+    separator: u8,
+    /// Whether its numbers have decimal commas.
+    has_commas: bool,
 }
 
 /// Prints the program with corrected joint values on standard output; every other column stays as it is.
@@ -221,9 +225,18 @@ fn correct(arguments: &Arguments, q_deg: &[Vec<f64>]) -> anyhow::Result<Compensa
 
 impl Program {
     fn parse(bytes: Vec<u8>) -> Result<Self, String> {
-        files::refuse_semicolons(&bytes)?;
+        let first = bytes
+            .split(|byte| *byte == b'\n')
+            .next()
+            .unwrap_or_default();
+        let separator = match (first.contains(&b';'), first.contains(&b'\t')) {
+            (true, _) => b';',
+            (false, true) => b'\t',
+            _ => b',',
+        };
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
+            .delimiter(separator)
             .from_reader(bytes.as_slice());
         let mut records = reader.records();
         let cells =
@@ -237,11 +250,14 @@ impl Program {
             .map(|record| record.map(cells))
             .collect::<Result<Vec<_>, _>>()
             .map_err(|e| e.to_string())?;
+        let known: Vec<Known> = header
+            .iter()
+            .map(|name| recognise(name.trim_start_matches('\u{feff}'), None))
+            .collect();
         let place = |joint: usize| {
-            let named = |unit: &str| {
-                header.iter().position(|name| {
-                    name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}")
-                })
+            let named = |unit: &'static str| {
+                let meant = Known::Joint(joint, Unit::Is(unit));
+                known.iter().position(|known| *known == meant)
             };
             named("deg")
                 .map(|column| (column, false))
@@ -249,20 +265,33 @@ impl Program {
         };
         let joints: Vec<(usize, bool)> = (1..).map_while(place).collect();
         if joints.is_empty() {
-            return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad".into());
+            return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad, or J1 [deg] …; the unit is part \
+                        of the name".into());
         }
+        let has_comma =
+            |row: &Vec<String>| joints.iter().any(|(column, _)| row[*column].contains(','));
         Ok(Self {
+            has_commas: separator != b',' && rows.iter().any(has_comma),
             bytes,
             header,
             rows,
             joints,
+            separator,
         })
     }
 
     fn q_deg(&self) -> Result<Vec<Vec<f64>>, String> {
         let cell = |(row, cells): (usize, &Vec<String>), (column, is_rad): (usize, bool)| {
             let text = cells[column].trim();
-            let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+            let pointed = match self.has_commas && !text.contains('.') {
+                true => text.replace(',', "."),
+                false if self.has_commas => String::new(),
+                false => text.to_owned(),
+            };
+            let number = pointed
+                .parse::<f64>()
+                .ok()
+                .filter(|number| number.is_finite());
             let place = || {
                 format!(
                     "{}, column {}",
@@ -331,7 +360,9 @@ impl Program {
     }
 
     fn with(&self, q_deg: &[Vec<f64>]) -> anyhow::Result<String> {
-        let mut writer = csv::Writer::from_writer(Vec::new());
+        let mut writer = csv::WriterBuilder::new()
+            .delimiter(self.separator)
+            .from_writer(Vec::new());
         writer.write_record(&self.header)?;
         for (row, q_deg) in self.rows.iter().zip(q_deg) {
             let mut row = row.clone();
@@ -341,9 +372,32 @@ impl Program {
                 } else {
                     format!("{q:.7}")
                 };
+                if self.has_commas {
+                    row[*column] = row[*column].replace('.', ",");
+                }
             }
             writer.write_record(&row)?;
         }
         Ok(String::from_utf8(writer.into_inner()?)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Program;
+
+    #[test]
+    fn a_program_keeps_its_form() {
+        let text = "Name;J1 [°];J2 [°]\nP1;10,5;-20,25\nP2;1;2\n";
+        let program = Program::parse(text.into()).unwrap();
+        assert_eq!(program.q_deg().unwrap(), [[10.5, -20.25], [1.0, 2.0]]);
+        let corrected = program.with(&[vec![10.75, -20.0], vec![1.5, 2.5]]).unwrap();
+        assert_eq!(
+            corrected,
+            "Name;J1 [°];J2 [°]\nP1;10,7500000;-20,0000000\nP2;1,5000000;2,5000000\n"
+        );
+        let mixed = Program::parse("J1 [deg];J2 [deg]\n1,5;2.5\n".into()).unwrap();
+        assert!(mixed.q_deg().is_err());
+        assert!(Program::parse("J1;J2\n1;2\n".into()).is_err());
     }
 }

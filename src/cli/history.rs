@@ -5,7 +5,8 @@ use super::list::{cells, columns};
 use super::runtime::block_on;
 use super::terminal;
 use super::terminal::Output;
-use crate::wire::history::{CompareAnswer, HistoryAnswer};
+use crate::wire::history::{CompareAnswer, HistoryAnswer, SessionTest};
+use crate::wire::report_shape::ChangeReport;
 use anyhow::Context;
 use serde_json::{Value, json};
 
@@ -86,6 +87,52 @@ pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Smallest probability that is no sign of a change.
+const UNLIKELY: f64 = 0.01;
+
+/// The test of two sessions in words. A base that was measured from elsewhere is no change of the robot.
+fn tested(test: &SessionTest) -> String {
+    let probability = match test.probability {
+        p if p < 1e-4 => "below 0.0001".to_owned(),
+        p => format!("{p:.4}"),
+    };
+    let verdict = match test.probability < UNLIKELY {
+        true => "the links differ beyond chance",
+        false => "the links do not differ beyond chance",
+    };
+    let is_of_robot = |change: &&ChangeReport| {
+        !change.name.starts_with("base_") && !change.name.starts_with("target_")
+    };
+    let say = |changes: Vec<&ChangeReport>| {
+        let texts: Vec<String> = changes
+            .iter()
+            .map(|change| {
+                format!(
+                    "{} {:+.4} ({:.1} σ)",
+                    change.name, change.delta, change.sigmas
+                )
+            })
+            .collect();
+        texts.join("; ")
+    };
+    let (own, placement): (Vec<&ChangeReport>, Vec<&ChangeReport>) =
+        test.changed.iter().partition(is_of_robot);
+    let mut text = format!(
+        "{verdict}: probability {probability} for an unchanged robot (chi-square {:.1}, {} combinations of parameters)",
+        test.chi_square, test.n_combinations
+    );
+    if !own.is_empty() {
+        text += &format!("\nlinks: {}", say(own));
+    }
+    if !placement.is_empty() {
+        text += &format!(
+            "\nplacement of instrument and reflector: {}",
+            say(placement)
+        );
+    }
+    text
+}
+
 /// `kincal compare`.
 pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
     let CompareArguments {
@@ -103,7 +150,7 @@ pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
     output.print(&answer, || {
         let sessions = match &answer["sessions"] {
             Value::Null => "the sessions cannot be compared: both sets come from one upload, or one session is too small".to_owned(),
-            sessions => format!("test of the sessions: {sessions}"),
+            _ => parsed.sessions.as_ref().map_or(String::new(), tested),
         };
         format!(
             "the tool by {id} is {:.4} mm on average and at most {:.4} mm from the tool by {with}, over {} configurations\n{sessions}",

@@ -8,6 +8,8 @@ mod archive;
 mod backup;
 mod calibrate;
 mod client;
+mod column_options;
+mod columns;
 mod compensate;
 mod completions;
 mod copy_store;
@@ -98,6 +100,8 @@ enum Command {
     Robots(robots::Arguments),
     /// List a robot's measurement sets, or show one.
     Sets(list::SetArguments),
+    /// Look at how a file would be read, and keep what its columns mean for a robot.
+    Columns(columns::Arguments),
     /// List the jobs of all robots or of one, or show one.
     Jobs(list::JobArguments),
     /// List a robot's networks, or show one.
@@ -163,6 +167,7 @@ pub fn main() -> ExitCode {
         Command::Jobs(arguments) => list::jobs(&arguments),
         Command::Networks(arguments) => list::networks(&arguments),
         Command::Frames(arguments) => frames::run(&arguments),
+        Command::Columns(arguments) => columns::run(&arguments),
         Command::Gates(arguments) => list::gates_of(&arguments),
         Command::Policy(arguments) => policy::run(&arguments),
         Command::History(arguments) => history::history(&arguments),

@@ -48,10 +48,15 @@ pub(super) fn times(
         Some(Key::Time(unit)) => unit,
         _ => TimeUnit::Unstated,
     };
+    // which of day and month comes first does not matter where all rows are of one day
+    let date = cells.first().and_then(|cell| slashed_date(cell));
+    let date = date.filter(|date| cells.iter().all(|cell| slashed_date(cell) == Some(*date)));
     let read = |(cell, line): (&String, &usize)| {
-        seconds(cell, unit).ok_or_else(|| {
+        let of_day = date.map_or(cell.as_str(), |date| &cell.trim()[date.len()..]);
+        seconds(of_day, unit).ok_or_else(|| {
             let what = match cell.replace(',', ".").parse::<f64>() {
-                Ok(_) => "has no unit: call the column time [s] or time [ms], or map it as \"time_s\" or \"time_ms\" in ?columns= (--columns)",
+                Ok(_) => "has no unit: call the column time [s] or time [ms], or say it by ?columns={\"time_s\": …} (--column time_s=COLUMN)",
+                Err(_) if slashed_date(cell).is_some() => "has a date with slashes, of which the day or the month may come first: write 2026-03-01T08:15:30",
                 Err(_) => "is not a time: 12.5 under time [s], 08:15:30.250 or 2026-03-01T08:15:30Z",
             };
             error("not_a_time", format!("{file} file, line {line}: {cell:?} {what}"))
@@ -60,12 +65,36 @@ pub(super) fn times(
     cells.iter().zip(lines).map(read).collect()
 }
 
+/// `3/1/2026` in front of a time.
+fn slashed_date(cell: &str) -> Option<&str> {
+    let (date, _) = cell.trim().split_once(' ')?;
+    let is_date =
+        date.matches('/').count() == 2 && date.bytes().all(|b| b == b'/' || b.is_ascii_digit());
+    is_date.then_some(date)
+}
+
+/// A time without AM or PM, and the hours to add to it.
+fn without_half_day(cell: &str) -> (&str, Option<f64>) {
+    let halves = [("am", 0.0), ("a.m.", 0.0), ("pm", 12.0), ("p.m.", 12.0)];
+    for (mark, hours) in halves {
+        let at = cell.len().saturating_sub(mark.len());
+        if cell
+            .get(at..)
+            .is_some_and(|end| end.eq_ignore_ascii_case(mark))
+        {
+            return (cell[..at].trim_end(), Some(hours));
+        }
+    }
+    (cell, None)
+}
+
 /// Seconds of a number in its unit, a time of day, or a date with one.
 fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
     let cell = cell.trim();
     if let Ok(number) = cell.replace(',', ".").parse::<f64>() {
         return (number.is_finite() && unit != TimeUnit::Unstated).then(|| number * unit.seconds());
     }
+    let (cell, half_day) = without_half_day(cell);
     let (date, time) = match cell.split_once(['T', ' ']) {
         Some((date, time)) => (days(date)?, time.trim()),
         None => (0.0, cell),
@@ -81,6 +110,11 @@ fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
         (value < limit).then_some(value)
     };
     let (hours, minutes) = (part(24.0)?, part(60.0)?);
+    let hours = match half_day {
+        Some(half) if (1.0..=12.0).contains(&hours) => hours % 12.0 + half,
+        Some(_) => return None,
+        None => hours,
+    };
     let rest = match time.matches(':').count() {
         1 => 0.0,
         2 => part(61.0)?,
@@ -279,7 +313,7 @@ fn found_offset(
     if most < MIN_PAIRS || 2 * most < possible {
         let detail = format!(
             "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
-             \"join\": {{\"clock_offset_s\": …, \"tolerance_s\": …}} in ?columns= (--columns), the robot's clock minus the instrument's"
+             the robot's clock minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": …, \"tolerance_s\": …}}}} (--clock-offset-s SECONDS)"
         );
         return Err(error("join_unclear", detail));
     }
@@ -301,8 +335,8 @@ fn found_offset(
         None => Ok(*offset_s),
         Some((other_s, _)) => {
             let detail = format!(
-                "the clocks may differ by {offset_s:.3} s or by {other_s:.3} s, as the rows follow each other evenly. State \"join\": \
-                 {{\"clock_offset_s\": …}} in ?columns= (--columns), the robot's clock minus the instrument's"
+                "the clocks may differ by {offset_s:.3} s or by {other_s:.3} s, as the rows follow each other evenly. State the \
+                 robot's clock minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": {offset_s:.3}}}}} (--clock-offset-s {offset_s:.3})"
             );
             Err(error("two_readings", detail))
         }
@@ -339,6 +373,9 @@ mod tests {
         assert_eq!(seconds("12,5", TimeUnit::Milliseconds), Some(0.0125));
         assert_eq!(plain("12.5"), None);
         assert_eq!(plain("01:00:02.5"), Some(3602.5));
+        assert_eq!(plain("12:30:00 AM"), Some(1800.0));
+        assert_eq!(plain("1970-01-02 1:00:00.5 pm"), Some(133_200.5));
+        assert_eq!(plain("13:00:00 PM"), None);
         assert_eq!(plain("1970-01-02T00:00:01Z"), Some(86_401.0));
         assert_eq!(plain("2000-03-01 00:00"), Some(951_868_800.0));
         assert_eq!(plain("01.03.2000 01:00:00+01:00"), Some(951_868_800.0));

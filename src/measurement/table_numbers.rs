@@ -4,6 +4,7 @@ use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_JOINT_RAD, MAX_ROWS};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::number_text::{decimal_of_both, plain};
 use crate::measurement::table::{Next, Table};
 
 /// How many cells can be read one way only.
@@ -63,8 +64,18 @@ fn count(marks: &mut Marks, cell: &str, column: Option<Column>, line: usize) -> 
     let mark = match (cell.contains('.'), cell.contains(',')) {
         (true, false) => '.',
         (false, true) => ',',
-        _ => return false,
+        (true, true) => {
+            // 1.234,5 says it twice over
+            match decimal_of_both(cell) {
+                Some('.') => marks.points += 1,
+                Some(_) => marks.commas += 1,
+                None => {}
+            }
+            return false;
+        }
+        (false, false) => return false,
     };
+    let cell = &*plain(cell, mark);
     let (decimal, thousands) = both_readings(cell, mark);
     let Ok(_) = decimal.parse::<f64>() else {
         return false;

@@ -67,6 +67,9 @@ pub struct JoinBody {
     /// By time: the robot's clock minus the instrument's, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock_offset_s: Option<f64>,
+    /// True if names were compared without signs, spaces and leading zeros, or numbers with names.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub loose_names: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Leftovers,
     /// Rows of the instrument's file without a partner.
@@ -181,6 +184,7 @@ impl UnderstoodBody {
             comments: self.comments,
             sheet: self.sheet.clone(),
             is_complete: true,
+            ..Mapping::default()
         }
     }
 }
@@ -192,6 +196,7 @@ impl From<&Join> for JoinBody {
             n_joined: join.n_joined,
             tolerance_s: join.tolerance_s,
             clock_offset_s: join.clock_offset_s,
+            loose_names: join.loose_names,
             leftover_robot: Leftovers::from(&join.leftover_robot[..]),
             leftover_instrument: Leftovers::from(&join.leftover_instrument[..]),
         }
@@ -218,6 +223,8 @@ impl JoinBody {
             by: JoinBy::ALL.into_iter().find(|by| by.as_str() == self.by),
             tolerance_s: self.tolerance_s,
             clock_offset_s: self.clock_offset_s,
+            loose_names: self.loose_names,
+            refuse_apart: false,
         }
     }
 }
