@@ -45,6 +45,9 @@ pub struct ColumnOptions {
     /// Sheet of a workbook that has several.
     #[arg(long, env = "KINCAL_SHEET", value_name = "NAME")]
     pub sheet: Option<String>,
+    /// The decimal mark, if the numbers of the file do not tell it.
+    #[arg(long, env = "KINCAL_DECIMAL", value_name = "MARK", value_parser = ["comma", "point"], conflicts_with = "decimal_comma")]
+    pub decimal: Option<String>,
     /// Whether lines that begin with #, %, ! or // are comments.
     #[arg(long, env = "KINCAL_COMMENTS", value_name = "true|false")]
     pub comments: Option<bool>,
@@ -104,6 +107,10 @@ impl ColumnOptions {
             (
                 "separator",
                 self.separator.as_ref().map(|separator| json!(separator)),
+            ),
+            (
+                "decimal",
+                self.decimal.as_ref().map(|decimal| json!(decimal)),
             ),
             ("sheet", self.sheet.as_ref().map(|sheet| json!(sheet))),
             ("comments", self.comments.map(|comments| json!(comments))),

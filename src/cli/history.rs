@@ -72,14 +72,10 @@ pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
         .items
         .iter()
         .map(|item| {
-            let changed: Vec<String> = item
-                .changed
-                .iter()
-                .map(|change| format!("{} {:+.4} ({:.1} σ)", change.name, change.delta, change.sigmas))
-                .collect();
+            let changed = in_words(&item.changed);
             let row = json!({"parameter_set_id": item.parameter_set_id, "created_at": item.created_at, "status": item.status,
                 "verify_rms_mm": item.verify_rms_mm.map(|mm| format!("{mm:.4}")),
-                "changed": if changed.is_empty() { Value::Null } else { json!(changed.join("; ")) }});
+                "changed": if changed.is_empty() { Value::Null } else { json!(changed) }});
             cells(&row, &names)
         })
         .collect();
@@ -100,37 +96,37 @@ fn tested(test: &SessionTest) -> String {
         true => "the links differ beyond chance",
         false => "the links do not differ beyond chance",
     };
-    let is_of_robot = |change: &&ChangeReport| {
-        !change.name.starts_with("base_") && !change.name.starts_with("target_")
-    };
-    let say = |changes: Vec<&ChangeReport>| {
-        let texts: Vec<String> = changes
-            .iter()
-            .map(|change| {
-                format!(
-                    "{} {:+.4} ({:.1} σ)",
-                    change.name, change.delta, change.sigmas
-                )
-            })
-            .collect();
-        texts.join("; ")
-    };
-    let (own, placement): (Vec<&ChangeReport>, Vec<&ChangeReport>) =
-        test.changed.iter().partition(is_of_robot);
     let mut text = format!(
         "{verdict}: probability {probability} for an unchanged robot (chi-square {:.1}, {} combinations of parameters)",
         test.chi_square, test.n_combinations
     );
-    if !own.is_empty() {
-        text += &format!("\nlinks: {}", say(own));
-    }
-    if !placement.is_empty() {
-        text += &format!(
-            "\nplacement of instrument and reflector: {}",
-            say(placement)
-        );
+    if !test.changed.is_empty() {
+        text += &format!("\n{}", in_words(&test.changed));
     }
     text
+}
+
+/// What changed: the links, then base and reflector, which are others wherever the instrument stood elsewhere.
+fn in_words(changes: &[ChangeReport]) -> String {
+    let is_of_robot = |change: &&ChangeReport| {
+        !change.name.starts_with("base_") && !change.name.starts_with("target_")
+    };
+    let say = |changes: &[&ChangeReport]| {
+        let one = |change: &&ChangeReport| {
+            format!(
+                "{} {:+.4} ({:.1} σ)",
+                change.name, change.delta, change.sigmas
+            )
+        };
+        changes.iter().map(one).collect::<Vec<_>>().join("; ")
+    };
+    let (own, placement): (Vec<&ChangeReport>, Vec<&ChangeReport>) =
+        changes.iter().partition(is_of_robot);
+    match (own.is_empty(), placement.is_empty()) {
+        (_, true) => say(&own),
+        (true, false) => format!("base and reflector: {}", say(&placement)),
+        (false, false) => format!("{}; base and reflector: {}", say(&own), say(&placement)),
+    }
 }
 
 /// `kincal compare`.

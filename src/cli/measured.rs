@@ -225,6 +225,10 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         true => " (without signs, spaces and leading zeros in the names)",
         false => "",
     };
+    let clock = match join.instrument_log {
+        true => clock + "; of the instrument's log one position was taken in each standstill",
+        false => clock,
+    };
     let mut lines = vec![format!(
         "{} pairs of rows, joined by {}{loosely}{clock}",
         join.n_joined, join.by

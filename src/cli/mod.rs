@@ -41,6 +41,7 @@ mod verify_store;
 mod worker;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 const EXIT_CODES: &str = "\
@@ -147,9 +148,22 @@ enum Command {
     Completions(completions::Arguments),
 }
 
+/// An argument such as `-10,20,30` begins like an option: with a space in front it is a value, wherever the options stand.
+fn as_value(argument: OsString) -> OsString {
+    let is_list = |text: &str| {
+        let first = text.strip_prefix('-').and_then(|rest| rest.chars().next());
+        text.contains(',') && first.is_some_and(|c| c.is_ascii_digit() || c == '.')
+    };
+    match argument.to_str() {
+        Some(text) if is_list(text) => format!(" {text}").into(),
+        _ => argument,
+    }
+}
+
 /// Runs the command line.
 pub fn main() -> ExitCode {
-    let result = match Arguments::parse().command {
+    let arguments = std::env::args_os().map(as_value);
+    let result = match Arguments::parse_from(arguments).command {
         Command::Serve(config) => serve::run(&config),
         Command::Worker(config) => worker::run(&config),
         Command::Migrate(arguments) => worker::migrate(&arguments),

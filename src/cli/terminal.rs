@@ -74,7 +74,7 @@ pub fn plain(text: &str) -> String {
 }
 
 /// Texts of remedies in the HTTP interface, and their replacements with commands and options.
-const COMMANDS: [(&str, &str); 14] = [
+const COMMANDS: [(&str, &str); 16] = [
     (
         "post a job of kind verify with parameter_set_id ",
         "kincal submit --verify --robot ROBOT SET.csv --parameters ",
@@ -95,7 +95,9 @@ const COMMANDS: [(&str, &str); 14] = [
     ("POST /v1/measurement-sets/", "kincal restore "),
     ("POST /v1/parameter-sets/", "kincal restore "),
     ("POST /v1/networks/", "kincal restore "),
-    (" (--decimal-comma)", ""),
+    (" (--decimal comma)", ""),
+    (" (--decimal point)", ""),
+    ("?decimal=point", "--decimal point"),
     ("?decimal=comma", "--decimal-comma"),
     ("?frame=", "--frame "),
     ("?insist=", "--insist "),

@@ -3,7 +3,7 @@
 use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::Key;
 use crate::measurement::join_options::{Pairs, error};
-use crate::measurement::join_time::{Clock, by_time, times};
+use crate::measurement::join_time::{Clock, MAX_APART, by_time, extent_mm, times};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use crate::measurement::table_points::Content;
 use std::collections::{BTreeMap, BTreeSet};
@@ -32,6 +32,8 @@ pub struct Join {
     pub clock_offset_s: Option<f64>,
     /// By name: whether the names agree only without signs, spaces and leading zeros, or one file numbers its points.
     pub loose_names: bool,
+    /// By time: whether the instrument's file is a log, of which the standstills count.
+    pub instrument_log: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Vec<Leftover>,
     /// Rows of the instrument's file without a partner.
@@ -180,24 +182,13 @@ fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
     )
 }
 
-/// Share of the points' extent that repeats of one point may lie apart: ten times what a robot that comes back misses.
-const MAX_APART: f64 = 1.0e-3;
-
 /// Refuses two positions under one name, of one reflector and from one station, that cannot be of one point.
 fn refuse_apart(instrument: &Content, pairing: &Pairing) -> Result<(), JoinError> {
     let joined: Vec<(usize, usize)> = (pairing.pairs.iter().enumerate())
         .filter_map(|(row, pair)| Some((row, (*pair)?)))
         .collect();
     let position = |row: usize| instrument.points[row].position_mm;
-    let mut far: Vec<f64> = Vec::new();
-    if let Some((first, _)) = joined.first() {
-        far = joined
-            .iter()
-            .map(|(row, _)| (position(*row) - position(*first)).norm())
-            .collect();
-        far.sort_by(f64::total_cmp);
-    }
-    let limit_mm = MAX_APART * far.get(far.len() / 2).copied().unwrap_or(0.0);
+    let limit_mm = MAX_APART * extent_mm(joined.iter().map(|(row, _)| position(*row)));
     let mut first: BTreeMap<(usize, usize, Option<&String>), usize> = BTreeMap::new();
     for (row, robot_row) in joined {
         let point = &instrument.points[row];
@@ -280,7 +271,13 @@ fn pair(
                 times(means, ours, &robot.lines, "robot")?,
                 times(their_means, theirs, &instrument.lines, "instrument")?,
             );
-            let (pairs, clock) = by_time(&robot.points, &times.0, &times.1, options)?;
+            let (pairs, clock) = by_time(
+                &robot.points,
+                &times.0,
+                &instrument.points,
+                &times.1,
+                options,
+            )?;
             let n_robot = clock.n_standstills;
             Ok(Some(Pairing {
                 by,
@@ -406,17 +403,23 @@ fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
         line: content.lines[row],
         label: label(content, row),
     };
-    let without = pairing
-        .pairs
-        .iter()
-        .enumerate()
-        .filter(|(_, pair)| pair.is_none());
+    let without = pairing.pairs.iter().enumerate().filter(|(row, pair)| {
+        let stands = pairing
+            .clock
+            .as_ref()
+            .and_then(|clock| clock.instrument_rows.as_ref());
+        pair.is_none() && stands.is_none_or(|rows| rows.contains(row))
+    });
     Join {
         by: pairing.by,
         n_joined: pairing.n_joined(),
         tolerance_s: pairing.clock.as_ref().map(|clock| clock.tolerance_s),
         clock_offset_s: pairing.clock.as_ref().map(|clock| clock.offset_s),
         loose_names: pairing.is_loose,
+        instrument_log: pairing
+            .clock
+            .as_ref()
+            .is_some_and(|clock| clock.instrument_rows.is_some()),
         leftover_robot: (0..robot.points.len())
             .filter(is_leftover)
             .map(|row| leftover(robot, row))

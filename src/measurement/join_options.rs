@@ -39,6 +39,8 @@ pub struct JoinOptions {
     pub clock_offset_s: Option<f64>,
     /// Whether names may differ in signs, spaces and leading zeros, and a name may be a number.
     pub loose_names: bool,
+    /// By time: whether the instrument's file is a log, of which the standstills count; not stated: if its rows follow each other as fast as a log's.
+    pub instrument_log: Option<bool>,
     /// Whether positions under one name that lie apart are refused. Not for uploads that were accepted once.
     pub refuse_apart: bool,
 }
@@ -50,6 +52,7 @@ impl Default for JoinOptions {
             tolerance_s: None,
             clock_offset_s: None,
             loose_names: true,
+            instrument_log: None,
             refuse_apart: true,
         }
     }

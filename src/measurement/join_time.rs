@@ -4,6 +4,8 @@ use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::{Key, TimeUnit};
 use crate::measurement::join_options::{JoinError, JoinOptions, Pairs, error};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// Rows of a log that follow each other faster than this were not written pose by pose, s.
 const LOG_SPACING_S: f64 = 0.5;
@@ -16,6 +18,20 @@ const MAX_TRIED: usize = 200;
 /// Fewest pairs from which a difference of clocks is found.
 const MIN_PAIRS: usize = 4;
 
+/// Share of the points' extent within which positions of one posture lie: ten times what a robot that comes back misses.
+pub(super) const MAX_APART: f64 = 1.0e-3;
+
+/// Half of the positions are nearer to the first one than this.
+pub(super) fn extent_mm(positions_mm: impl Iterator<Item = Vector3<f64>>) -> f64 {
+    let all: Vec<Vector3<f64>> = positions_mm.collect();
+    let mut far: Vec<f64> = all
+        .iter()
+        .map(|position| (position - all[0]).norm())
+        .collect();
+    far.sort_by(f64::total_cmp);
+    far.get(far.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// How two clocks were compared.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Clock {
@@ -24,6 +40,8 @@ pub(super) struct Clock {
     /// The row that stands for each standstill.
     pub standstills: Vec<usize>,
     pub n_standstills: usize,
+    /// Of an instrument that wrote a log, the row that stands for each of its standstills.
+    pub instrument_rows: Option<BTreeSet<usize>>,
 }
 
 /// The robot stands: from, to, and the row in the middle.
@@ -173,6 +191,7 @@ fn days(date: &str) -> Option<f64> {
 pub(super) fn by_time(
     robot: &[Point],
     robot_s: &[f64],
+    instrument: &[Point],
     instrument_s: &[f64],
     options: &JoinOptions,
 ) -> Result<(Pairs, Clock), JoinError> {
@@ -186,14 +205,25 @@ pub(super) fn by_time(
     let tolerance_s = options
         .tolerance_s
         .unwrap_or_else(|| tolerance(&standstills));
+    let is_log = options
+        .instrument_log
+        .unwrap_or_else(|| is_log(&in_order(instrument_s), instrument_s));
+    let rows: Vec<usize> = match is_log {
+        true => instrument_standstills(instrument, instrument_s),
+        false => (0..instrument.len()).collect(),
+    };
+    let wanted_s: Vec<f64> = rows.iter().map(|row| instrument_s[*row]).collect();
     let offset_s = match options.clock_offset_s {
         Some(offset_s) => offset_s,
-        None => found_offset(&standstills, instrument_s, tolerance_s)?,
+        None => found_offset(&standstills, &wanted_s, tolerance_s)?,
     };
-    let pairs: Pairs = paired(&standstills, instrument_s, offset_s, tolerance_s)
-        .into_iter()
-        .map(|pair| pair.map(|at| standstills[at].row))
-        .collect();
+    let mut pairs: Pairs = vec![None; instrument.len()];
+    for (row, pair) in rows
+        .iter()
+        .zip(paired(&standstills, &wanted_s, offset_s, tolerance_s))
+    {
+        pairs[*row] = pair.map(|at| standstills[at].row);
+    }
     Ok((
         pairs,
         Clock {
@@ -204,22 +234,55 @@ pub(super) fn by_time(
                 .map(|standstill| standstill.row)
                 .collect(),
             n_standstills: standstills.len(),
+            instrument_rows: is_log.then(|| rows.into_iter().collect()),
         },
     ))
 }
 
-/// Stretches of rows, in the order of time, in which no joint moves.
-fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
-    let mut order: Vec<usize> = (0..robot.len()).collect();
-    order.sort_by(|a, b| robot_s[*a].total_cmp(&robot_s[*b]));
+/// Rows in the order of their times.
+fn in_order(times_s: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..times_s.len()).collect();
+    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    order
+}
+
+/// Whether rows follow each other faster than poses are measured one by one.
+fn is_log(order: &[usize], times_s: &[f64]) -> bool {
     let mut spacings: Vec<f64> = order
         .windows(2)
-        .map(|w| robot_s[w[1]] - robot_s[w[0]])
+        .map(|w| times_s[w[1]] - times_s[w[0]])
         .collect();
     spacings.sort_by(f64::total_cmp);
-    let is_log = spacings
-        .get(spacings.len() / 2)
-        .is_some_and(|s| *s <= LOG_SPACING_S);
+    let median = spacings.get(spacings.len() / 2);
+    median.is_some_and(|s| *s <= LOG_SPACING_S)
+}
+
+/// The row in the middle of each stretch in which an instrument's log stands, within a thousandth of the points' extent.
+fn instrument_standstills(instrument: &[Point], instrument_s: &[f64]) -> Vec<usize> {
+    let order = in_order(instrument_s);
+    let limit_mm = MAX_APART * extent_mm(instrument.iter().map(|point| point.position_mm));
+    let mut found: Vec<Vec<usize>> = Vec::new();
+    for row in order {
+        let apart_mm =
+            |first: usize| (instrument[row].position_mm - instrument[first].position_mm).norm();
+        match found
+            .last_mut()
+            .filter(|rows| apart_mm(rows[0]) <= limit_mm)
+        {
+            Some(rows) => rows.push(row),
+            None => found.push(vec![row]),
+        }
+    }
+    let long = found
+        .into_iter()
+        .filter(|rows| rows.len() >= MIN_STANDSTILL_ROWS);
+    long.map(|rows| rows[rows.len() / 2]).collect()
+}
+
+/// Stretches of rows, in the order of time, in which no joint moves.
+fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
+    let order = in_order(robot_s);
+    let is_log = is_log(&order, robot_s);
     let mut found: Vec<Vec<usize>> = Vec::new();
     for row in order {
         let stands = |first: usize| {

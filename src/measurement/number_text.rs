@@ -47,7 +47,8 @@ fn is_grouped(whole: &str, mark: char) -> bool {
     let is = |group: &str, sizes: std::ops::RangeInclusive<usize>| {
         sizes.contains(&group.len()) && group.bytes().all(|byte| byte.is_ascii_digit())
     };
-    groups.next().is_some_and(|first| is(first, 1..=3)) && groups.all(|group| is(group, 3..=3))
+    let first = groups.next().unwrap_or_default();
+    is(first, 1..=3) && !first.starts_with('0') && groups.all(|group| is(group, 3..=3))
 }
 
 #[cfg(test)]
@@ -70,6 +71,7 @@ mod tests {
             ("1.234", ','),
             ("1,234", '.'),
             ("12 34.5", '.'),
+            ("0,017.5", '.'),
             ("1,2345.6", '.'),
             ("27 30", '.'),
             ("1.2.3", '.'),

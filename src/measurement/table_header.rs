@@ -218,8 +218,18 @@ pub(super) fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
     vec![String::new(); widths.max().unwrap_or(0)]
 }
 
-/// `Length Units,Millimeters` above the header.
+/// `Length Units,Millimeters` above the header, as OptiTrack writes it.
 pub(super) fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
+    // of a rigid body, X, Y, Z may be a quaternion
+    let of_rotation = |line: &Line| {
+        let cells = cells(line.text, Separator::Comma);
+        cells
+            .iter()
+            .any(|cell| cell.eq_ignore_ascii_case("rotation"))
+    };
+    if above.iter().any(of_rotation) {
+        return None;
+    }
     above.iter().find_map(|line| {
         let cells = cells(line.text, Separator::Comma);
         let at = cells

@@ -70,6 +70,9 @@ pub struct JoinBody {
     /// True if names were compared without signs, spaces and leading zeros, or numbers with names.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_names: bool,
+    /// True if the instrument's file was written faster than twice a second: of each standstill in it one position is taken.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub instrument_log: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Leftovers,
     /// Rows of the instrument's file without a partner.
@@ -197,6 +200,7 @@ impl From<&Join> for JoinBody {
             tolerance_s: join.tolerance_s,
             clock_offset_s: join.clock_offset_s,
             loose_names: join.loose_names,
+            instrument_log: join.instrument_log,
             leftover_robot: Leftovers::from(&join.leftover_robot[..]),
             leftover_instrument: Leftovers::from(&join.leftover_instrument[..]),
         }
@@ -224,6 +228,7 @@ impl JoinBody {
             tolerance_s: self.tolerance_s,
             clock_offset_s: self.clock_offset_s,
             loose_names: self.loose_names,
+            instrument_log: Some(self.instrument_log),
             refuse_apart: false,
         }
     }
