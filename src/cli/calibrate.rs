@@ -1,9 +1,11 @@
 //! `kincal calibrate`: identifies a robot offline, without server and database.
 
-use super::files::{cannot_be_used, fault, read_json};
+use super::files::{cannot_be_used, fault, parse_json, read};
+
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SetOptions};
 use super::robots::Mounted;
+use super::robots_library::ready_arm;
 use super::table;
 use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
@@ -29,6 +31,7 @@ use crate::wire::suspicion::Insist;
 use crate::wire::{Issue, Problem, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 

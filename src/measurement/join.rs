@@ -334,6 +334,28 @@ fn signs_aside(label: &str) -> String {
     found
 }
 
+fn exact(label: &str) -> String {
+    label.to_owned()
+}
+
+fn lower(label: &str) -> String {
+    label.to_lowercase()
+}
+
+/// The point's own name in one like `collection::group::P1`.
+fn last_part(label: &str) -> String {
+    let lower = label.to_lowercase();
+    let last = lower.rsplit("::").next().unwrap_or_default();
+    last.trim().to_owned()
+}
+
+/// A number, however many zeros are in front of it.
+fn number(label: &str) -> String {
+    label
+        .parse::<f64>()
+        .map_or_else(|_| label.to_owned(), |number| number.to_string())
+}
+
 /// Pairs rows of the same label, in the form that pairs the most.
 fn by_label(
     robot: &Content,

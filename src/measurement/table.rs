@@ -117,6 +117,7 @@ impl<'a> Table<'a> {
             0 => 0,
             n => lines(text).nth(n - 1).map_or(text.len(), |line| line.end),
         };
+        let length_unit = stated_length_unit(&above[..header_line.unwrap_or(1) - 1]);
         Ok(Self {
             text: match separator {
                 Separator::Spaces => lines(&text[start..])
@@ -130,7 +131,7 @@ impl<'a> Table<'a> {
             header_line,
             header: names,
             units,
-            length_unit: stated_length_unit(&above[..header_line.unwrap_or(1) - 1]),
+            length_unit,
             first_line: begins + 1,
             n_skipped_above,
             comments: mapping.comments,
