@@ -101,7 +101,7 @@ export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
 
 /** A sentence of the service without what is meant for programs only: queries, options of the command line, routes. */
 export function plain(text) {
-  return String(text).replace(/[.;,:]? ?To keep it as it is all the same: \?insist=\w+, and no release rests on it/g, "").replace(/\.? If they are right all the same, insist: \?insist=\w+/g, "")
+  return String(text).replace(/\?columns=.*? \(--(?:"(?:[^"\\]|\\.)*"|[^)"])*\)/gu, "the choices below").replace(/[.;,:]? ?To keep it as it is all the same: \?insist=\w+, and no release rests on it/g, "").replace(/\.? If they are right all the same, insist: \?insist=\w+/g, "")
     .replace(/[;,:]? (?:name it [^;,]*, )?(?:or )?(?:say|state|name)(?: so| it once| it| which| what it is| which it is| which it is by its number)?,? (?:in|by)? ?\?columns=(?:\{[^}]*\})? ?\(--columns\)/g, "").replace(/ (?:in|by) \?columns=(?:\{[^}]*\})?(?: \(--columns\))?/g, " below")
     .replace(/[;,]? (?:or )?read them with \?frame=instrument/g, "").replace(/[,;]? and post a job of kind verify/g, ", and verify with it").replace(/ with jobs of kind verify/g, " by verifications")
     .replace(/: post a job with verify, or of kind verify/g, ": verify with another session").replace(/,? ?with POST \/v1\/[\w/{}-]+/g, "").replace(/a job of kind verify/g, "a verification").replace(/([?!])\.$/, "$1");

@@ -39,6 +39,15 @@ pub struct Arguments {
     table: TableOptions,
     #[command(flatten)]
     set_options: SetOptions,
+    /// Name of the set [default: the file's].
+    #[arg(long, env = "KINCAL_NAME", value_name = "TEXT")]
+    name: Option<String>,
+    /// Serial number of the robot that was measured; an upload for another robot is refused.
+    #[arg(long, env = "KINCAL_SERIAL_NUMBER", value_name = "TEXT")]
+    serial_number: Option<String>,
+    /// Read the columns by the mapping that the robot has under this name (`kincal columns keep`).
+    #[arg(long, env = "KINCAL_KEPT", value_name = "NAME", conflicts_with_all = ["columns", "column", "joint_unit", "position_unit"])]
+    kept: Option<String>,
     /// Identify nothing; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
@@ -165,15 +174,19 @@ async fn upload(
     let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
     let insist = arguments.set_options.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
+    let serial_number = arguments.serial_number.clone();
+    parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {
         // A CSV has no name field; its file name is used.
-        parameters.extend(file_name(arguments).map(|name| ("name", name)));
+        let name = arguments.name.clone().or_else(|| file_name(arguments));
+        parameters.extend(name.map(|name| ("name", name)));
         parameters.extend(files.decimal.map(|_| ("decimal", "comma".into())));
         parameters.extend(
             files
                 .rotation
                 .map(|convention| ("rotation", convention.to_string())),
         );
+        parameters.extend(arguments.kept.clone().map(|name| ("columns", name)));
         if !files.columns.0.is_empty() {
             parameters.push(("columns", serde_json::to_string(&files.columns)?));
         }

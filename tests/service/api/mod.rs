@@ -4,6 +4,7 @@ mod archive;
 mod auth;
 
 mod bounds;
+mod cell_files;
 mod cell_pc;
 mod check_robot;
 mod closed_loop;
