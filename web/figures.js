@@ -7,7 +7,7 @@ import { spansMuch } from "./points.js";
 
 /** Names of the two robots of a calibration. */
 export const IDENTIFIED = { before: "before", after: "after", remains: "after calibration", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
-  note: "The verify points were not fitted: their bars tell how good the robot is now." };
+  note: "The verify points were not fitted: their errors tell how good the robot is now." };
 /** Names of the two robots of a verification. */
 export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", remains: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
   note: "This job fitted no link to them." };

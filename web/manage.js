@@ -30,10 +30,16 @@ function editForm(robot) {
   const serial = el("input", { id: "edit-serial", value: robot.serial_number ?? "", maxlength: 200 });
   const isOther = robot.mounting && typeof robot.mounting !== "string";
   const mounting = el("select", { id: "edit-mounting" }, [...isOther ? [["other", "as it was stated"]] : [], ...MOUNTINGS].map(([value, words]) => el("option", { value, selected: isOther ? value === "other" : value === (robot.mounting === "floor" ? "" : robot.mounting ?? "") }, words)));
+  const before = mounting.value;
   const submit = async (event) => {
     event.preventDefault();
     try {
-      await patch(`/v1/robots/${robot.id}`, { name: name.value, serial_number: serial.value.trim() || null, ...mounting.value === "other" ? {} : { mounting: mounting.value || "floor" } });
+      const changes = {};
+      if (name.value !== robot.name) changes.name = name.value;
+      if (serial.value.trim() !== (robot.serial_number ?? "")) changes.serial_number = serial.value.trim() || null;
+      if (mounting.value !== before) changes.mounting = mounting.value || "floor";
+      if (Object.keys(changes).length === 0) return say("Nothing was changed");
+      await patch(`/v1/robots/${robot.id}`, changes);
       location.reload();
     } catch (error) {
       fill(out, problem(error));

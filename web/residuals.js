@@ -56,7 +56,7 @@ export function residualTable(points, name, selected, leave) {
     draw();
   });
   new ResizeObserver(draw).observe(box);
-  const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
+  const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. Rows are counted from 0 without the header. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
   sort();
   return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; }, download: () => download(points, name, state) };
 }

@@ -164,3 +164,35 @@ fn archived_robots_are_found_and_jobs_are_counted_by_the_service() {
         browser.assert_quiet(&[]).await;
     });
 }
+
+#[test]
+fn a_plan_is_downloaded_with_a_row_for_each_pose() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 19", "ER20-0139");
+    let key = hall.key(&["admin"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("not calibrated").await;
+        browser.go(&format!("/#/robots/{robot}/plan")).await;
+        browser.button("Plan").await.click().await.unwrap();
+        browser.until_it_says("Joint values").await;
+        // The last poses repeat the first ones, and say so.
+        browser.until_it_says("pose 3").await;
+        let folder = hall.folder.path().join("downloads");
+        browser.download_to(&folder).await;
+        browser
+            .button("Download as CSV")
+            .await
+            .click()
+            .await
+            .unwrap();
+        let file = folder.join("poses.csv");
+        browser.until_there_is(&file).await;
+        let lines = std::fs::read_to_string(&file).unwrap().lines().count();
+        assert_eq!(lines, 1 + 30, "a header and a row for each pose");
+        browser.assert_quiet(&[]).await;
+    });
+}
