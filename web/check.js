@@ -31,7 +31,7 @@ export function checkVerdict({ check }) {
 /** What the poses could have seen, and the figures of the test. */
 export function checkTables({ check }) {
   const seen = check.detectable.length > 0 && table(`The smallest change of each kind, alone, that these poses find in ${Math.round(100 * check.power)} of 100 cases. One of ${Math.round(1 / check.level)} unchanged robots is called changed.`, [
-    ["What", (row) => thing(row.name)], ["Smallest change", (row) => (row.change === null ? "not seen in this frame" : withUnit(row.change, row.unit))],
+    ["What", (row) => thing(row.name)], ["Smallest change", (row) => (row.change === null ? "not seen by these poses" : withUnit(row.change, row.unit))],
     ["Moves the tool by", (row) => (row.tool_mm === null ? "" : mm(row.tool_mm))]], check.detectable, "");
   const test = check.test && el("p.note", {}, `The poses have ${mm(check.rms_mm)} rms${check.verified_rms_mm == null ? "" : `, ${mm(check.verified_rms_mm)} when the set was verified`}; an unchanged robot is expected to show ${mm(check.test.expected_rms_mm)}. Sum of squares ${number(check.test.statistic)} of ${check.test.n_combinations} combinations; probability ${check.test.probability < 1e-6 ? "below 0.000001" : number(check.test.probability)}.`);
   return (seen || test) && el("section.card", {}, el("h2", {}, "What this check could have seen"), test, seen);

@@ -9,7 +9,7 @@ pub struct DetectableChange {
     pub name: String,
     /// `deg` or `mm`.
     pub unit: &'static str,
-    /// Found with the stated power; `None` where no pose in this frame shows it.
+    /// Found with the stated power; `None` where these poses do not show it.
     pub change: Option<f64>,
     /// How far that change moves the target at these poses, rms, mm.
     pub tool_mm: Option<f64>,

@@ -30,6 +30,6 @@ fn line(row: &DetectableReport) -> String {
             "  {}: {change:.4}{unit}, moves the tool by {tool_mm:.3} mm\n",
             row.name
         ),
-        _ => format!("  {}: not seen in this frame\n", row.name),
+        _ => format!("  {}: not seen by these poses\n", row.name),
     }
 }

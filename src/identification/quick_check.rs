@@ -31,6 +31,8 @@ const FINEST: f64 = 1e-5;
 const PLACED: f64 = 1e-9;
 /// What the placement leaves of an effect, at least, for it to be seen: less is rounding.
 const SEEN: f64 = 1e-6;
+/// A zero that would have to turn by more than this, rad, is not seen: the reflector hardly leaves its axis, and derivatives say nothing of such turns.
+const MOST_TURN_RAD: f64 = 0.1;
 /// Fewer degrees of freedom of the earlier noise decide nothing.
 const FEWEST_FREEDOM: f64 = 5.0;
 /// Iterations of a decomposition at most.
@@ -56,7 +58,7 @@ pub struct Poses<'a> {
 /// The smallest change of one kind that the test finds with probability [`POWER`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detectable {
-    /// mm or rad; `None` where the placement takes up all of it, so that no pose in this frame shows it.
+    /// mm or rad; `None` where these poses do not show it: the placement takes up all of it, or the reflector hardly leaves the joint's axis.
     pub change: Option<f64>,
     /// How far that change moves the target, rms over these points, mm.
     pub tool_mm: Option<f64>,
@@ -146,10 +148,10 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
     let statistic = z.norm_squared();
     let m = n_combinations as f64;
     let shift = noncentrality(LEVEL, POWER, m, freedom).sqrt();
-    let detectable = |parameters: &[Parameter]| -> Result<Detectable, Untestable> {
+    let detectable = |parameters: &[Parameter], most: f64| -> Result<Detectable, Untestable> {
         let raw = jacobian(poses, parameters);
         let whole = whiten(raw.clone())?;
-        Ok(smallest(&raw, &whole, &left(&whole), shift))
+        Ok(smallest(&raw, &whole, &left(&whole), (shift, most)))
     };
     let zero = |link: usize| [Parameter::Link(link, Quantity::ThetaOffset)];
     let target = |t: usize| [0, 1, 2].map(|axis| Parameter::Target(t, axis));
@@ -170,11 +172,11 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
         probability: f_tail(statistic / m, m, freedom),
         expected_mm: (covariance.trace() / observations.len() as f64).sqrt(),
         joints: (0..model.links.len())
-            .map(|link| detectable(&zero(link)))
+            .map(|link| detectable(&zero(link), MOST_TURN_RAD))
             .collect::<Result<_, _>>()?,
-        base: detectable(&placement[..3])?,
+        base: detectable(&placement[..3], f64::INFINITY)?,
         targets: (0..model.targets_mm.len())
-            .map(|t| detectable(&target(t)))
+            .map(|t| detectable(&target(t), f64::INFINITY))
             .collect::<Result<_, _>>()?,
         largest_configuration: largest(&z, poses.configurations),
         whitened: Whitened {
@@ -297,12 +299,12 @@ fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
 }
 
 /// The change, in the direction in which it shows least, that shifts the rows by `shift`. `raw` is what a unit of each parameter does to the points,
-/// mm; `whole` the same whitened, and `left` what the placement leaves of that.
+/// mm; `whole` the same whitened, and `left` what the placement leaves of that. A change of more than `most` is not seen.
 fn smallest(
     raw: &DMatrix<f64>,
     whole: &DMatrix<f64>,
     left: &DMatrix<f64>,
-    shift: f64,
+    (shift, most): (f64, f64),
 ) -> Detectable {
     let unseen = Detectable {
         change: None,
@@ -324,6 +326,9 @@ fn smallest(
         return unseen;
     }
     let change = shift / seen;
+    if change > most {
+        return unseen;
+    }
     let n_points = raw.nrows() as f64 / 3.0;
     Detectable {
         change: Some(change),

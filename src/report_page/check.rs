@@ -42,7 +42,7 @@ fn line(row: &DetectableReport) -> Markup {
             td { (row.name) }
             @match (row.change, row.tool_mm) {
                 (Some(change), Some(tool_mm)) => { td { (number(change)) (unit) } td { (error(tool_mm)) } },
-                _ => { td { "not seen in this frame" } td {} },
+                _ => { td { "not seen by these poses" } td {} },
             }
         }
     }

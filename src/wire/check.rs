@@ -61,7 +61,7 @@ pub struct DetectableReport {
     pub name: String,
     /// `deg` or `mm`.
     pub unit: String,
-    /// The change; null if no pose in this frame shows it, because base and targets are placed anew.
+    /// The change; null if these poses do not show it: base and targets are placed anew, or the target hardly leaves the joint's axis.
     #[schema(required)]
     pub change: Option<f64>,
     /// How far that change moves the target at these poses, rms, mm.

@@ -25,7 +25,7 @@ pub struct Found<'a> {
     pub likeliest: &'a [LikeliestCause],
     /// What the poses could not have seen though they should.
     pub blind: &'a [&'a DetectableChange],
-    /// Joints whose zeros no pose in this frame shows.
+    /// Joints whose zeros these poses do not show.
     pub hidden: &'a [&'a DetectableChange],
     /// Largest change of the tool that the poses may have missed, over what matters; 1 or more where they are blind.
     pub times_blind: f64,
@@ -58,6 +58,10 @@ pub fn what_next(found: &Found<'_>) -> String {
     };
     match found.hidden {
         [] => said,
+        hidden if !found.is_placed_anew => format!(
+            "{said}. These poses do not show {}: only a reflector further from the joint's axis does",
+            names(hidden)
+        ),
         hidden => format!(
             "{said}. In the instrument's frame, base and reflector are placed anew, and no pose shows {}: to check these too, measure {FEWEST} poses in the \
              base frame (frame=base)",

@@ -6,14 +6,14 @@ use crate::api::sessions::{
 use crate::app::{TestApp, text};
 use crate::engines::for_each_engine;
 use crate::simulation::Normal;
-use kincal::config::{DatabaseConfig, ServeConfig};
-use kincal::store::StoreLocation;
+use kincal::config::ServeConfig;
 use kincal::store::verify::{Options, verify};
+use kincal::store::{Store, StoreLocation};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
-/// Noise of first_noisy.csv, mm.
-const NOISE_MM: f64 = 0.05;
+/// As coarse as what first_noisy.csv was measured with (0.061 mm rms of three coordinates, held out), mm. A coarser instrument that does not say so
+/// looks like a change.
+const NOISE_MM: f64 = 0.03;
 
 async fn released(app: &TestApp) -> (String, Value) {
     let (robot, set) = identified_from_noisy_points(app).await;
@@ -62,7 +62,12 @@ async fn play(app: &TestApp) {
     );
     let detectable = check["detectable"].as_array().unwrap();
     assert_eq!(detectable.len(), 6 + 1 + 1, "{check}");
-    for row in detectable {
+    // the paper's reflector is on the last axis: turning joint 6 does not move it
+    assert!(detectable[5]["change"].is_null(), "{check}");
+    let seen = detectable
+        .iter()
+        .filter(|row| row["name"] != "theta_offset_6");
+    for row in seen {
         assert!(
             row["change"].as_f64().unwrap() > 0.0 && row["tool_mm"].as_f64().unwrap() > 0.0,
             "{row}"
@@ -121,22 +126,26 @@ async fn a_check_says_whether_the_released_set_holds_and_a_change_stops_releases
 #[test]
 fn a_check_is_the_same_on_both_engines_and_the_store_verifies() {
     for_each_engine(async |database| {
-        let (data_dir, database_url) = match &database.location {
-            StoreLocation::Sqlite { data_dir } => (data_dir.clone(), None),
-            StoreLocation::Postgres { url } => (PathBuf::new(), Some(url.clone())),
-        };
-        let config = ServeConfig {
-            database: DatabaseConfig {
-                database_url,
-                ..ServeConfig::loopback(data_dir.clone(), 1).database
+        // the embedded database has one server at a time, and the test's own store is open on its own
+        let own = tempfile::tempdir().unwrap();
+        let location = match &database.location {
+            StoreLocation::Sqlite { .. } => StoreLocation::Sqlite {
+                data_dir: own.path().join("data"),
             },
-            ..ServeConfig::loopback(data_dir, 1)
+            shared @ StoreLocation::Postgres { .. } => shared.clone(),
         };
+        let mut config = ServeConfig::loopback(own.path().join("data"), 1);
+        if let StoreLocation::Postgres { url } = &location {
+            config.database.database_url = Some(url.clone());
+        }
         let app = TestApp::with_config(config).await;
         play(&app).await;
-        for check in verify(&database.store, &Options::default()).await.unwrap() {
+        app.server.shutdown().await;
+        let store = Store::open_beside_a_server(location).await.unwrap();
+        for check in verify(&store, &Options::default()).await.unwrap() {
             assert_eq!(check.violations, [""; 0], "{}", check.id);
         }
+        store.close().await;
     });
 }
 
