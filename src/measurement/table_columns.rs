@@ -400,6 +400,10 @@ impl Resolution<'_> {
     fn half(&self) -> Option<Issue> {
         let is_named = self.columns.used.iter().all(|used| !used.is_mapped);
         let missing = self.columns.missing.first().filter(|_| is_named)?;
+        // a column is there, and lacks its unit only
+        if (self.columns.proposed.iter()).any(|(means, _)| thing(means) == thing(missing)) {
+            return None;
+        }
         let detail = other_half(&self.names(), self.n_joints, self.needs)?;
         Some(Issue {
             row: None,

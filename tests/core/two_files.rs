@@ -293,7 +293,9 @@ fn names_that_differ_in_signs_and_zeros_are_one() {
         let found = belongs(&robot, &export("Name", 12, |i| format!("{name}{i}")), 12);
         assert!(found.join.loose_names, "{name}");
     }
-    let found = belongs(&robot, &export("Target", 12, |i| format!("P{i}")), 12);
+    let foreign = export("Target", 12, |i| format!("P{i}"));
+    let foreign = foreign.replace("x_mm,y_mm,z_mm", "X [mm],Y [mm],Z [mm]");
+    let found = belongs(&robot, &foreign, 12);
     assert!(!found.join.loose_names);
     assert_eq!(found.instrument.columns[0].means, "name");
     let found = belongs(&robot, &export("PointID", 11, |i| format!("P{i}")), 11);

@@ -58,7 +58,8 @@ form = UploadForm(
     robot=File(payload=io.BytesIO(log.encode()), file_name="log.csv"),
     instrument=File(payload=io.BytesIO(b"Name,X [mm],Y [mm],Z [mm]\n" + positions.encode()), file_name="export.csv"),
 )
-joined = need(create_measurement_set.sync(robot.id, client=client, body=form), "SetSummary")
+joined = create_measurement_set.sync(robot.id, client=client, body=form, idempotency_key="two-files")
+joined = need(joined, "SetSummary")
 assert joined.joined.join.n_joined == len(points), joined
 
 request = {"measurement_set_id": uploaded.id, "method": "least_squares"}
