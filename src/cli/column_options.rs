@@ -46,7 +46,7 @@ pub struct ColumnOptions {
     #[arg(long, env = "KINCAL_SHEET", value_name = "NAME")]
     pub sheet: Option<String>,
     /// The decimal mark, if the numbers of the file do not tell it.
-    #[arg(long, env = "KINCAL_DECIMAL", value_name = "MARK", value_parser = ["comma", "point"], conflicts_with = "decimal_comma")]
+    #[arg(long, env = "KINCAL_DECIMAL", value_name = "MARK", value_parser = ["comma", "point"])]
     pub decimal: Option<String>,
     /// Whether lines that begin with #, %, ! or // are comments.
     #[arg(long, env = "KINCAL_COMMENTS", value_name = "true|false")]

@@ -64,10 +64,6 @@ fn run(request: &CalibrationRequest) -> CalibrationReport {
     calibrate(request, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
-fn has(report: &CalibrationReport, code: &str) -> bool {
-    report.warnings.iter().any(|warning| warning.code == code)
-}
-
 fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
     let observation = |p: &Point| Observation {
         q_rad: nominal.q_model_rad(&p.q_rad),

@@ -215,7 +215,7 @@ pub fn names() -> Vec<Habit> {
             }
             .text(),
             "missing_unit",
-            "column X has no unit",
+            "column S has no unit",
             by_header(&letters, "deg", "mm"),
         ),
         asked(

@@ -160,7 +160,11 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
     let why = json!({"reason": "scrap"});
     let refused = app.post_json(&rollback, &why).await;
     let refused = refused.problem(409, "release_refused");
-    assert_eq!(codes_of(&refused), ["measured_since_check"], "{refused}");
+    assert_eq!(
+        codes_of(&refused),
+        ["measured_since_check", "scored_on_later_sessions"],
+        "{refused}"
+    );
     let detail = text(&refused["errors"][0]["detail"]);
     assert!(
         detail.contains("kind verify") && detail.contains("/checked"),
@@ -329,6 +333,10 @@ async fn a_change_that_less_than_doubles_the_nominal_error_stops_every_release_u
     app.post_json(&format!("{robot}/checked"), &why)
         .await
         .ok(200);
+    // the session of the second set came after the first set
+    let (failed, _) = failed_gates(&app, &first).await;
+    assert_eq!(failed, ["scored_on_later_sessions"]);
+    scored(&app, &robot, &set, &first).await;
     let (failed, _) = failed_gates(&app, &first).await;
     assert!(failed.is_empty(), "{failed:?}");
 }

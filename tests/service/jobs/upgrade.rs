@@ -198,10 +198,12 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
             robots::checked(tx, &robot.id, "a tracker's file", "key_1").await
         })
         .await;
+        let set = id("frames", "parameter_set_id");
+        let n_verifications = verifications::count(&store, &set).await.unwrap();
         let release = Release {
-            id: id("frames", "parameter_set_id"),
+            id: set,
             checked: CheckedState {
-                n_verifications: 3,
+                n_verifications,
                 robot: checked.check(),
                 ..CheckedState::default()
             },

@@ -585,11 +585,10 @@ async fn release_without_checks(
     candidate: &ParameterSetRow,
 ) -> Result<ParameterSetRow> {
     let robot = robots::get(store, &candidate.robot_id).await?;
-    let rows = verifications::of_set(store, &candidate.id).await?;
     let release = Release {
         id: candidate.id.clone(),
         checked: CheckedState {
-            n_verifications: rows.len() as i64,
+            n_verifications: verifications::count(store, &candidate.id).await?,
             robot: robot.check(),
             ..CheckedState::default()
         },

@@ -101,11 +101,12 @@ async fn insert_history(store: &Store, set: &MeasurementSetRow) {
     let mut active = None;
     for _ in 0..2 {
         let id = an_identified_set(store, set).await.id;
+        let n_verifications = verifications::count(store, &id).await.unwrap();
         let release = Release {
             id: id.clone(),
             checked: CheckedState {
                 active: active.replace(id),
-                n_verifications: 1,
+                n_verifications,
                 ..CheckedState::default()
             },
             reason: "better".into(),
