@@ -103,6 +103,8 @@ pub struct LaterSession {
     pub job_id: String,
     /// The session's upload.
     pub measurement_set_id: String,
+    /// Its number in the robot's counter.
+    pub seq: i64,
     /// The summary of that job's report; empty if there is none.
     pub summary_json: String,
 }
@@ -110,6 +112,7 @@ pub struct LaterSession {
 from_row!(LaterSession {
     job_id,
     measurement_set_id,
+    seq,
     summary_json
 });
 
@@ -179,7 +182,7 @@ const COUNT: &str = "select count(*) from verification where robot_id = (select 
 
 // Repeats of earlier uploads show nothing new.
 const LATER_SESSIONS: &str = "
-    select v.job_id as job_id, j.measurement_set_id as measurement_set_id, coalesce(r.summary_json, '') as summary_json
+    select v.job_id as job_id, j.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
     from verification v join job j on j.id = v.job_id left join report_summary r on r.job_id = v.job_id
     where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3 and v.is_repeat = 0
         and v.seq > (select own.seq from verification own join parameter_set p on p.job_id = own.job_id where p.id = $1)
