@@ -74,6 +74,10 @@ const KNOWN: &str = "
     column_mapping | columns_json | '[]' | columns_sha256
     column_mapping | name | 'other'
     column_mapping | created_by | 'key_9'
+    named_frame | content_json | '[]' | content_sha256
+    named_frame | name | 'other'
+    named_frame | kind | 'work_frame'
+    named_frame | created_by | 'key_9'
     estimate | estimate_json | '[]' | acknowledged
     robot_policy | changed_by | 'key_9'
     robot_policy | tolerance_mm | 9.5
@@ -95,10 +99,6 @@ const NEW: &str = "
     measurement_set | warnings_json | '[1]' | rest_sha256
     measurement_set | created_at_ms | created_at_ms + 1 | rest_sha256
     column_mapping | created_at_ms | 1
-    named_frame | content_json | '[]' | content_sha256
-    named_frame | name | 'other'
-    named_frame | kind | 'work_frame'
-    named_frame | created_by | 'key_9'
     named_frame | created_at_ms | 1
     frames | content_type | 'other'
     network | metadata_json | '[]' | metadata_sha256
