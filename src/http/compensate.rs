@@ -6,7 +6,7 @@ use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access, named_frames, parameter_sets};
 use crate::operations::{self, Correctable};
 use crate::store::jobs;
-use crate::wire::compensate::{BASE_FRAME, CompensateAnswer, CompensateBody, MEASURING_FRAME};
+use crate::wire::compensate::{CompensateAnswer, CompensateBody, OWN_FRAMES};
 use crate::wire::json;
 use crate::wire::robot::Robot;
 use axum::Json;
@@ -43,7 +43,8 @@ async fn compensate(
     let body = permit.run(move || Ok::<_, Error>(json::parse::<CompensateBody>(&bytes)?));
     let body = body.await?;
     let work_frame = match body.frame.as_deref() {
-        None | Some(BASE_FRAME | MEASURING_FRAME) => None,
+        None => None,
+        Some(name) if OWN_FRAMES.contains(&name) => None,
         Some(name) => Some(named_frames::work_frame(&app, &row.robot_id, name).await?),
     };
     let named_tool = match &body.tool_name {

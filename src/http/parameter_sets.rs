@@ -1,11 +1,11 @@
 //! Parameter sets: the identified parameters for the controller.
 
+use crate::calibration::request::Estimate;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::ParameterSetListQuery;
 use crate::http::{App, Error, access};
-use crate::identification::changes::Estimate;
 use crate::jobs::estimate::estimate_of;
 use crate::release;
 use crate::store::{

@@ -9,7 +9,7 @@ use crate::kinematics::{Payload, Robot};
 use crate::release::{orientation_unknown, wrong_robot};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::compensate::{
-    BASE_FRAME, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, MEASURING_FRAME, ToolPose,
+    CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, OWN_FRAMES, ToolPose,
 };
 use crate::wire::issue::Invalid;
 use crate::wire::measurement::{Frame, Warning};
@@ -183,17 +183,18 @@ impl TargetFrame {
                 (t_instrument_base * compensation.anchor().t_base_anchored).inverse()
             }
         };
-        let name = request.frame.as_deref().unwrap_or(BASE_FRAME);
+        let name = request.frame.as_deref().unwrap_or(OWN_FRAMES[0]);
         let Some(body) = from.work_frame else {
-            let t_base_frame = match name {
-                BASE_FRAME => identity,
-                MEASURING_FRAME => t_base_measuring,
-                _ => {
-                    let detail = format!(
-                        "{name} is no frame here: take base or measuring; work frames are kept with a robot on the server"
-                    );
-                    return Err(Invalid::at("/frame", "unknown_frame", detail));
-                }
+            let [base_frame, measuring_frame] = OWN_FRAMES;
+            if ![base_frame, measuring_frame].contains(&name) {
+                let detail = format!(
+                    "{name} is no frame here: take base or measuring; work frames are kept with a robot on the server"
+                );
+                return Err(Invalid::at("/frame", "unknown_frame", detail));
+            }
+            let t_base_frame = match name == measuring_frame {
+                true => t_base_measuring,
+                false => identity,
             };
             return Ok(Self {
                 t_base_frame,

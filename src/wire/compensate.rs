@@ -16,10 +16,8 @@ use utoipa::ToSchema;
 pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
 /// Farthest Cartesian target, mm.
 pub(super) const MAX_TARGET_MM: f64 = 100_000.0;
-/// `frame` of targets in the robot's base frame.
-pub const BASE_FRAME: &str = "base";
-/// `frame` of targets in the measuring frame.
-pub const MEASURING_FRAME: &str = "measuring";
+/// Frames of targets that every robot has: its base frame, and the measuring frame.
+pub const OWN_FRAMES: [&str; 2] = ["base", "measuring"];
 
 /// Targets to correct: `q_deg`, or `targets`. They must have been programmed offline: taught targets already contain the robot's errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]

@@ -1,6 +1,7 @@
 //! Work frames and tools of a robot, kept under a name.
 
 use crate::compensation::{FixturePoint, Unfit, WorkFrame};
+use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
 use crate::wire::issue::{Checker, Invalid};
@@ -14,8 +15,6 @@ use utoipa::ToSchema;
 pub const MAX_FIXTURE_POINTS: usize = 1000;
 /// Farthest point of a fixture, mm.
 pub(super) const MAX_FIXTURE_MM: f64 = 100_000.0;
-/// Names of frames that every robot has.
-const RESERVED: [&str; 2] = ["base", "measuring"];
 
 /// What is kept under a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,7 +133,7 @@ pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
         let detail = "a name has no space around it and no / in it";
         checker.note("/name", "invalid_name", detail);
     }
-    if RESERVED.contains(&name) {
+    if OWN_FRAMES.contains(&name) {
         let detail = format!("{name} is a frame that every robot has: take another name");
         checker.note("/name", "reserved_name", detail);
     }
