@@ -170,7 +170,10 @@ async fn newest(
     kind: NamedFrameKind,
     name: &str,
 ) -> Result<NamedFrameRow, Error> {
-    check_name(name, MAX_NAME)?;
+    // no frame or tool has a name that cannot be kept
+    if check_name(name, MAX_NAME).is_err() {
+        return Err(Error::NotFound("work frame or tool"));
+    }
     let row = named_frames::newest(&app.store, robot_id, kind, name).await;
     row.map_err(|error| match (error, kind) {
         (store::Error::NotFound, NamedFrameKind::WorkFrame) => Error::NotFound("work frame"),
