@@ -78,8 +78,8 @@ FAULTS = [
     Fault("the work frame is exact", "core", "a_frame_from_points_is_as_uncertain", [
         ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
-        ("Base::Measured => anchor_in_measuring_frame(&model, &nominal.links),\n        };\n        Self { model, anchor }",
-         "Base::Measured => anchor(&model.links, &nominal.links),\n        };\n        Self { model, anchor }")], "src/compensation"),
+        ("let anchor = anchor_in(base, &model, &nominal.links);",
+         "let _ = base; let anchor = anchor(&model.links, &nominal.links);")], "src/compensation"),
     Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = true;")], "src/release"),
     Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [

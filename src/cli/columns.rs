@@ -29,7 +29,7 @@ enum ColumnsCommand {
     /// Show a mapping.
     Show(ShowArguments),
     /// Keep a mapping under a name, for `kincal submit --kept NAME`.
-    Keep(KeepArguments),
+    Keep(Box<KeepArguments>),
     /// Look at how a file, or two files, would be read; nothing is stored.
     Preview(Box<PreviewArguments>),
 }

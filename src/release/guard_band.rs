@@ -17,6 +17,7 @@
 
 use crate::identification::distributions::chi_square_quantile;
 use crate::wire::policy::DecisionRule;
+use std::cmp::Ordering;
 
 /// Fewest configurations of which an uncertainty is stated.
 pub const FEWEST_CONFIGURATIONS: usize = 5;
@@ -83,7 +84,7 @@ pub enum Within {
 /// Compares a figure with a tolerance, all mm.
 pub fn within(figure: f64, expanded: Option<f64>, tolerance: f64, rule: DecisionRule) -> Within {
     // a figure that is not a number is within nothing
-    if !(figure <= tolerance) {
+    if figure.partial_cmp(&tolerance).is_none_or(Ordering::is_gt) {
         return Within::No;
     }
     match (rule, expanded) {
