@@ -13,7 +13,7 @@ echo "== Python: openapi-python-client $python_client"
 [ -x "$folder/venv/bin/python" ] || python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet --disable-pip-version-check "openapi-python-client==$python_client"
 # bodies that are not JSON are bytes to it
-printf 'content_type_overrides:\n  text/csv: application/octet-stream\n  application/xml: application/octet-stream\n' >"$folder/config.yaml"
+printf 'content_type_overrides:\n  text/csv: application/octet-stream\n  application/xml: application/octet-stream\n  application/vnd.openxmlformats-officedocument.spreadsheetml.sheet: application/octet-stream\n  application/vnd.oasis.opendocument.spreadsheet: application/octet-stream\n  application/yaml: application/octet-stream\n' >"$folder/config.yaml"
 rm -rf "$folder/python"
 "$folder/venv/bin/openapi-python-client" generate --path openapi.yaml --output-path "$folder/python" --config "$folder/config.yaml" --meta none
 

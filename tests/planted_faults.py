@@ -78,8 +78,8 @@ FAULTS = [
     Fault("the work frame is exact", "core", "a_frame_from_points_is_as_uncertain", [
         ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
-        ("Base::Measured => anchor_in_measuring_frame(&model, &nominal.links),\n        };\n        Self { model, anchor }",
-         "Base::Measured => anchor(&model.links, &nominal.links),\n        };\n        Self { model, anchor }")], "src/compensation"),
+        ("let anchor = anchor_in(base, &model, &nominal.links);",
+         "let _ = base; let anchor = anchor(&model.links, &nominal.links);")], "src/compensation"),
     Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = true;")], "src/release"),
     Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [
@@ -196,7 +196,17 @@ FAULTS = [
         ("status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end", "status = 'succeeded'")]),
     # Release
     Fault("a broken beam decides a release", "core", "one_outlier", [
-        ("let n_set_aside = if points", "let n_set_aside = if points.is_empty() && points")]),
+        ("match points.len() >= FEWEST && n_outliers", "match points.is_empty() && points.len() >= FEWEST && n_outliers")]),
+    Fault("the uncertainty of a figure is not counted", "service", "the_tolerance_counts_the_uncertainty", [
+        ("if figure + expanded <= tolerance", "if figure <= tolerance || expanded.is_nan()")], "src/release"),
+    Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
+        ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite"),
+    Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
+        ("else if has_warning(report, CHECK_CHANGED) { // whatever", "else if false { // whatever")], "src/release"),
+    Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
+        ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
+    Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [
+        ("if configuration == other {", "if configuration == other && i == j {")], "src/identification"),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
         ("find(|session| !session.verification.is_better)", "find(|session| session.seq == -1)")]),
     Fault("a copy with noise is a session", "core", "a_second_visit", [
@@ -224,7 +234,7 @@ FAULTS = [
     Fault("hyper's own answers forget TLS", "service", "answers_without_a_route_carry_hsts", [
         ("problem.headers_mut().extend(common.clone());", "")], "src/http"),
     Fault("remedies of HTTP in a terminal", "service", "remedies_in_a_terminal", [
-        ("COMMANDS.iter().fold(text.to_owned(), replace)", "COMMANDS.iter().take(0).fold(text.to_owned(), replace)")], "src/cli"),
+        ("COMMANDS.iter().fold(without_mappings(text), replace)", "COMMANDS.iter().take(0).fold(without_mappings(text), replace)")], "src/cli"),
     Fault("an old data directory stays open", "faults", "of_an_older_version", [
         ("set_permissions(data_dir, Permissions::from_mode(PRIVATE_DIR))", "set_permissions(data_dir, Permissions::from_mode(mode & 0o7777))")], "src/store"),
     Fault("a description is parsed uncounted", "load", "a_urdf_of_too_much", [

@@ -84,8 +84,12 @@ export async function post(path, body, contentType = "application/json") {
 }
 
 /** Stores a document under its path. */
-export async function put(path, body) {
-  const answer = await call(path, { method: "PUT", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+export const put = (path, body) => send("PUT", path, body);
+/** Changes some fields of a document. */
+export const patch = (path, body) => send("PATCH", path, body);
+
+async function send(verb, path, body) {
+  const answer = await call(path, { method: verb, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
   return answer.json();
 }
 
@@ -100,7 +104,7 @@ export async function list(path, limit = 50, signal) {
   let cursor = null;
   do {
     const more = cursor ? `&cursor=${encodeURIComponent(cursor)}` : "";
-    const page = await get(`${path}?limit=${Math.min(200, limit - items.length)}${more}`, signal);
+    const page = await get(`${path}${path.includes("?") ? "&" : "?"}limit=${Math.min(200, limit - items.length)}${more}`, signal);
     items.push(...page.items);
     cursor = page.next_cursor;
   } while (cursor && items.length < limit);

@@ -13,7 +13,7 @@ import { jobsPage } from "./jobs.js";
 const main = document.getElementById("main");
 const session = document.getElementById("session");
 const PAGES = [
-  [/^#\/robots\/(\w+)$/, robotPage],
+  [/^#\/robots\/(\w+)(?:\/(upload))?$/, robotPage],
   [/^#\/robots\/(\w+)\/plan$/, planPage],
   [/^#\/robots\/(\w+)\/correct$/, correctPage],
   [/^#\/robots\/(\w+)\/compare$/, comparePage],
@@ -60,7 +60,8 @@ async function show(moveFocus) {
   } finally {
     if (!signal.aborted) main.removeAttribute("aria-busy");
   }
-  if (moveFocus && !signal.aborted) main.focus({ preventScroll: true });
+  // a page may have put the focus where its work begins
+  if (moveFocus && !signal.aborted && !main.contains(document.activeElement)) main.focus({ preventScroll: true });
 }
 
 function who() {

@@ -1,7 +1,7 @@
 // The arm with what was measured: positions, error arrows and the posture of the point that is selected.
 
 import { el, fill } from "./dom.js";
-import { capital, fixed, mm, number, SMALLEST_MM } from "./format.js";
+import { capital, fixed, mm, SMALLEST_MM } from "./format.js";
 import { apply, axisX, framesOf, IDENTITY, inverse, origin, poseOf, reachOf, restOf, turn } from "./kinematics.js";
 import { VIEWS, view } from "./scene.js";
 import { arm, ground } from "./solids.js";
@@ -74,7 +74,7 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
   };
   selected.listen(refresh);
   const button = (text, label, click) => el("button", { type: "button", click, "aria-label": label, title: label }, text);
-  fill(shown, VIEWS.map(([name, words]) => el("button", { type: "button", click: () => scene.look(name) }, words)),
+  fill(shown, VIEWS.map(([name, [more, word]]) => el("button", { type: "button", "aria-label": `${more}${word}`, click: () => scene.look(name) }, el("span.wide", {}, more), el("span", {}, word))),
     button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3)));
   const node = el("figure.arm", {}, el("figcaption", {}, el(level, {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
     el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel), shown);
@@ -96,7 +96,7 @@ function stageChoice(stages, state, changed) {
 }
 
 const hint = (n) => [el("p.note", {}, n > 0 ? "Click, tap or press N to pick a point: its row, its joints and its residual appear here, and the arm takes its posture." : "Drag to turn the arm."),
-  el("p.note", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom. Two fingers: zoom and move.")];
+  el("p.note.by-mouse", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom."), el("p.note.by-touch", {}, "One finger: turn. Two fingers: zoom and move.")];
 
 /** Postures whose joints are within the first picture. */
 const FRAMED = 40;
@@ -139,7 +139,8 @@ const level = (error, top) => Math.max(0, Math.min(LEVELS.length - 1, Math.floor
 
 function legendOf({ stage, top }) {
   if (!stage) return false;
-  return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${number((top * (i + 1)) / LEVELS.length, 2)} mm` : `above ${number((top * i) / LEVELS.length, 2)} mm`));
+  const decimals = Math.max(0, Math.min(5, 1 - Math.floor(Math.log10(top / LEVELS.length))));
+  return LEVELS.map((_, i) => el("span", {}, el(`span.swatch.level-${i + 1}`, {}), i < LEVELS.length - 1 ? `to ${((top * (i + 1)) / LEVELS.length).toFixed(decimals)} mm` : `above ${((top * i) / LEVELS.length).toFixed(decimals)} mm`));
 }
 
 function arrowsSaid({ stage, factor, share, drawn }, n, stages, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {

@@ -25,6 +25,33 @@ export function figure(title, caption, height, draw, ...extras) {
   return node;
 }
 
+/** Makes a figure answer: `marks()` are [x, words] of what was drawn last; the nearest is told by pointer, touch and arrow keys. */
+export function answering(node, marks, idle = "Point, tap or use the arrow keys for values.") {
+  const image = node.querySelector(".plot svg");
+  const value = el("p.value", { "aria-live": "polite" }, idle);
+  let at = -1;
+  const tell = (index) => {
+    at = index;
+    fill(value, marks()[index]?.[1] ?? idle);
+  };
+  const near = (event) => {
+    const x = event.clientX - image.getBoundingClientRect().left;
+    tell(marks().reduce((best, [place], i, all) => (best < 0 || Math.abs(place - x) < Math.abs(all[best][0] - x) ? i : best), -1));
+  };
+  node.classList.add("answers");
+  for (const [name, text] of [["tabindex", 0], ["role", "application"], ["aria-roledescription", "chart"]]) image.setAttribute(name, text);
+  image.addEventListener("pointermove", near);
+  image.addEventListener("pointerdown", near);
+  image.addEventListener("keydown", (event) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (by === undefined || marks().length === 0) return;
+    event.preventDefault();
+    tell(Math.max(0, Math.min(marks().length - 1, at < 0 ? (by > 0 ? 0 : marks().length - 1) : at + by)));
+  });
+  node.append(value);
+  return node;
+}
+
 /** Which mark means what. */
 export function legend(entries) {
   return el("p.legend", {}, entries.map(([kind, text]) => el("span", {}, svg("svg.key", { width: 14, height: 12, "aria-hidden": "true" }, svg(`rect.${kind}`, { x: 1, y: 1, width: 12, height: 10 })), text)));
@@ -74,6 +101,22 @@ export function range(values, { zero = false, log = false, pad = 0.04 } = {}) {
 }
 
 const label = (value, log) => (log && (value < 0.01 || value >= 1e4) ? powerOfTen(Math.round(Math.log10(value))) : number(value, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
+
+const [SECOND, DAY] = [1000, 86_400_000];
+/** Steps of a time axis. */
+const STEPS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21_600, 43_200].map((s) => s * SECOND).concat([1, 2, 7, 14, 30, 91, 182, 365, 730, 1826].map((d) => d * DAY));
+
+/** A real time axis between two instants, ms, with marks at whole steps of local time. */
+export function timeAxis(min, max) {
+  const step = STEPS.find((s) => (max - min) / s <= 5) ?? STEPS.at(-1);
+  const shift = new Date(min).getTimezoneOffset() * 60 * SECOND;
+  const marks = [];
+  for (let at = Math.ceil((min - shift) / step) * step + shift; at <= max; at += step) marks.push(at);
+  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" };
+  // the day is said where the marks tell the hour only
+  const label = step < DAY ? new Date((min + max) / 2).toLocaleDateString("en-GB", { day: "numeric", month: "short", year: "numeric" }) : undefined;
+  return { min, max, ticks: marks, label, format: (v) => new Date(v).toLocaleString("en-GB", how) };
+}
 
 /** Both axes with grid lines; gives the pixel functions and the nodes. */
 export function axes(width, height, x, y) {

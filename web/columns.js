@@ -2,15 +2,23 @@
 
 import { list, post, put } from "./api.js";
 import { el, fill, problem } from "./dom.js";
+import { capital, plain } from "./format.js";
 
 /** Refusals that a mapping of columns can mend. */
 const ASKED = ["missing_unit", "two_readings", "no_header", "unknown_column", "missing_column", "wrong_joint_count", "duplicate_column", "mixed_units", "join_unclear", "unknown_sheet"];
 
-/** Name under which the dashboard keeps a robot's mapping. */
-export const REMEMBERED = "dashboard";
+/** Names under which the dashboard keeps a robot's mappings: of one table, and of two files. */
+const [REMEMBERED, REMEMBERED_PAIR] = ["dashboard", "dashboard-pair"];
+const remembered = (kept, isPair) => kept.find((mapping) => mapping.name === (isPair ? REMEMBERED_PAIR : REMEMBERED))?.columns;
 
 /** Whether a refusal is about columns. */
 export const isAboutColumns = ({ errors }) => (errors ?? []).some((issue) => ASKED.includes(issue.code));
+
+/** What was said of the columns of this robot's files before; undefined if nothing was, or of another kind of upload. */
+export async function saidBefore(robot, isPair) {
+  const kept = await list(`/v1/robots/${robot.id}/columns`, 200).catch(() => []);
+  return remembered(kept, isPair);
+}
 
 /** Columns that every file may have. */
 const OTHERS = ["configuration", "target", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
@@ -26,11 +34,11 @@ function meanings(part, nJoints) {
 }
 
 /** The mapping that a file is understood by so far: meaning → column number. */
-function soFar(file, remembered) {
+function soFar(file, said) {
   const found = new Map();
   for (const column of file.understood?.columns ?? []) found.set(column.number, column.unit ? `${column.means}_${column.unit}` : column.means);
   for (const [means, number] of Object.entries(file.proposed)) found.set(number, means);
-  const own = file.part === "table" ? remembered : remembered?.[file.part];
+  const own = file.part === "table" ? said : said?.[file.part];
   for (const [means, column] of Object.entries(own ?? {})) {
     const number = typeof column === "string" ? file.header.indexOf(column) + 1 : column;
     if (Number.isInteger(number) && number > 0) found.set(number, means);
@@ -42,10 +50,9 @@ function soFar(file, remembered) {
 export async function askColumns(robot, body, contentType, out, read) {
   const preview = await post(`/v1/robots/${robot.id}/measurement-sets/preview`, body, contentType);
   const kept = await list(`/v1/robots/${robot.id}/columns`, 200).catch(() => []);
-  const remembered = kept.find((mapping) => mapping.name === REMEMBERED)?.columns;
   const files = preview.files.filter((file) => file.understood);
   if (files.length === 0) return false;
-  const asked = files.map((file) => fileTable(file, robot.links.length, soFar(file, remembered)));
+  const asked = files.map((file) => fileTable(file, robot.links.length, soFar(file, remembered(kept, files.length > 1))));
   const keep = el("input", { type: "checkbox", id: "columns-keep", checked: true });
   const wrong = el("div", { role: "alert" });
   const by = files.length > 1 && el("select", { id: "columns-join" }, ["", "name", "number", "time", "order"].map((value) => el("option", { value }, value || "as the columns say")));
@@ -53,7 +60,7 @@ export async function askColumns(robot, body, contentType, out, read) {
     event.preventDefault();
     const columns = mapping(asked, by && by.value);
     try {
-      if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${REMEMBERED}`, columns);
+      if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
       read(columns);
     } catch (error) {
       fill(wrong, problem(error));
@@ -61,7 +68,8 @@ export async function askColumns(robot, body, contentType, out, read) {
   };
   fill(out, el("form.columns", { submit },
     el("h3", {}, "Say once what the columns are"),
-    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 8).map((issue) => el("li", {}, issue.detail))),
+    el("p.note", {}, "Nothing was stored yet. Choose a meaning above each column; what is proposed may be wrong."),
+    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 12).map((issue) => el("li", {}, capital(plain(issue.detail))))),
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
     el("label.choice", {}, keep, "Remember this for the robot"),
@@ -100,7 +108,7 @@ function fileTable(file, nJoints, found) {
   });
   const title = { table: "The file", robot: "The robot's file", instrument: "The instrument's file" }[file.part];
   const cells = (row) => Array.from({ length: width }, (_, at) => el("td", {}, row[at] ?? ""));
-  const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood)}`),
+  const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood, false)}`),
     el("div.scroll", { tabindex: 0, role: "region", "aria-label": title },
       el("table", { "aria-label": title },
         el("thead", {}, el("tr", {}, selects.map((select) => el("th", {}, select))), el("tr", {}, Array.from({ length: width }, (_, at) => el("th", { scope: "col" }, file.header[at] || `column ${at + 1}`)))),
@@ -109,10 +117,10 @@ function fileTable(file, nJoints, found) {
 }
 
 /** How a table was understood, in a sentence. */
-export function inWords(understood) {
+export function inWords(understood, isSure = true) {
   const separator = { ",": "commas", ";": "semicolons", "|": "bars", tab: "tabs", spaces: "spaces" }[understood.separator];
   const header = understood.header_row === null ? "no header" : `header in line ${understood.header_row}`;
-  return `${understood.encoding}, columns separated by ${separator}, decimal ${understood.decimal}, ${header}, ${understood.skipped_rows} other lines`;
+  return `${understood.encoding}, columns separated by ${separator}, ${isSure ? `decimal ${understood.decimal}, ` : ""}${header}, ${understood.skipped_rows} other lines`;
 }
 
 /** What was understood of a stored set, folded; nothing for a file as the documentation describes it. */
@@ -127,8 +135,8 @@ export function understoodDetails(set) {
 }
 
 function joinWords(join) {
-  const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock is ${join.clock_offset_s.toFixed(3)} s ahead; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
+  const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock minus the instrument's is ${join.clock_offset_s.toFixed(3)} s; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
   const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
     .map(([file, rows]) => el("p.note", {}, `${rows.n} rows of the ${file} file have no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
-  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}.${clock}`), rest];
+  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? ", without signs, spaces and leading zeros in the names" : ""}.${clock}`), rest];
 }

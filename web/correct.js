@@ -3,7 +3,7 @@
 import { get, list, post } from "./api.js";
 import { rowsOf } from "./csv.js";
 import { el, fill, problem, table, warning } from "./dom.js";
-import { fixed, mm, signed, when } from "./format.js";
+import { error, fixed, mm, signed, when } from "./format.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
 
@@ -80,17 +80,24 @@ async function compensate(id, q, request) {
 
 const worst = (values) => values.reduce((a, b) => Math.max(a, b), 0);
 const FINE = ["ok"];
+/** What a status means for whoever runs the program. */
+const STATES = { ok: "corrected", near_singular: "near a singularity", not_reached: "not reached", joint_limit: "at a joint limit" };
+const stateOf = (status) => STATES[status] ?? status.replaceAll("_", " ");
 
 function corrected(program, answer, name) {
   const odd = answer.status.map((status, i) => [status, i]).filter(([status]) => !FINE.includes(status));
   const outside = answer.extrapolated.filter(Boolean).length;
-  const shown = answer.q_deg.slice(0, SHOWN).map((_, i) => i);
+  // what needs somebody is listed first, and named
+  const order = [...odd.map(([, i]) => i), ...answer.status.map((_, i) => i).filter((i) => FINE.includes(answer.status[i]))];
+  const shown = order.slice(0, SHOWN);
+  const rows = odd.slice(0, 12).map(([, i]) => i).join(", ") + (odd.length > 12 ? ` and ${odd.length - 12} more` : "");
   const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
   return [facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))], ["Largest error after", mm(worst(answer.position_error_after_mm)), `by the identified robot, in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`],
-    ["Not reached", odd.length, odd.length > 0 ? [...new Set(odd.map(([status]) => status.replaceAll("_", " ")))].join(", ") : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
+    ["To look at", odd.length, odd.length > 0 ? [...new Set(odd.map(([status]) => stateOf(status)))].join(", ") : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
   answer.warnings.map(warning),
+  odd.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, odd.length === 1 ? "One target is not fully corrected. " : `${odd.length} targets are not fully corrected. `), `The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. Rows ${rows}.`)),
   el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name) }, "Download as CSV"))),
-    table(`The first ${shown.length} of ${program.q.length}; below each joint value its change.`, [["Row", (i) => i, "n"], ...joints, ["Before", (i) => mm(answer.position_error_before_mm[i]), "n"], ["After", (i) => mm(answer.position_error_after_mm[i]), "n"]], shown, ""))];
+    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its change. Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
 }
 
 function save({ header, rows, places, separator }, answer, name) {

@@ -1,7 +1,7 @@
 // Elements from data. Text always becomes a text node, so that no name can become markup.
 
-import { capital, warningTitle } from "./format.js";
-import { MATTERS, REMEDIES } from "./words.js";
+import { capital, plain, warningTitle } from "./format.js";
+import { MATTERS, REMEDIES, WARNINGS } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -46,9 +46,14 @@ export function fill(node, ...children) {
 export function table(caption, columns, rows, empty) {
   if (rows.length === 0) return el("p.empty", {}, empty);
   const head = el("tr", {}, columns.map(([heading, , kind]) => el(kind ? `th.${kind}` : "th", { scope: "col" }, heading)));
-  const body = rows.map((row) => el("tr", {}, columns.map(([, cell, kind]) => el(kind ? `td.${kind}` : "td", {}, cell(row)))));
+  // on a phone a table with names shows each row as a list; the heading of each cell stands before it
+  const isStacked = columns.some(([, , kind]) => kind === "name");
+  const body = rows.map((row) => el("tr", {}, columns.map(([heading, cell, kind]) => {
+    const content = cell(row);
+    return el(["td", kind, isStacked && content === "–" && "none"].filter(Boolean).join("."), isStacked ? { "data-label": heading } : {}, content);
+  })));
   return [el("p.caption", {}, caption), el("div.scroll", { tabindex: 0, role: "region", "aria-label": caption },
-    el("table", { "aria-label": caption }, el("thead", {}, head), el("tbody", {}, body)))];
+    el(isStacked ? "table.stacked" : "table", { "aria-label": caption }, el("thead", {}, head), el("tbody", {}, body)))];
 }
 
 /** Shows a notice, which screen readers also read out. */
@@ -65,13 +70,14 @@ let saying;
 
 /** A problem as the service tells it: its sentence, and every single reason. */
 export function problem(error) {
-  const reasons = (error.errors ?? []).map((issue) => el("li", {}, issue.detail));
-  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, error.title ?? "It did not work"), ". ", error.detail ?? String(error.message ?? error)),
+  const reasons = (error.errors ?? []).map((issue) => el("li", {}, capital(plain(issue.detail))));
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, WARNINGS[error.code] ?? error.title ?? "It did not work"), ". ", plain(error.detail ?? String(error.message ?? error))),
     reasons.length > 0 && el("ul", {}, reasons));
 }
 
 /** A sentence with long lists of names cut, and the whole sentence below it, folded. */
-export function brief(text) {
+export function brief(whole) {
+  const text = capital(plain(whole));
   const short = text.replace(LONG_LIST, (list) => {
     const names = list.split(", ");
     return `${names.slice(0, MAX_NAMES).join(", ")} and ${names.length - MAX_NAMES} more`;
@@ -87,7 +93,7 @@ const LONG_LIST = /\w+(?:, \w+){6,}/g;
 export function warning({ code, detail, rows = [] }) {
   const some = rows.slice(0, MAX_ROWS).join(", ") + (rows.length > MAX_ROWS ? ` and ${rows.length - MAX_ROWS} more` : "");
   const [matters, remedy] = [MATTERS[code], REMEDIES[code]];
-  const whole = `${capital(detail)}${rows.length > 0 && !/\brows? \d/.test(detail) ? ` (rows ${some} of the file)` : ""}.`.replace(/\.\.$/, ".");
+  const whole = `${capital(plain(detail))}${rows.length > 0 && !/\brows? \d/.test(detail) ? ` (rows ${some} of the file)` : ""}.`.replace(/\.\.$/, ".");
   const details = matters && whole.length > SHORT_DETAIL ? el("details", {}, el("summary", {}, "In this file"), el("p.note", {}, whole)) : el("p", {}, whole);
   return el("div.warning", {}, el("p", {}, el("strong", {}, warningTitle(code), ". "), matters && `${matters} `, remedy && el("span.remedy", {}, remedy)), details);
 }

@@ -1,13 +1,13 @@
 // The figures of one calibration.
 
-import { axes, figure, legend, polyline, range, ticks } from "./charts.js";
+import { answering, axes, figure, legend, polyline, range, ticks } from "./charts.js";
 import { svg } from "./dom.js";
-import { mm, number, SMALLEST_MM } from "./format.js";
+import { error, mm, number, SMALLEST_MM } from "./format.js";
 import { spansMuch } from "./points.js";
 
 /** Names of the two robots of a calibration. */
 export const IDENTIFIED = { before: "before", after: "after", remains: "after calibration", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
-  note: "The verify points were not fitted: their bars tell how good the robot is now." };
+  note: "The verify points were not fitted: their errors tell how good the robot is now." };
 /** Names of the two robots of a verification. */
 export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", remains: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
   note: "This job fitted no link to them." };
@@ -21,10 +21,13 @@ function median(values) {
 export function convergence(curve, note) {
   const { iteration, best_cost_mm2: cost } = curve;
   const caption = note ?? `The cost F, the sum of the squared position errors on the identify points, from ${number(cost[0])} to ${number(cost.at(-1))} mm² in ${iteration.at(-1)} iterations.`;
-  return figure("Convergence", caption, 250, (width, height) => {
+  let told = [];
+  const chart = figure("Convergence", caption, 250, (width, height) => {
     const frame = axes(width, height, { min: 0, max: Math.max(1, curve.limit ?? iteration.at(-1)), label: "iteration" }, { ...range(cost, { log: true }), label: "F, mm²" });
+    told = iteration.map((i, n) => [frame.x(i), `Iteration ${i}: F ${number(cost[n])} mm²`]);
     return [frame.nodes, polyline("line.after-line", iteration.map((i, n) => [frame.x(i), frame.y(cost[n])]))];
   });
+  return answering(chart, () => told);
 }
 
 /** A logarithmic range that does not go below what can be measured. */
@@ -36,7 +39,8 @@ export function histogram(points, names) {
   const log = spansMuch(points);
   const [before, after] = [points.map((p) => p.before_mm), points.map((p) => p.after_mm)];
   const caption = `Number of points by size of their error, all ${points.length} points${log ? "; each step to the right is ten times as much" : ""}. Half of them are below ${mm(median(before))} ${names.before} and ${mm(median(after))} ${names.after}.`;
-  return figure("Distribution of the errors", caption, 250, (width, height) => {
+  let told = [];
+  const chart = figure("Distribution of the errors", caption, 250, (width, height) => {
     const x = { ...(log ? visible([...before, ...after]) : range([...before, ...after], { zero: true })), label: "position error, mm" };
     const n = 24;
     const bin = binner(x, n);
@@ -44,9 +48,12 @@ export function histogram(points, names) {
     const top = largest(counts.flat());
     const frame = axes(width, height, x, { min: 0, max: top * 1.06, label: "points", ticks: ticks({ min: 0, max: top }, 4).filter(Number.isInteger) });
     const step = (frame.right - frame.left) / n;
+    const edge = (i) => (log ? x.min * (x.max / x.min) ** (i / n) : x.min + ((x.max - x.min) * i) / n);
+    told = counts[0].map((_, i) => [frame.left + (i + 0.5) * step, `${error(Math.max(0, edge(i)))} to ${mm(edge(i + 1))}: ${counts[0][i]} ${counts[0][i] === 1 ? "point" : "points"} ${names.before}, ${counts[1][i]} ${names.after}`]);
     const columns = (kind, values) => values.map((count, i) => count > 0 && svg(`rect.${kind}`, { x: frame.left + i * step + 0.5, y: frame.y(count), width: step - 1, height: frame.bottom - frame.y(count) }));
     return [frame.nodes, columns("before", counts[0]), columns("after", counts[1])];
   }, legend(names.legend));
+  return answering(chart, () => told);
 }
 
 function binner({ min, max, log }, n) {

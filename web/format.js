@@ -1,6 +1,6 @@
 // Numbers, times and the service's codes as people read them.
 
-import { CORRECTIONS, GATES, METHODS, WARNINGS } from "./words.js";
+import { CORRECTIONS, GATES, METHODS, UNMET, WARNINGS } from "./words.js";
 
 const MINUS = "\u2212";
 const THIN = "\u202f";
@@ -94,10 +94,18 @@ export const EVIDENCE = {
 };
 
 export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);
-export const gateTitle = (code) => GATES[code] ?? sentence(code);
+export const gateTitle = (code, refuses = false) => (refuses && UNMET[code]) || (GATES[code] ?? sentence(code));
 /** What a gate found. The code that some begin with is said by the rest of the sentence. */
-export const gateDetail = (detail) => detail.replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all));
+export const gateDetail = (detail) => plain(detail).replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all));
 export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
+
+/** A sentence of the service without what is meant for programs only: queries, options of the command line, routes. */
+export function plain(text) {
+  return String(text).replace(/\?columns=.*? \(--(?:"(?:[^"\\]|\\.)*"|[^)"])*\)/gu, "the choices below").replace(/[.;,:]? ?To keep it as it is all the same: \?insist=\w+, and no release rests on it/g, "").replace(/\.? If they are right all the same, insist: \?insist=\w+/g, "")
+    .replace(/[;,:]? (?:name it [^;,]*, )?(?:or )?(?:say|state|name)(?: so| it once| it| which| what it is| which it is| which it is by its number)?,? (?:in|by)? ?\?columns=(?:\{[^}]*\})? ?\(--columns\)/g, "").replace(/ (?:in|by) \?columns=(?:\{[^}]*\})?(?: \(--columns\))?/g, " below")
+    .replace(/[;,]? (?:or )?read them with \?frame=instrument/g, "").replace(/[,;]? and post a job of kind verify/g, ", and verify with it").replace(/ with jobs of kind verify/g, " by verifications")
+    .replace(/: post a job with verify, or of kind verify/g, ": verify with another session").replace(/,? ?with POST \/v1\/[\w/{}-]+/g, "").replace(/a job of kind verify/g, "a verification").replace(/([?!])\.$/, "$1");
+}
 
 /** With a capital letter, as a sentence begins. */
 export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);

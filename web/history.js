@@ -1,7 +1,7 @@
 // A robot's past: each parameter set with the report of its job.
 
 import { each, get, list } from "./api.js";
-import { axes, figure, legend, range, ticks } from "./charts.js";
+import { answering, axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
 
@@ -71,11 +71,13 @@ export function errorHistory(entries) {
   const shown = scaled(entries);
   const beyond = entries.length - shown.length;
   const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}`;
-  return figure("Error over time", caption, 260, (width, height) => {
+  let told = [];
+  const chart = figure("Error over time", caption, 260, (width, height) => {
     const values = shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]);
     const log = Math.max(...values) > 40 * Math.min(...values);
     const frame = axes(width, height, times(entries), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
     const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(Math.max(v, SMALLEST_MM))));
+    told = entries.map(({ set, report }) => [frame.x(Date.parse(set.created_at)), [el("strong", {}, when(set.created_at)), `: ${mm(best(report).before.rms_mm)} before, ${mm(best(report).after.rms_mm)} after, ${set.status}`]]);
     const marks = entries.map(({ set, report }) => {
       const { before, after } = best(report);
       const x = frame.x(Date.parse(set.created_at));
@@ -87,6 +89,7 @@ export function errorHistory(entries) {
     });
     return [frame.nodes, marks];
   }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"]]));
+  return answering(chart, () => told);
 }
 
 function square(x, y, status) {
@@ -94,23 +97,12 @@ function square(x, y, status) {
   return svg(`rect.${released ? "released" : "candidate"}`, { x: x - 4, y: y - 4, width: 8, height: 8 });
 }
 
-const [SECOND, DAY] = [1000, 86_400_000];
-/** Steps of a time axis. */
-const STEPS = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21_600, 43_200].map((s) => s * SECOND).concat([1, 2, 7, 14, 30, 91, 182, 365, 730, 1826].map((d) => d * DAY));
-
-/** A real time axis: the distance between two sets is the time between them. */
+/** The distance between two sets is the time between them. */
 function times(entries) {
   const all = entries.map(({ set }) => Date.parse(set.created_at));
   const [from, to] = [Math.min(...all), Math.max(...all)];
-  const pad = Math.max(SECOND, (to - from) * 0.05);
-  const [min, max] = [from - pad, to + pad];
-  const step = STEPS.find((s) => (max - min) / s <= 5) ?? STEPS.at(-1);
-  // whole steps of local time
-  const shift = new Date(min).getTimezoneOffset() * 60 * SECOND;
-  const marks = [];
-  for (let at = Math.ceil((min - shift) / step) * step + shift; at <= max; at += step) marks.push(at);
-  const how = step < 60 * SECOND ? { hour: "2-digit", minute: "2-digit", second: "2-digit" } : step < DAY ? { hour: "2-digit", minute: "2-digit" } : step < 60 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" };
-  return { min, max, ticks: marks, format: (v) => new Date(v).toLocaleString("en-GB", how) };
+  const pad = Math.max(1000, (to - from) * 0.05);
+  return timeAxis(from - pad, to + pad);
 }
 
 /** One parameter over time with twice its standard uncertainty, and the choice of it. */
@@ -119,12 +111,13 @@ export function parameterHistory(entries) {
   if (names.length === 0) return el("p.empty", {}, "No parameter was identified alone.");
   names.sort((a, b) => jump(entries, b) - jump(entries, a));
   let chosen = names[0];
+  const told = [];
   const choice = el("select", { id: "history-parameter", change: (event) => { chosen = event.target.value; chart.redraw(); } },
     names.map((name) => el("option", { value: name }, `${parameter(name)}  (${name})`)));
   const caption = "Those that moved most come first. Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone.";
-  const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen),
+  const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen, told),
     el("p", {}, el("label", { for: "history-parameter" }, "Parameter"), choice));
-  return chart;
+  return answering(chart, () => told);
 }
 
 /** Largest step of a parameter from one set to the next, in units of the two uncertainties, where they are stated; base and targets come after the links. */
@@ -135,7 +128,7 @@ function jump(entries, name) {
   return rows.some((p) => p.link) ? 1 + Math.max(0, ...steps) : 0;
 }
 
-function drawParameter(width, height, entries, name) {
+function drawParameter(width, height, entries, name, told) {
   const rows = entries.map(({ report }) => report.parameters.find((p) => p.name === name) ?? null);
   const known = rows.filter(Boolean);
   const unit = known[0]?.unit === "deg" ? "°" : "mm";
@@ -146,6 +139,7 @@ function drawParameter(width, height, entries, name) {
   const decimals = decimalsOf(ticks(y, 4));
   const frame = axes(width, height, times(entries), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
   const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(v)));
+  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(entries[i].set.created_at)), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean));
   const marks = rows.map((p, i) => p && svg("g", {},
     p.std_uncertainty && svg("line.whisker", { x1: frame.x(at(i)), x2: frame.x(at(i)), y1: within(p.delta - 2 * p.std_uncertainty), y2: within(p.delta + 2 * p.std_uncertainty) }),
     svg(p.identifiable ? "circle.mark" : "circle.unseen", { cx: frame.x(at(i)), cy: within(p.delta), r: 4.5 }),

@@ -6,7 +6,7 @@ import { el, fill, problem, say } from "./dom.js";
 import { capital, method, number, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
-import { STAGES } from "./words.js";
+import { FAILURES, STAGES } from "./words.js";
 
 const isOver = (job) => !["queued", "running"].includes(job.status);
 
@@ -28,20 +28,20 @@ export async function jobPage(context, id) {
   }
   if (signal.aborted) return;
   if (job.status === "succeeded") await result(body, context, { job, robot, set, verified });
-  else fill(body, ending(job, robot));
+  else fill(body, ending(job, robot, context));
 }
 
-const noun = (job) => (job.kind === "verify" ? "verification" : "calibration");
+const noun = (job) => ({ verify: "verification", check: "check" }[job.kind] ?? "calibration");
 
-/** The parameter set that a job of kind verify scores; null where that is the nominal robot, or an older server does not say. */
+/** The parameter set that a job of kind verify or check scores; null where that is the nominal robot, or an older server does not say. */
 function scoredSet(job, signal) {
-  const id = job.kind === "verify" && (job.parameter_set_from ?? job.request?.parameter_set_id);
+  const id = job.kind !== "identify" && (job.parameter_set_from ?? job.request?.parameter_set_id);
   return id ? get(`/v1/parameter-sets/${id}`, signal) : null;
 }
 
 /** The request of the job. */
 function asked(job, verified) {
-  if (job.kind !== "verify") return `method: ${method(job.method)}`;
+  if (job.kind === "identify") return `method: ${method(job.method)}`;
   if (!verified) return "nothing is identified";
   return ["scores the ", el("a", { href: `#/jobs/${verified.job_id}` }, `parameters identified ${when(verified.created_at)}`), `, now ${verified.status}; nothing is identified`];
 }
@@ -49,14 +49,28 @@ function asked(job, verified) {
 function head(job, robot, set, verified) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
-    el("p.quiet", {}, `${job.kind === "verify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · `, asked(job, verified))),
+    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame) · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", {}, statusBadge(job.status)));
 }
 
-function ending(job, robot) {
-  const back = el("p", {}, el("a", { href: `#/robots/${robot.id}` }, `Back to ${robot.name}`));
-  if (job.status === "failed") return [problem({ title: `The ${noun(job)} failed`, ...job.error }), back];
-  return [el("p", {}, `The ${noun(job)} was cancelled; nothing came out of it.`), back];
+/** Why there is no result, and what to do about it. */
+function ending(job, robot, { may, why }) {
+  const out = el("div", {});
+  const again = (text, changes, kind = "button") => el(kind, { type: "button", click: async () => {
+    try {
+      const { request } = await get(`/v1/jobs/${job.id}`);
+      const next = await post(`/v1/robots/${robot.id}/jobs`, { ...request, ...changes });
+      location.hash = `#/jobs/${next.id}`;
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  } }, text);
+  const isMethod = job.kind !== "verify" && job.method !== "auto";
+  const next = el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, job.status === "failed" ? FAILURES[job.error?.code] ?? FAILURES.other : "Nothing is lost: the points are stored."), out,
+    el("div.actions", {}, may("identify") && [isMethod && again("With the automatic method", { method: "auto", preset: "default", options: undefined }, "button.primary"), again("Start it again", {})], el("a.button", { href: `#/robots/${robot.id}` }, `To ${robot.name}`)),
+    why("identify", "start another calibration"));
+  if (job.status === "failed") return [problem({ title: `The ${noun(job)} failed`, ...job.error }), next];
+  return [el("p", {}, `The ${noun(job)} was cancelled; nothing came out of it.`), next];
 }
 
 const WAITING = "Waiting for a worker …";

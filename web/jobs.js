@@ -1,36 +1,48 @@
 // Jobs over all robots, newest first.
 
 import { get, list } from "./api.js";
-import { el, fill, table } from "./dom.js";
-import { method, ran, span, when } from "./format.js";
+import { el, fill, problem, table } from "./dom.js";
+import { method, plain, ran, span, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 
-/** Jobs that are listed. */
-const MAX_JOBS = 200;
-/** Robots whose newest jobs stand in where the server lists no jobs over all robots. */
+/** Jobs that are shown at first, and with each click. */
+const PAGE = 50;
+/** Robots whose names are known here. */
 const MAX_ROBOTS = 5000;
+const CHOICES = [["", "all jobs"], ["queued", "queued"], ["running", "running"], ["failed", "failed"], ["succeeded", "succeeded"], ["cancelled", "cancelled"]];
+const KINDS = [["", "calibrations, verifications and checks"], ["identify", "calibrations"], ["verify", "verifications"], ["check", "quick checks"]];
 
-/** The page. */
+/** The page. The service filters and counts. */
 export async function jobsPage({ main, signal }) {
   document.title = "kincal: jobs";
-  const robots = await list("/v1/overview", MAX_ROBOTS, signal);
+  const robots = await list("/v1/overview?archived=all", MAX_ROBOTS, signal);
   const names = new Map(robots.map((r) => [r.robot_id, r.name]));
-  const [jobs, caption] = await all(robots, signal);
-  const state = { status: "" };
-  const rows = el("div", {});
-  const draw = () => fill(rows, table(caption, [
-    ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))], ["Robot", (job) => el("a", { href: `#/robots/${job.robot_id}` }, names.get(job.robot_id) ?? job.robot_id), "name"],
-    ["State", (job) => statusBadge(job.status)], ["What", (job) => (job.kind === "verify" ? "verification" : job.method ? method(job.method) : "calibration")],
-    ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"], ["Remark", (job) => job.error?.detail ?? "", "name"],
-  ], jobs.filter((job) => state.status === "" || job.status === state.status), "No such job."));
-  const status = el("select", { id: "job-status", change: () => { state.status = status.value; draw(); } }, [["", "all"], ...["running", "queued", "failed", "succeeded", "cancelled"].map((s) => [s, s])].map(([value, words]) => el("option", { value }, words)));
-  draw();
-  fill(main, el("div.head", {}, el("h1", {}, "Jobs")), el("section.card", {}, el("div.controls", {}, el("label.inline", { for: "job-status" }, "Show"), status), rows));
+  const state = { status: "", kind: "", robot: "", jobs: [], cursor: null, asked: 0 };
+  const [rows, more] = [el("div", {}), el("div.actions", {})];
+  const load = async (isMore) => {
+    const turn = (state.asked += 1);
+    const query = new URLSearchParams(Object.entries({ limit: PAGE, status: state.status, kind: state.kind, robot_id: state.robot, cursor: isMore ? state.cursor : "" }).filter(([, value]) => value));
+    try {
+      const page = await get(`/v1/jobs?${query}`, signal);
+      // a later choice is on its way
+      if (turn !== state.asked) return;
+      Object.assign(state, { jobs: isMore ? [...state.jobs, ...page.items] : page.items, cursor: page.next_cursor });
+      fill(rows, jobTable(state.jobs, names));
+      fill(more, state.jobs.length > 0 && el("span.note", { role: "status" }, `${state.jobs.length} of ${page.total} jobs`), page.next_cursor && el("button", { type: "button", click: () => load(true) }, "Show more"));
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      if (!isMore && rows.childNodes.length === 0) throw error;
+      fill(more, problem(error));
+    }
+  };
+  const pick = (id, label, key, options) => el("span.pair", {}, el("label.inline", { for: id }, label), el("select", { id, change: (event) => { state[key] = event.target.value; load(false); } }, options.map(([value, words]) => el("option", { value }, words))));
+  const byName = robots.map((r) => [r.robot_id, r.name]).sort(([, a], [, b]) => a.localeCompare(b, "en", { numeric: true }));
+  await load(false);
+  fill(main, el("div.head", {}, el("h1", {}, "Jobs")), el("section.card", {}, el("div.controls", {}, pick("job-status", "Show", "status", CHOICES), pick("job-kind", "of", "kind", KINDS), byName.length > 1 && pick("job-robot", "Robot", "robot", [["", "all robots"], ...byName])), rows, more));
 }
 
-async function all(robots, signal) {
-  const contract = await get("/openapi.json", signal);
-  if (contract.paths?.["/v1/jobs"]?.get) return [await list("/v1/jobs", MAX_JOBS, signal), `The last ${MAX_JOBS} jobs of all robots.`];
-  const last = robots.filter((r) => r.last_job).map((r) => ({ ...r.last_job, robot_id: r.robot_id, started_at: null }));
-  return [last.sort((a, b) => b.created_at.localeCompare(a.created_at)).slice(0, MAX_JOBS), "The newest job of each robot."];
-}
+const jobTable = (jobs, names) => table("Calibrations and verifications of all robots, newest first.", [
+  ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))], ["Robot", (job) => el("a", { href: `#/robots/${job.robot_id}` }, names.get(job.robot_id) ?? "another robot"), "name"],
+  ["State", (job) => statusBadge(job.status)], ["What", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "quick check" : job.method ? method(job.method) : "calibration")],
+  ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"], ["Remark", (job) => plain(job.error?.detail ?? ""), "name"],
+], jobs, "No such job.");

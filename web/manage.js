@@ -1,10 +1,10 @@
-// The policy of a robot's releases, going back to the set before, and the archive.
+// What a robot is called and how it hangs, the policy of its releases, going back to the set before, and the archive.
 
-import { get, post, put } from "./api.js";
+import { get, patch, post, put } from "./api.js";
 import { el, fill, problem, say } from "./dom.js";
 
 /** What can be done with a robot, folded. */
-export function manageCard(robot, sets, may, signal) {
+export function manageCard(robot, sets, { may, why, signal }) {
   const body = el("div", {});
   let drawn = false;
   const open = async (event) => {
@@ -12,32 +12,66 @@ export function manageCard(robot, sets, may, signal) {
     drawn = true;
     try {
       const [policy, contract] = await Promise.all([get(`/v1/robots/${robot.id}/policy`, signal), get("/openapi.json", signal)]);
-      fill(body, policyForm(robot, policy, may), may("release") && rollback(robot, sets), archive(robot, contract, may));
+      fill(body, may("upload") && editForm(robot), policyForm(robot, policy, may), may("release") ? rollback(robot, sets) : why("release", "roll back to the set before"), archive(robot, contract, may), why("upload", "rename this robot, archive or restore it"));
     } catch (error) {
       if (error.name !== "AbortError") fill(body, problem(error));
     }
   };
-  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Policy of releases, rollback, archive"), body));
+  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Name, policy of releases, rollback, archive"), body));
 }
+
+/** How an arm may hang: [value, words]. */
+export const MOUNTINGS = [["", "on the floor"], ["wall", "on a wall"], ["ceiling", "on the ceiling"]];
+
+function editForm(robot) {
+  const out = el("div", {});
+  const field = (id, label, input) => el("div", {}, el("label", { for: id }, label), input);
+  const name = el("input", { id: "edit-name", value: robot.name, required: true, maxlength: 200 });
+  const serial = el("input", { id: "edit-serial", value: robot.serial_number ?? "", maxlength: 200 });
+  const isOther = robot.mounting && typeof robot.mounting !== "string";
+  const mounting = el("select", { id: "edit-mounting" }, [...isOther ? [["other", "as it was stated"]] : [], ...MOUNTINGS].map(([value, words]) => el("option", { value, selected: isOther ? value === "other" : value === (robot.mounting === "floor" ? "" : robot.mounting ?? "") }, words)));
+  const before = mounting.value;
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      const changes = {};
+      if (name.value !== robot.name) changes.name = name.value;
+      if (serial.value.trim() !== (robot.serial_number ?? "")) changes.serial_number = serial.value.trim() || null;
+      if (mounting.value !== before) changes.mounting = mounting.value || "floor";
+      if (Object.keys(changes).length === 0) return say("Nothing was changed");
+      await patch(`/v1/robots/${robot.id}`, changes);
+      location.reload();
+    } catch (error) {
+      fill(out, problem(error));
+    }
+  };
+  return el("form", { submit }, el("h3", {}, "Name"), el("p.note", {}, "The serial number stands in the report, and tells two arms of one type apart. The mounting says which way the arm sags."),
+    el("div.fields", {}, field("edit-name", "Name", name), field("edit-serial", "Serial number", serial), field("edit-mounting", "Mounting", mounting)), out, el("p", {}, el("button", { type: "submit" }, "Store")));
+}
+
+/** The decision rules of ILAC-G8 and JCGM 106. */
+const RULES = [["guarded_acceptance", "guarded acceptance: rms plus its uncertainty (95 %) within the tolerance"], ["simple_acceptance", "simple acceptance: rms alone within the tolerance"]];
 
 function policyForm(robot, policy, may) {
   const out = el("div", {});
   const locked = !may("admin");
   const tolerance = el("input", { id: "policy-tolerance", type: "number", min: 0, step: "any", value: policy.tolerance_mm ?? "", placeholder: "none", disabled: locked });
+  const rule = el("select", { id: "policy-rule", disabled: locked }, RULES.map(([value, words]) => el("option", { value, selected: value === policy.decision_rule }, words)));
   const box = (checked) => el("input", { type: "checkbox", checked, disabled: locked });
   const [session, person] = [box(policy.independent_session_required), box(policy.second_person_required)];
   const submit = async (event) => {
     event.preventDefault();
     try {
-      await put(`/v1/robots/${robot.id}/policy`, { ...policy, tolerance_mm: tolerance.value === "" ? null : Number(tolerance.value), independent_session_required: session.checked, second_person_required: person.checked });
+      await put(`/v1/robots/${robot.id}/policy`, { ...policy, tolerance_mm: tolerance.value === "" ? null : Number(tolerance.value), decision_rule: rule.value, independent_session_required: session.checked, second_person_required: person.checked });
       fill(out, el("div.done", {}, el("p", {}, "Stored. It holds from the next release on.")));
       say("Policy stored");
     } catch (error) {
       fill(out, problem(error));
     }
   };
-  return el("form", { submit }, el("h3", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
-    el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance)),
+  return el("form", { submit }, el("h3.below", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
+    el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance),
+      el("div", {}, el("label", { for: "policy-rule" }, "Decision rule for the rms on verify points"), rule)),
     el("label.choice", {}, session, "another measuring session must have verified it"), el("label.choice", {}, person, "who releases must not be who uploaded"),
     out, locked ? el("p.note", {}, "Changing the policy takes a key with the scope admin.") : el("p", {}, el("button", { type: "submit" }, "Store the policy")));
 }

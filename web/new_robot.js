@@ -3,8 +3,9 @@
 import { get, post } from "./api.js";
 import { armFigure } from "./arm.js";
 import { el, fill, problem } from "./dom.js";
-import { fixed } from "./format.js";
+import { fixed, mm } from "./format.js";
 import { framesOf, origin, restOf } from "./kinematics.js";
+import { MOUNTINGS } from "./manage.js";
 import { selection } from "./selection.js";
 
 /** Most joints of a robot, as the service has it. */
@@ -14,9 +15,9 @@ const COLUMNS = [["a_mm", "a, mm"], ["alpha_deg", "α, °"], ["d_mm", "d, mm"], 
 /** The card. */
 export function newRobot() {
   const out = el("div", { "aria-live": "polite" });
-  const show = (robot, remark) => fill(out, remark && el("p.note", {}, remark), check(robot));
+  const show = (robot, remark) => { fill(out, remark && el("p.note", {}, remark), check(robot)); out.scrollIntoView({ block: "nearest" }); };
   const failed = (error) => fill(out, problem(error));
-  return el("section.card", {}, el("h2", {}, "Add a robot"), el("p.note", {}, "Nothing is stored before you have seen the arm and confirmed it."),
+  return el("section.card", { id: "add-robot" }, el("h2", {}, "Add a robot"), el("p.note", {}, "Take an arm from the library, a file, or a table. Nothing is stored before you have seen the arm and confirmed it."),
     library(show, failed), fileForm(show, failed), el("details", {}, el("summary", {}, "Or fill in a table of the links"), tableForm(show)), out);
 }
 
@@ -26,9 +27,19 @@ function library(show, failed) {
   const open = async () => {
     try {
       const { items } = await get("/v1/robot-models?limit=200");
-      const select = el("select", { id: "robot-model" }, items.map((model) => el("option", { value: model.id }, model.name)));
-      const use = async () => { try { const found = await get(`/v1/robot-models/${select.value}`); show(found.robot ?? found); } catch (error) { failed(error); } };
-      fill(place, el("label", { for: "robot-model" }, "Ready arms"), el("div.controls", {}, select, el("button", { type: "button", click: use }, "Look at it")));
+      const select = el("select", { id: "robot-model" });
+      const count = el("span.note", { role: "status" });
+      const search = el("input", { id: "robot-model-search", type: "search", placeholder: "maker or type", autocomplete: "off", input: () => draw() });
+      const draw = () => {
+        const words = search.value.toLowerCase().split(/[\s-]+/).filter(Boolean);
+        const found = items.filter((model) => words.every((word) => `${model.maker} ${model.name}`.toLowerCase().replace(/-/g, " ").includes(word)));
+        const makers = [...new Set(found.map((model) => model.maker))];
+        fill(select, makers.map((maker) => el("optgroup", { label: maker }, found.filter((model) => model.maker === maker).map((model) => el("option", { value: model.id }, `${model.name}${model.n_joints === 6 ? "" : `, ${model.n_joints} joints`}`)))));
+        fill(count, found.length === items.length ? `${items.length} arms` : `${found.length} of ${items.length} arms`);
+      };
+      const use = async () => { if (!select.value) return; try { const found = await get(`/v1/robot-models/${select.value}`); show(found.robot ?? found); } catch (error) { failed(error); } };
+      draw();
+      fill(place, el("div.controls", {}, el("span.pair", {}, el("label.inline", { for: "robot-model-search" }, "Find"), search), el("span.pair", {}, el("label.inline", { for: "robot-model" }, "Ready arms"), select), el("button", { type: "button", click: use }, "Look at it"), count));
     } catch (error) {
       fill(place, error.status === 404 ? el("p.note", {}, "This server has no library of ready arms.") : problem(error));
     }
@@ -47,9 +58,9 @@ function fileForm(show, failed) {
     asked.hidden = !isTable;
     try {
       if (/\.json$/i.test(chosen.name)) return show(JSON.parse(await chosen.text()));
-      const query = new URLSearchParams({ format: isTable ? convention.value : "urdf", name: chosen.name.replace(/\.\w+$/, "").slice(0, 200) });
+      const query = new URLSearchParams({ format: isTable ? convention.value : "urdf", name: chosen.name.replace(/\.\w+$/, "").replaceAll("_", " ").trim().slice(0, 200) || "robot" });
       const found = await post(`/v1/robot-imports?${query}`, chosen, isTable ? "text/csv" : "application/xml");
-      show(found.robot, `Read with ${found.robot.links.length} joints; the links agree with the description to ${found.largest_difference_mm.toExponential(0)} mm.`);
+      show(found.robot, `Read with ${found.robot.links.length} joints; the links agree with the file to ${found.largest_difference_mm < 1e-6 ? "less than a nanometre" : mm(found.largest_difference_mm)}.`);
     } catch (error) {
       failed(error instanceof SyntaxError ? { title: "This is no JSON", detail: error.message } : error);
     }
@@ -93,19 +104,22 @@ function check(robot) {
   const q = restOf(robot);
   const out = el("div", {});
   const flange = el("p", { role: "status" });
-  const drawn = armFigure({ title: `Is this ${robot.name || "your robot"}?`, caption: "Type the joint values that the pendant shows, and compare the flange with the pendant's position of tool 0.", robot, points: [], selected: selection(0), postures: () => q, rest: () => q });
+  const drawn = armFigure({ title: `Is this your ${robot.name || "robot"}?`, caption: "Type the joint values that the pendant shows, and compare the flange with the pendant's position of tool 0.", robot, points: [], selected: selection(0), postures: () => q, rest: () => q });
   const say = () => fill(flange, "Flange in the base frame: ", el("strong", {}, origin(framesOf(robot, q).at(-1)).map((v) => fixed(v, 2)).join(", ")), " mm");
   const inputs = robot.links.map((_, i) => el("label.joint", {}, `J${i + 1}`, el("input", { type: "number", step: "any", value: q[i], "aria-label": `Joint ${i + 1}, degrees`, input: (event) => { q[i] = Number(event.target.value); say(); drawn.redraw(); } })));
   const name = el("input", { id: "robot-stored-name", value: robot.name ?? "", maxlength: 200, required: true });
+  const serial = el("input", { id: "robot-stored-serial", value: robot.serial_number ?? "", maxlength: 200, placeholder: "on the type plate" });
+  const mounting = !robot.mounting && el("select", { id: "robot-stored-mounting" }, MOUNTINGS.map(([value, words]) => el("option", { value }, words)));
+  const field = (id, label, input) => input && el("div", {}, el("label", { for: id }, label), input);
   const store = async (event) => {
     event.preventDefault();
     try {
-      const stored = await post("/v1/robots", { ...robot, name: name.value });
+      const stored = await post("/v1/robots", { ...robot, name: name.value, ...serial.value.trim() ? { serial_number: serial.value.trim() } : {}, ...mounting && mounting.value ? { mounting: mounting.value } : {} });
       location.hash = `#/robots/${stored.id}`;
     } catch (error) {
       fill(out, problem(error));
     }
   };
   say();
-  return el("form", { submit: store }, drawn.node, el("div.controls", {}, inputs), flange, el("label", { for: "robot-stored-name" }, "Name"), el("div.fields", {}, name), out, el("button.primary", { type: "submit" }, "Add robot"));
+  return el("form", { submit: store }, drawn.node, el("div.controls", {}, inputs), flange, el("div.fields", {}, field("robot-stored-name", "Name", name), field("robot-stored-serial", "Serial number", serial), field("robot-stored-mounting", "Mounting", mounting)), out, el("button.primary", { type: "submit" }, "Add robot"));
 }

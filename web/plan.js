@@ -26,7 +26,7 @@ function form(robot, sets, out) {
   const number = (name, value, more = {}) => el("input", { id: name, type: "number", value, ...more });
   const field = (name, label, input) => el("div", {}, el("label", { for: name }, label), input);
   const [n, floor] = [number("plan-n", 30, { min: 1, max: 300, step: 1, required: true }), number("plan-floor", "", { step: "any", placeholder: "none" })];
-  const frame = el("select", { id: "plan-frame" }, el("option", { value: "base" }, "the robot's base frame"), el("option", { value: "instrument" }, "the instrument's frame"));
+  const frame = el("select", { id: "plan-frame" }, el("option", { value: "base" }, "the robot's base frame"), el("option", { value: "instrument", selected: sets[0]?.frame === "instrument" }, "the instrument's frame"));
   const before = el("input", { id: "plan-before", type: "checkbox", checked: sets.length > 0 });
   const boxes = keepOuts();
   const button = el("button.primary", { type: "submit" }, "Plan");
@@ -65,10 +65,13 @@ function keepOuts() {
 
 function planned(robot, plan, boxes) {
   const poses = plan.configurations;
+  // the number of the pose that is repeated, counted from 0
+  const isRepeat = (i) => Number.isInteger(poses[i].repeats);
+  const again = poses.some((_, i) => isRepeat(i));
   const points = poses.map(({ q_deg: q }) => ({ position: positionOf(robot, q), target: 0 }));
   const selected = selection(points.length);
   const cell = armFigure({ title: "The planned poses", level: "h2", caption: "Dots: the nominal flange at each pose. Dashed: what is kept out.", robot, points, selected, boxes, postures: (i) => poses[i].q_deg,
-    describe: (i) => pointFacts(`Pose ${i + 1} of ${poses.length}`, [jointFacts(poses[i].q_deg), ["Flange, mm", points[i].position.map((v) => fixed(v, 0)).join(", ")], poses[i].repeats > 1 && ["Measure it", `${poses[i].repeats} times`]]),
+    describe: (i) => pointFacts(`Pose ${i + 1} of ${poses.length}`, [jointFacts(poses[i].q_deg), ["Flange, mm", points[i].position.map((v) => fixed(v, 0)).join(", ")], isRepeat(i) && ["Repeats", `pose ${poses[i].repeats + 1}`]]),
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   selected.set(0);
   const { mean, max } = plan.predicted_std_mm;
@@ -76,11 +79,11 @@ function planned(robot, plan, boxes) {
   return [facts([["Poses", poses.length], ["Uncertainty to expect", mm(mean), `at worst ${mm(max)}, at the tool over the workspace`],
     ["With random poses", mm(plan.predicted_std_mm_random.mean), `at worst ${mm(plan.predicted_std_mm_random.max)}`]]), cell.node,
   el("section.card", {}, el("div.head", {}, el("h2", {}, "Joint values"), el("div.actions", {}, el("button", { type: "button", click: () => save(poses, robot) }, "Download as CSV"))),
-    table("In the order in which they were planned. The downloaded table has empty columns for the measured positions.", [["Pose", (i) => i + 1, "n"], ...joints], poses.map((_, i) => i), ""))];
+    table(`Measure them in this order.${again ? " The last ones repeat the first: what has moved between shows a drift of base or instrument." : ""} The downloaded table has empty columns for the measured positions.`, [["Pose", (i) => i + 1, "n"], ...again ? [["Repeats", (i) => (isRepeat(i) ? `pose ${poses[i].repeats + 1}` : "")]] : [], ...joints], poses.map((_, i) => i), ""))];
 }
 
 function save(poses, robot) {
   const header = [...robot.links.map((_, k) => `q${k + 1}_deg`), "x_mm", "y_mm", "z_mm"].join(",");
-  const lines = poses.flatMap(({ q_deg: q, repeats = 1 }) => Array.from({ length: Math.max(1, repeats) }, () => `${q.join(",")},,,`));
+  const lines = poses.map(({ q_deg: q }) => `${q.join(",")},,,`);
   saveText(`${header}\n${lines.join("\n")}\n`, "poses.csv", "text/csv");
 }

@@ -1,7 +1,7 @@
 // The error of every point as a figure that answers: bars in the order of the file, or dots against a joint or the time; with values by
 // pointer, touch and keyboard, zoom by dragging, and one selection with arrows and table.
 
-import { axes, figure, legend, range } from "./charts.js";
+import { axes, figure, legend, range, timeAxis } from "./charts.js";
 import { quantile } from "./arm.js";
 import { el, fill, svg } from "./dom.js";
 import { mm, number, SMALLEST_MM } from "./format.js";
@@ -14,7 +14,6 @@ const MAX_DOTS = 1500;
 const LOG_FROM_RATIO = 40;
 /** The scale of "after" ends here, as a multiple of the largest error after; the bars of "before" are cut. */
 const ABOVE_AFTER = 1.15;
-const FORM = { hour: "2-digit", minute: "2-digit" };
 
 const largest = (values) => values.reduce((a, b) => Math.max(a, b), 0);
 
@@ -132,7 +131,7 @@ function dots(width, height, points, y, state, chosen, names) {
   const within = all.filter((i) => of(i) >= x.min && of(i) <= x.max);
   const share = Math.max(1, Math.ceil(within.length / MAX_DOTS));
   const shown = share === 1 ? within : within.filter((i, n) => n % share === 0 || i === chosen);
-  const scale = state.against === "time" ? { ...x, label: "time", format: (v) => new Date(v).toLocaleString("en-GB", x.max - x.min > 864e5 ? { day: "numeric", month: "short" } : FORM) } : { ...x, label: `joint ${Number(state.against.slice(1)) + 1}, °` };
+  const scale = state.against === "time" ? timeAxis(x.min, x.max) : { ...x, label: `joint ${Number(state.against.slice(1)) + 1}, °` };
   const frame = axes(width, height, scale, y);
   const place = (v) => Math.max(frame.top, frame.y(y.log ? seen(v) : v));
   state.frame = frame;

@@ -1,20 +1,17 @@
 // Are these my poses? The arm at the postures of an uploaded file, with the measured positions where they are in the robot's base frame.
 
-import { blob } from "./api.js";
 import { armFigure, jointFacts, pointFacts } from "./arm.js";
 import { el } from "./dom.js";
 import { fixed, mm } from "./format.js";
 import { positionOf } from "./kinematics.js";
-import { fromCsv, rowsOfSet } from "./rows.js";
+import { rowsOfSet } from "./rows.js";
 import { selection } from "./selection.js";
 
 /** A node that fills itself once the file was read again; empty where its joint values cannot be read here. */
 export function posesOf(robot, set, signal) {
   const node = el("div", {});
-  rowsOfSet(set, robot.links.length, signal).then(async ({ joints }) => {
-    if (!joints || joints.length === 0) return;
-    const measured = set.frame === "base" ? await positionsOf(set, signal) : null;
-    node.append(figureOf(robot, set, joints, measured));
+  rowsOfSet(set, robot.links.length, signal).then(({ joints, positions }) => {
+    if (joints && joints.length > 0) node.append(figureOf(robot, set, joints, set.frame === "base" ? positions : null));
   }, () => { /* the upload stands without its picture */ });
   return node;
 }
@@ -33,12 +30,4 @@ function figureOf(robot, set, joints, measured) {
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   selected.set(0);
   return made.node;
-}
-
-/** Measured positions of a set, mm; null where this page cannot read them. */
-async function positionsOf(set, signal) {
-  const file = await blob(`/v1/measurement-sets/${set.id}/points`, signal);
-  const text = await file.text();
-  if (file.type.startsWith("application/json")) return JSON.parse(text).points.map((p) => p.position_mm);
-  return fromCsv(text, 0, set).positions;
 }

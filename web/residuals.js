@@ -2,9 +2,9 @@
 // that 100,000 points stay usable.
 
 import { blob, get, post } from "./api.js";
-import { rowsOf } from "./csv.js";
 import { el, fill, problem, say } from "./dom.js";
 import { error, fixed } from "./format.js";
+import { linesOfPoints } from "./rows.js";
 import { saveText } from "./save.js";
 
 /** Height of a row, px; the style sheet has the same. */
@@ -17,7 +17,7 @@ export function residualTable(points, name, selected, leave) {
   const state = { key: "row", up: true, filter: "all", least: null, order: [], joints: null };
   const columns = () => [["row", "Row", (i) => name(i), (i) => i], ["configuration", "Configuration", (i) => points[i].configuration], ["target", "Target", (i) => points[i].target], ["subset", "Half", (i) => points[i].subset],
     ["before", "Before, mm", (i) => error(points[i].before_mm), (i) => points[i].before_mm], ["after", "After, mm", (i) => error(points[i].after_mm), (i) => points[i].after_mm],
-    ...points[0]?.corrected_mm !== undefined ? [["corrected", "Corrected, mm", (i) => error(points[i].corrected_mm), (i) => points[i].corrected_mm]] : [],
+    ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "Corrected, mm", (i) => error(points[i].corrected_mm), (i) => points[i].corrected_mm]] : [],
     ...["x", "y", "z"].map((axis, k) => [axis, `Δ${axis}, mm`, (i) => fixed(points[i].after_vector_mm?.[k], 3), (i) => points[i].after_vector_mm?.[k] ?? 0]),
     ["note", "Remark", (i) => [points[i].outlier && "outlier", leave?.excluded.has(i) && "left out"].filter(Boolean).join(", ")]];
   const head = el("tr", {});
@@ -56,9 +56,9 @@ export function residualTable(points, name, selected, leave) {
     draw();
   });
   new ResizeObserver(draw).observe(box);
-  const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
+  const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. Rows are counted from 0 without the header. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
   sort();
-  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; } };
+  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; }, download: () => download(points, name, state) };
 }
 
 function keeps(p, i, { filter, least }, leave) {
@@ -111,13 +111,18 @@ function download(points, name, { order, joints }) {
  * why, so that both files are kept and nothing is hidden.
  */
 export function leavingOut({ job, set, robot, may, name, changed }) {
-  if (job.kind === "verify" || !may("identify") || !may("upload")) return null;
+  if (job.kind !== "identify" || !may("identify") || !may("upload")) return null;
+  // rows of two files or of a workbook cannot be taken out here
+  if (set.joined || ["xlsx", "ods", "robot program"].includes(set.understood?.encoding)) return null;
   const excluded = new Set();
   const out = el("div", {});
   const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });
   const list = el("p", {});
+  const button = el("button.primary", { type: "submit" }, "Calibrate again without them");
   const node = el("form.leave", { hidden: true, submit: async (event) => {
     event.preventDefault();
+    button.disabled = true;
+    fill(out, el("p.quiet", {}, "Uploading the file without them …"));
     try {
       const rows = [...excluded].sort((a, b) => a - b);
       const reduced = await uploadWithout(robot, set, rows, reason.value);
@@ -126,8 +131,9 @@ export function leavingOut({ job, set, robot, may, name, changed }) {
       location.hash = `#/jobs/${next.id}`;
     } catch (refused) {
       fill(out, problem(refused));
+      button.disabled = false;
     }
-  } }, list, el("label", { for: "exclude-reason" }, "Why they are left out; it is kept in the name of the new set"), reason, out, el("div.actions", {}, el("button.primary", { type: "submit" }, "Calibrate again without them")));
+  } }, list, el("label", { for: "exclude-reason" }, "Why they are left out; it is kept in the name of the new set"), reason, out, el("div.actions", {}, button));
   const toggle = (i) => {
     if (!excluded.delete(i)) excluded.add(i);
     node.hidden = excluded.size === 0;
@@ -145,21 +151,29 @@ async function uploadWithout(robot, set, rows, reason) {
   const file = await blob(`/v1/measurement-sets/${set.id}/points`);
   const text = await file.text();
   const isJson = file.type.startsWith("application/json");
-  const without = isJson ? JSON.stringify({ ...JSON.parse(text), points: JSON.parse(text).points.filter((_, i) => !rows.includes(i)) }) : withoutLines(text, rows);
+  const without = isJson ? JSON.stringify({ ...JSON.parse(text), points: JSON.parse(text).points.filter((_, i) => !rows.includes(i)) }) : withoutLines(text, rows, linesOfPoints(text, robot.links.length, set));
   const named = `${set.name ?? set.id} without ${rows.length === 1 ? "row" : "rows"} ${rows.join(", ")}: ${reason}`;
-  const query = new URLSearchParams({ frame: set.frame, name: named.length > MAX_NAME ? `${named.slice(0, MAX_NAME - 2)} …` : named });
+  const query = new URLSearchParams({ frame: set.frame, ...mappingOf(set), name: named.length > MAX_NAME ? `${named.slice(0, MAX_NAME - 2)} …` : named });
   return post(`/v1/robots/${robot.id}/measurement-sets?${query}`, without, isJson ? "application/json" : "text/csv");
 }
 
-/** A CSV without some data rows; every other line stays as it is. */
-export function withoutLines(text, left) {
-  const header = text.split(/\r\n|\n|\r/, 1)[0];
-  const [, ...rows] = rowsOf(text, header.includes(";") ? ";" : ",");
-  const lines = text.split(/\r\n|\n|\r/);
+/** How the file was understood, so that it is understood so again: a query for columns of other names and for decimal commas. */
+function mappingOf({ understood }) {
+  if (!understood) return {};
+  const unit = ({ means, unit: its }) => (its ? `${means}_${its}` : means);
+  const isPlain = understood.columns.every((column) => column.column === unit(column)) && understood.separator === "," && understood.decimal === "point";
+  return isPlain ? {} : { columns: JSON.stringify({ ...Object.fromEntries(understood.columns.map((column) => [unit(column), column.number])), ...understood.header_row === null ? { header_row: false } : {} }) };
+}
+
+/** A table without some points, which stand on these lines; every other line stays as it is. */
+function withoutLines(text, left, lines) {
+  if (!lines) throw { title: "This file cannot be shortened here", detail: "Its rows are read in another way than this page reads them. Take the rows out of the file yourself, and upload it." };
+  const all = text.split(/\r\n|\n|\r/);
   const gone = new Set();
   for (const i of left) {
-    const end = rows[i + 1]?.line ?? lines.length + 1;
-    for (let line = rows[i].line; line < end; line += 1) gone.add(line);
+    // a cell in quotes may go on over several lines
+    const end = text.includes("\"") ? lines[i + 1] ?? all.length + 1 : lines[i] + 1;
+    for (let line = lines[i]; line < end; line += 1) gone.add(line);
   }
-  return `${lines.filter((_, i) => !gone.has(i + 1)).join("\n").replace(/\n+$/, "")}\n`;
+  return `${all.filter((_, i) => !gone.has(i + 1)).join("\n").replace(/\n+$/, "")}\n`;
 }

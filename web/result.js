@@ -1,6 +1,7 @@
 // Result of a calibration, in this order: errors, release, changes, method.
 
 import { get, post } from "./api.js";
+import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
@@ -23,15 +24,15 @@ export async function result(body, context, { job, robot, set, verified }) {
     job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
-  const names = job.kind === "verify" ? VERIFIED : IDENTIFIED;
+  const names = job.kind !== "identify" ? VERIFIED : IDENTIFIED;
   const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
   const next = el("div", {});
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, job.kind === "verify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
-    report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
-    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet), origin(report, set, parameterSet));
+  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+    report.check && checkTables(report), report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
@@ -75,19 +76,19 @@ function score(report, half, verified) {
 function summary(report, half, job, verified) {
   const { rank, n_parameters: n } = report.identifiability;
   const alone = report.parameters.filter((p) => p.identifiable).length;
-  const before = job.kind === "verify" ? "nominal robot" : "before";
+  const before = job.kind !== "identify" ? "nominal robot" : "before";
   // the robot's page has the same figure; what the service computed is the smaller part of a short job
   const whole = ran(job) ?? report.duration_ms / 1000;
-  const how = job.kind === "verify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`;
+  const how = job.kind !== "identify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`;
   const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
     verified && ["Verified", el("a", { href: `#/jobs/${verified.job_id}` }, verified.status === "released" ? "active set" : `${verified.status} set`), `identified ${when(verified.created_at)}`],
     ["Mean error", mm(half.after.mean_mm), `${before} ${mm(half.before.mean_mm)}`],
     isCorrected(half) && ["With corrections", mm(half.corrected.mean_mm), "mean error; for predictions and corrected targets"],
     ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
-    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone, not of predictions with corrections`],
+    report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone`],
     report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", report.tool_uncertainty_absent_because],
-    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation under what is known of robots beforehand: corrected poses are refused, positions of a measured reflector are not" : `one standard deviation under what is known of robots beforehand${report.last_joint_zero_std_deg == null ? "" : `; ${number(report.last_joint_zero_std_deg)}° of it is the zero of the last joint, which positions never show`}`],
+    report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation; corrected poses are refused, positions of a measured reflector are not" : `one standard deviation${report.last_joint_zero_std_deg == null ? "" : `; ${number(report.last_joint_zero_std_deg)}° by the zero of the last joint, which positions never show`}`],
     ["Evidence", evidence, `${half.n_points} points`],
     n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
     ["Took", span(whole), `from start to end, computed for ${span(report.duration_ms / 1000)}; ${how}`],
@@ -96,19 +97,21 @@ function summary(report, half, job, verified) {
 
 /** The state of the parameter set and what this user may do with it. */
 function decision(parameterSet, context, steps, robot) {
-  const node = el("section.card.decision", { "aria-label": "Parameter set" });
+  const node = el("section.card.decision", { "aria-label": "Parameter set", tabindex: -1 });
   const draw = (current, said) => {
     const again = (action, title) => () => ask(action, title, current, draw, robot);
     const buttons = [];
     if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
-    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"));
+    buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"), el("button", { type: "button", click: () => document.getElementById("exports").scrollIntoView() }, "Export …"));
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
     if (!context.may("release")) node.append(context.why("release", "decide about it"));
     if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at:")), el("ul", {}, remarks.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail))))));
     if (!said) return;
+    // the button that had the focus is gone
+    node.focus({ preventScroll: true });
     say(said);
     steps(current);
   };
@@ -143,6 +146,8 @@ function ask(action, title, set, draw, robot) {
       dialog.close();
       draw(now, action === "release" ? `Released: ${robot.name} now uses this set.` : "Withdrawn.");
     } catch (refused) {
+      // what was foretold is said by the refusal now
+      if (preview) fill(preview);
       fill(out, refused.code === "release_refused" ? refusal(refused) : problem(refused));
       if (refused.errors.some((issue) => issue.code === "change_plausible")) {
         changeField.hidden = false;
@@ -161,21 +166,22 @@ function ask(action, title, set, draw, robot) {
 
 /** What a release would find now, before anybody asks for it: what refuses it, and what is worth a look. */
 function gates(id) {
-  const node = el("div", { "aria-live": "polite" });
+  const node = el("div", { "aria-live": "polite" }, el("p.quiet", {}, "Checking what a release asks for …"));
   get(`/v1/parameter-sets/${id}/gates`).then((found) => {
-    const told = found.gates.filter((gate) => !gate.passed || gate.warning).map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), gate.passed ? ": " : ", no: ", gateDetail(gate.detail)));
-    if (told.length > 0) fill(node, el(found.releasable ? "div.warning" : "div.problem", {}, el("p", {}, found.releasable ? "It may be released. Worth a look:" : "A release would be refused:"), el("ul", {}, told)));
-  }, () => { /* the release itself says what is wrong */ });
+    const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), el("ul", {}, some.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate, !gate.passed)), ": ", gateDetail(gate.detail)))));
+    fill(node, told("A release would be refused:", "div.problem", found.gates.filter((gate) => !gate.passed)),
+      told(found.releasable ? "It may be released. Worth a look:" : "Worth a look, too:", "div.warning", found.gates.filter((gate) => gate.passed && gate.warning)));
+  }, () => fill(node));
   return node;
 }
 
 function refusal({ errors, detail }) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, "It was not released. "), errors.length > 0 ? "What was not fulfilled:" : detail),
-    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code)), ": ", gateDetail(issue.detail)))));
+    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code, true)), ": ", gateDetail(issue.detail)))));
 }
 
 function errorTable(report, job) {
-  const verifies = job.kind === "verify";
+  const verifies = job.kind !== "identify";
   const [before, after] = verifies ? ["nominal robot", "these parameters"] : ["before", "after"];
   const rows = [["identify", "Identify", report.identify], ["verify", "Verify", report.verify], ["without", "Verify, without outliers", report.verify_without_outliers]].filter(([, , half]) => half?.n_points > 0);
   const flat = rows.flatMap(([, name, half]) => [[`${name} (${half.n_points})`, before, half.before], ["", after, half.after], ...(isCorrected(half) ? [["", `${after}, with corrections`, half.corrected]] : [])]);
@@ -272,20 +278,20 @@ function changed(report) {
 }
 
 /** What other programs read the links as: the query of the export, the ending of the file, the name of the button. */
-const FORMATS = [["urdf", "urdf", "URDF"], ["csv", "csv", "CSV"], ["yaml", "yaml", "YAML"]];
+const FORMATS = [["format=json", "json", "JSON with the nominal robot"], ["format=urdf", "urdf", "URDF"], ["format=csv", "csv", "CSV"], ["format=csv&beta=refit", "csv", "CSV without β"], ["format=yaml", "yaml", "YAML"], ["format=ur_kinematics", "yaml", "Universal Robots' kinematics"], ["format=mastering", "json", "joint offsets for mastering"]];
 
 function exports(set) {
-  return FORMATS.map(([format, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?format=${format}`, set.id, `.${ending}`, `Parameters as ${name}`));
+  return FORMATS.map(([query, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, ["urdf", "csv", "yaml"].includes(query.slice(7)) ? set.id : `${set.id}-${/\w+$/.exec(query)[0]}`, `.${ending}`, `Parameters as ${name}`));
 }
 
 /** One menu with everything that can be taken along. */
-function files(job, set, parameterSet) {
+function files(job, set, parameterSet, residuals) {
   const reportPage = `/v1/jobs/${job.id}/report.html`;
   const group = (title, note, ...buttons) => el("div.group", {}, el("h3", {}, title), el("p.note", {}, note), el("div.actions", {}, buttons));
-  return el("section.card", {}, el("h2", {}, "Take it along"), el("div.groups", {},
+  return el("section.card", { id: "exports" }, el("h2", {}, "Export: take it along"), el("div.groups", {},
     group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json")),
-    parameterSet && group("Parameters", "Links, base and reflectors as they were identified; with corrections where there are any.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
-    group("Points", "The file as it was uploaded. Residuals are above, in their table.", savePoints("Measured points", set)),
+    parameterSet && group("Parameters", "Links, base and reflectors as they were identified. Corrections stand in JSON and YAML only. Joint offsets are for controllers that take nothing else.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
+    group("Points", "The file as it was uploaded, and what remains of every point.", savePoints("Measured points", set), el("button", { type: "button", click: residuals }, "Residuals as CSV")),
     parameterSet && group("Programs", "Joint targets that were programmed offline, corrected with these parameters.", el("a.button", { href: `#/robots/${parameterSet.robot_id}/correct` }, "Correct a program"))));
 }
 

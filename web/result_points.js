@@ -23,7 +23,7 @@ export function resultPoints({ report, job, set, robot, parameterSet, names }, {
       p.position_mm && ["Measured, mm", p.position_mm.map((v) => fixed(v, 2)).join(", ")], jointFacts(rows.joints?.[i])]);
   };
   const actions = (i) => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
-    leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"));
+    leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), leave?.excluded.size > 0 && el("button.primary", { type: "button", click: () => { leave.node.scrollIntoView({ block: "center" }); leave.node.querySelector("input").focus({ preventScroll: true }); } }, `Calibrate without ${leave.excluded.size === 1 ? "it" : `these ${leave.excluded.size}`} …`), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"));
   const figure = pointsFigure(points, names, selected, name);
   const table = residualTable(points, name, selected, leave);
   const cell = points.some((p) => p.position_mm) && armFigure({ title: "The arm and what was measured", caption: captionOf(set, robot, parameterSet), robot, points: pointsOfReport(report, baseOf(parameterSet, report)), stages,
@@ -35,7 +35,7 @@ export function resultPoints({ report, job, set, robot, parameterSet, names }, {
     table.known(read);
     cell?.refresh?.();
   }, () => { /* the figures stand without joints */ });
-  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node };
+  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node, download: table.download };
 }
 
 const captionOf = (set, robot, parameterSet) => `${Math.round(reachOf(robot)).toLocaleString("en-GB")} mm from joint to joint; grey: the nominal arm. ${set.frame === "base" ? "Positions are in the robot's base frame." : parameterSet ? "Positions are brought into the robot's base frame by the base that was found." : "Positions stand as the instrument measured them."}`;

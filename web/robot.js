@@ -2,9 +2,10 @@
 
 import { get, list, post } from "./api.js";
 import { brief, el, fill, problem, table } from "./dom.js";
-import { age, error, EVIDENCE, method, mm, number, parameter, ran, span, when } from "./format.js";
+import { age, capital, error, EVIDENCE, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
+import { SOON_JUDGED } from "./next.js";
 import { facts, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { uploadCard } from "./upload.js";
@@ -12,7 +13,7 @@ import { uploadCard } from "./upload.js";
 const SHOWN = 20;
 
 /** The page of one robot. */
-export async function robotPage({ main, signal, may, why }, id) {
+export async function robotPage({ main, signal, may, why }, id, part) {
   const robot = await get(`/v1/robots/${id}`, signal);
   document.title = `kincal: ${robot.name}`;
   const [stand, sets, jobs, networks] = await Promise.all([
@@ -26,20 +27,38 @@ export async function robotPage({ main, signal, may, why }, id) {
   const uploaded = (set) => {
     sets.unshift(set);
     fill(uploads, setTable(sets));
+    uploads.closest("section").hidden = false;
   };
-  fill(main, head(robot, stand), checkRobot(robot, may), known(robot, stand, trend), uploadCard(robot, sets, stand.sets, may, uploaded), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
-    section("Parameter sets", parameterSets(entries)), section("Jobs", jobTable(jobs, sets)), section("Measurement sets", uploads),
-    networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, may, signal), nominal(robot));
+  const isNew = sets.length + jobs.length === 0;
+  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may, why), known(robot, stand, trend, isNew, signal), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
+    section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets), isNew), section("Measurement sets", uploads, isNew),
+    networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
+  if (part !== "upload") return;
+  document.getElementById("calibrate")?.scrollIntoView();
+  document.getElementById("set-file")?.focus({ preventScroll: true });
 }
 
+/** An archived robot is in no list; somebody who has its address sees why. */
+const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, policy of releases, rollback, archive.")) : []);
+
+/** How a robot that is new here gets its first set. */
+const firstSteps = (robot) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, "This robot has not been calibrated yet."),
+  el("ol.path", {}, [["Measure", "Move the robot to 30 or more different poses, and measure a reflector on its flange with a tracker. The plan names good poses."], ["Upload", "A table with the joint values and the measured position of each pose. It is checked before anything is stored."], ["Calibrate, verify, release", "Start the calibration, then verify it with a second session. Nothing reaches the cell before somebody releases it."]]
+    .map(([name, said], i) => el(i === 0 ? "li.now" : "li", {}, el("strong", {}, name), el("span", {}, said)))),
+  el("div.actions", {}, el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
+
+/** A longer description ends after its first sentence; the nominal links below have the whole of it. */
+const MAX_DESCRIPTION = 120;
+
 function head(robot, stand) {
-  const details = [robot.serial_number && `serial number ${robot.serial_number}`, robot.description, `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`].filter(Boolean);
+  const short = robot.description?.length > MAX_DESCRIPTION ? `${/^.*?[.;](?= )/s.exec(robot.description)?.[0] ?? `${robot.description.slice(0, MAX_DESCRIPTION)} …`}` : robot.description;
+  const details = [robot.serial_number ? `serial number ${robot.serial_number}` : "no serial number", `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`, robot.mounting && robot.mounting !== "floor" && typeof robot.mounting === "string" && `on the ${robot.mounting}`, short].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
     el("div.actions", {}, standing({ robot, ...stand }), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
 }
 
 /** What to do where a session does not fit the robot. */
-function checkRobot(robot, may) {
+function checkRobot(robot, may, why) {
   if (robot.state !== "check_robot") return [];
   const out = el("div", {});
   const reason = el("input", { id: "checked-reason", required: true, maxlength: 2000 });
@@ -54,7 +73,7 @@ function checkRobot(robot, may) {
   };
   return el("section.card", {}, el("h2", {}, "Check this robot"),
     el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, "this verification"), " does not fit this robot: it is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well."),
-    may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
+    why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
       el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
 }
 
@@ -67,16 +86,26 @@ function beyondChance(sessions) {
   return sessions.probability < FALSE_ALARMS ? "; more than chance" : "; may be chance";
 }
 
-function known(robot, { active, newest, report, drift }, trend) {
-  if (!newest) return el("p", {}, "This robot has not been calibrated yet. Upload measured points below to begin.");
+/** The evidence, and what later sessions added to it. */
+function evidenceOf(set, report, signal) {
+  const node = el("span", {}, EVIDENCE[report.evidence]?.[0] ?? report.evidence, el("small", {}, `${best(report).n_points} points checked`));
+  if (report.evidence === "independent_session" || report.per_point.length > SOON_JUDGED) return node;
+  get(`/v1/parameter-sets/${set.id}/gates`, signal).then(({ evidence }) => {
+    if (!signal.aborted && evidence !== report.evidence) fill(node, EVIDENCE[evidence]?.[0] ?? evidence, el("small", {}, "a later session verified it"));
+  }, () => { /* what the report says stays */ });
+  return node;
+}
+
+function known(robot, { active, newest, report, drift }, trend, isNew, signal) {
+  if (!newest) return isNew ? firstSteps(robot) : el("p", {}, "This robot has not been calibrated yet. Start a calibration below with a set that is here, or upload measured points.");
   const now = best(report);
   return facts([
     ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
     [`Error now (${active ? "active set" : "newest result"})`, mm(now.after.rms_mm), `rms; nominal robot ${mm(now.before.rms_mm)}`],
     ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
-    ["Evidence", EVIDENCE[report.evidence]?.[0] ?? report.evidence, `${now.n_points} points checked`],
+    ["Evidence", evidenceOf(active ?? newest, report, signal)],
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
-    active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, trend.detail],
+    active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, capital(plain(trend.detail))],
   ]);
 }
 
@@ -85,7 +114,8 @@ function history(entries) {
   return el("div.two", {}, errorHistory(entries), parameterHistory(entries));
 }
 
-const section = (title, content) => el("section.card", {}, el("h2", {}, title), content);
+/** A part of the page; an empty one is not shown. */
+const section = (title, content, isEmpty = false) => el("section.card", { hidden: isEmpty }, el("h2", {}, title), content);
 
 /** The status of a parameter set or a job. That a job has succeeded says nothing of how good its result is. */
 export function statusBadge(status) {
@@ -113,7 +143,7 @@ function decided(set) {
 /** Who released and withdrew a set, when and why, in this order: a sentence each. */
 export function decisions(set, limit = Infinity) {
   const cut = (reason) => (reason.length > limit ? `${reason.slice(0, limit)} …` : reason);
-  const told = (what, at, by, reason) => at && `${what} ${when(at)}${by ? ` by ${by}` : ""}${reason ? `: ${cut(reason)}` : ""}`;
+  const told = (what, at, by, reason) => at && `${what} ${when(at)}${by ? ` by ${by.replace(/^key_\w+(\w{6})$/, "the key …$1")}` : ""}${reason ? `: ${cut(reason)}` : ""}`;
   return [told("Released", set.released_at, set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
 }
 
@@ -134,10 +164,10 @@ function jobTable(jobs, sets) {
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
     ["State", (job) => statusBadge(job.status)],
-    ["Method", (job) => (job.kind === "verify" ? "verification" : method(job.method))],
+    ["Method", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : method(job.method))],
     ["Measurement set", name, "name"],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
-    ["Remark", (job) => job.error?.detail ?? "", "name"],
+    ["Remark", (job) => plain(job.error?.detail ?? ""), "name"],
   ];
   return table(`The last ${SHOWN} jobs: calibrations, and verifications of what was identified. Took: from start to end.`, columns, jobs, "None yet.");
 }
@@ -173,5 +203,5 @@ function nominal(robot) {
     ["Link", ([, i]) => link(i), "n"], ["a, mm", ([l]) => l.a_mm, "n"], ["α, °", ([l]) => l.alpha_deg, "n"], ["d, mm", ([l]) => l.d_mm, "n"],
     ["θ offset, °", ([l]) => l.theta_offset_deg ?? 0, "n"], ["Joint limits, °", ([l]) => l.joint_limits_deg?.join(" to ") ?? "–", "n"],
   ];
-  return el("section.card", {}, el("details", {}, el("summary", {}, "Nominal links"), table("As the robot was registered, in Craig's convention.", columns, robot.links.map((l, i) => [l, i]), "")));
+  return el("section.card", {}, el("details", {}, el("summary", {}, "Nominal links"), robot.description && el("p.note", {}, robot.description), table("As the robot was registered, in Craig's convention.", columns, robot.links.map((l, i) => [l, i]), "")));
 }

@@ -1,7 +1,7 @@
 // All robots and their states.
 
 import { each, get, list } from "./api.js";
-import { el, fill, table } from "./dom.js";
+import { el, fill, problem, table } from "./dom.js";
 import { age, capital, error, mm, when } from "./format.js";
 import { newRobot } from "./new_robot.js";
 
@@ -37,32 +37,49 @@ const SORTS = [
 /** The front page. */
 export async function robotsPage({ main, signal, may, why }) {
   document.title = "kincal: robots";
-  const robots = await list("/v1/overview", MAX_ROBOTS, signal);
+  const [inUse, { total: nArchived }] = await Promise.all([list("/v1/overview", MAX_ROBOTS, signal), get("/v1/overview?archived=true&limit=1", signal)]);
+  let robots = inUse;
   const state = { search: "", filter: "all", sort: "need", shown: FIRST, drifts: new Map() };
   const [rows, chips, more] = [el("div", {}), el("div.chips", { role: "group", "aria-label": "Show" }), el("div.actions", {})];
   const draw = () => {
     const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
     const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
-    fill(chips, filters(found, state, draw));
+    fill(chips, robots === inUse && filters(found, state, draw), nArchived > 0 && el("button.chip", { type: "button", "aria-pressed": String(robots !== inUse), click: swap }, "Archived", el("b", {}, nArchived)));
     const kept = sorted(found.filter((r) => passes(r, state.filter)), state.sort);
     const page = kept.slice(0, state.shown);
-    fill(rows, robotTable(page, state, robots.length > 0 ? "No robot matches." : "There is no robot yet. Add one below, or with POST /v1/robots."));
-    fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}`),
+    fill(rows, robotTable(page, state, robots.length > 0 ? "No robot matches." : nArchived > 0 ? "Every robot is archived." : "There is no robot yet."));
+    fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}${robots === inUse ? "" : ", archived"}`),
       kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
     drifts(page, state, signal, rows);
   };
+  // archived robots are fetched once somebody asks for them
+  const swap = async () => {
+    try {
+      robots = robots === inUse ? await list("/v1/overview?archived=true", MAX_ROBOTS, signal) : inUse;
+      Object.assign(state, { filter: "all", shown: FIRST });
+      draw();
+      chips.lastElementChild?.focus();
+    } catch (error) {
+      if (error.name !== "AbortError") fill(rows, problem(error));
+    }
+  };
   const search = el("input", { id: "robot-search", type: "search", placeholder: "name or serial number", autocomplete: "off", input: () => { Object.assign(state, { search: search.value, shown: FIRST }); draw(); } });
   const sort = el("select", { id: "robot-sort", change: () => { state.sort = sort.value; draw(); } }, SORTS.map(([key, words]) => el("option", { value: key }, words)));
-  const tools = robots.length > 1 && el("div.controls", {}, el("label.inline", { for: "robot-search" }, "Find"), search, el("label.inline", { for: "robot-sort" }, "Sort by"), sort);
+  const tools = inUse.length + nArchived > 1 && el("div.controls", {}, el("label.inline", { for: "robot-search" }, "Find"), search, el("label.inline", { for: "robot-sort" }, "Sort by"), sort);
   draw();
   fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"), robots.length > 0 && el("p.quiet", {}, counted(robots)))),
-    el("section.card", {}, tools, robots.length > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
+    inUse.length + nArchived === 0 ? welcome() : el("section.card", {}, tools, inUse.length + nArchived > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
 }
+
+/** What an empty page leads to. */
+const welcome = () => el("section.card", {}, el("h2", {}, "There is no robot yet"), el("p", {}, "A calibration measures where an arm really is, and finds the true lengths and angles of its links. This is the way to it:"),
+  el("ol.path", {}, [["Add the robot", "From the library or its file, below. Compare the arm on the page with the one in the cell."], ["Measure and upload", "30 or more poses with a tracker. The page plans them, and checks your file before it stores anything."], ["Calibrate, verify, release", "See what the arm gains, check it on a second session, release it, and correct your programs."]]
+    .map(([name, said], i) => el(i === 0 ? "li.now" : "li", {}, el("strong", {}, name), el("span", {}, said)))));
 
 function counted(robots) {
   const urgent = robots.filter(isUrgent).length;
   const all = robots.length === 1 ? "One robot" : `${robots.length} robots`;
-  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${urgent === 1 ? "one needs" : `${urgent} need`} you.`;
+  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${robots.length === 1 ? "it needs" : urgent === 1 ? "one needs" : `${urgent} need`} you.`;
 }
 
 const passes = (robot, filter) => filter === "all" || (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter);

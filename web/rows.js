@@ -1,5 +1,5 @@
-// The joint values and times of an uploaded file, row by row, for figures. The service keeps files as they came; what this page cannot read in
-// one, it leaves out.
+// The joint values, positions and times of an uploaded file, row by row, for figures. The service keeps files as they came, and says how it
+// understood them; what this page cannot read in one, it leaves out.
 
 import { blob } from "./api.js";
 import { rowsOf } from "./csv.js";
@@ -7,46 +7,74 @@ import { rowsOf } from "./csv.js";
 const DEG = 180 / Math.PI;
 /** A larger file is not read again for its figures. */
 const MAX_BYTES = 64 * 2 ** 20;
+const NOTHING = { joints: null, positions: null, times: null };
+/** What separates columns, by its name. */
+const MARKS = { tab: "\t", spaces: / +/ };
+/** Degrees or millimetres of a unit. */
+const UNITS = { deg: 1, rad: DEG, mm: 1, m: 1000, cm: 10, um: 0.001, in: 25.4 };
 
-/** `{joints: [[…]…] or null, times: [ms or null…] or null}` of a set; `n` is the number of the robot's joints. */
+/** `{joints, positions, times}` of a set, each null or one entry for each point; `n` is the number of the robot's joints. */
 export async function rowsOfSet(set, n, signal) {
   const file = await blob(`/v1/measurement-sets/${set.id}/points`, signal);
-  if (file.size > MAX_BYTES) return { joints: null, times: null };
+  if (file.size > MAX_BYTES) return NOTHING;
   const text = await file.text();
-  return file.type.startsWith("application/json") ? fromJson(text) : fromCsv(text, n, set);
+  if (file.type.startsWith("application/json")) return fromJson(text);
+  const found = set.joined ? fromTwo(text, n, set.joined) : fromTable(text, n, set.understood);
+  // a row too many or too few would put every posture in a wrong place
+  return found && found.length === set.n_points ? columnsOf(found) : NOTHING;
 }
 
 function fromJson(text) {
   const { points } = JSON.parse(text);
   const times = points.map((p) => (p.measured_at ? Date.parse(p.measured_at) : null));
-  return { joints: points.every((p) => p.q_deg) ? points.map((p) => p.q_deg) : null, times: times.some(Number.isFinite) ? times : null };
+  return { joints: points.every((p) => p.q_deg) ? points.map((p) => p.q_deg) : null, positions: points.every((p) => p.position_mm) ? points.map((p) => p.position_mm) : null, times: times.some(Number.isFinite) ? times : null };
 }
 
-/** Rows of a table; quotes are rare, and looking for them in every cell of a large file takes its time. */
-function cellsOf(text, separator) {
-  if (text.includes("\"")) return rowsOf(text, separator).map((row) => row.cells);
-  return text.replace(/^\uFEFF/, "").split(/\r\n|\n|\r/).filter((line) => line !== "").map((line) => line.split(separator));
+function columnsOf(rows) {
+  const all = (key) => (rows.every((row) => row[key]) ? rows.map((row) => row[key]) : null);
+  return { joints: all("q"), positions: all("p"), times: rows.some((row) => Number.isFinite(row.time)) ? rows.map((row) => row.time) : null };
 }
 
-export function fromCsv(text, n, set = {}) {
-  const header = text.split(/\r\n|\n|\r/, 1)[0];
-  const separator = header.includes("\t") ? "\t" : header.includes(";") ? ";" : ",";
-  const [names = [], ...rows] = cellsOf(text, separator);
-  const columns = set.columns ?? {};
-  const place = (name) => names.findIndex((cell) => cell.trim().toLowerCase() === (typeof columns[name] === "string" ? columns[name].toLowerCase() : name));
-  const value = (cell) => Number(separator === "," ? cell : cell?.replace(",", "."));
-  const joint = (i) => {
-    for (const [unit, factor] of [["deg", 1], ["mm", 1], ["rad", DEG]]) {
-      const at = place(`q${i + 1}_${unit}`);
-      if (at >= 0) return { at, factor };
-    }
-    return null;
-  };
-  const joints = Array.from({ length: n }, (_, i) => joint(i));
-  const time = place("measured_at");
-  const known = joints.length > 0 && joints.every(Boolean) && rows.length > 0;
-  const axes = ["x", "y", "z"].map((axis) => (place(`${axis}_mm`) >= 0 ? { at: place(`${axis}_mm`), factor: 1 } : { at: place(`${axis}_m`), factor: 1000 }));
-  const positions = axes.every(({ at }) => at >= 0) ? rows.map((cells) => axes.map(({ at, factor }) => value(cells[at]) * factor)) : null;
-  const times = time < 0 ? null : rows.map((cells) => Date.parse(cells[time]));
-  return { positions, joints: known ? rows.map((cells) => joints.map(({ at, factor }) => value(cells[at]) * factor)) : null, times: times?.some(Number.isFinite) ? times : null };
+/** Cells of each row with its line; quotes are rare, and looking for them in every cell of a large file takes its time. */
+function linesOf(text, mark) {
+  if (text.includes("\"") && typeof mark === "string") return rowsOf(text, mark);
+  return text.replace(/^\uFEFF/, "").split(/\r\n|\n|\r/).map((line, i) => ({ line: i + 1, cells: mark instanceof RegExp ? line.trim().split(mark) : line.split(mark) }));
+}
+
+/** Rows that have joint values, positions or both, as the service understood the table; null where it cannot be read here. */
+function fromTable(text, n, understood) {
+  if (!understood || !["utf-8", "windows-1252"].includes(understood.encoding)) return null;
+  const columns = new Map(understood.columns.map((column) => [column.means, { at: column.number - 1, factor: UNITS[column.unit] ?? 1 }]));
+  const some = (names) => { const found = names.map((name) => columns.get(name)); return found.every(Boolean) ? found : null; };
+  const [joints, axes, time] = [some(Array.from({ length: n }, (_, i) => `q${i + 1}`)), some(["x", "y", "z"]), columns.get("measured_at")];
+  const key = columns.get("name") ?? columns.get("number");
+  const number = (cell) => (cell === undefined || cell.trim() === "" ? NaN : Number(understood.decimal === "comma" ? cell.replace(",", ".") : cell));
+  const values = (places, cells) => { const found = places.map(({ at, factor }) => number(cells[at]) * factor); return found.every(Number.isFinite) ? found : null; };
+  const rows = [];
+  for (const { line, cells } of linesOf(text, MARKS[understood.separator] ?? understood.separator)) {
+    if (line <= (understood.header_row ?? 0)) continue;
+    const [q, p] = [joints && values(joints, cells), axes && values(axes, cells)];
+    if ((joints && !q) || (axes && !p)) continue;
+    rows.push({ line, q, p, time: time ? Date.parse(cells[time.at]) : NaN, key: key && cells[key.at]?.trim() });
+  }
+  return rows;
+}
+
+/** The line on which each point of a table stands; null where this page reads it otherwise than the service. */
+export function linesOfPoints(text, n, set) {
+  const rows = fromTable(text, n, set.understood);
+  return rows?.length === set.n_points ? rows.map((row) => row.line) : null;
+}
+
+/** Two files that were joined: the positions in their order, each with the joint values of its row of the robot's file. */
+function fromTwo(text, n, { robot, instrument, join }) {
+  const boundary = text.slice(0, text.search(/\r?\n/));
+  const part = (name) => text.split(boundary).find((some) => some.includes(`name="${name}"`))?.replace(/^\r?\n[^]*?\r?\n\r?\n/, "").replace(/\r?\n$/, "");
+  const [postures, points] = [fromTable(part("robot") ?? "", n, robot), fromTable(part("instrument") ?? "", n, instrument)];
+  if (!postures || !points) return null;
+  if (join.by === "order") return points.map((point, i) => ({ ...point, q: postures[i]?.q }));
+  // by time the service finds the offset of the clocks, which is not repeated here
+  if (!["name", "number"].includes(join.by)) return null;
+  const byKey = new Map(postures.map((row) => [row.key, row.q]));
+  return points.filter((point) => byKey.has(point.key)).map((point) => ({ ...point, q: byKey.get(point.key) }));
 }

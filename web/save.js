@@ -2,9 +2,13 @@
 
 import { blob } from "./api.js";
 import { el, say } from "./dom.js";
+import { plain } from "./format.js";
 
 /** File name extension by media type, for files whose type is known only from the answer. */
 const ENDINGS = { "application/json": ".json", "text/csv": ".csv" };
+
+/** Why a format is not for this robot, by the code of the refusal. */
+const NOT_FOR = { not_a_universal_robot: "this file is for robots of Universal Robots only. Take URDF." };
 
 /** A button that saves what a path answers; `ending` null stands for that of the answer's type. What goes wrong is said. */
 export function saveButton(text, path, stem, ending, label) {
@@ -16,7 +20,7 @@ export function saveButton(text, path, stem, ending, label) {
     try {
       await save(path, stem, ending);
     } catch (error) {
-      say(`Nothing was downloaded: ${error.detail ?? error.message}`);
+      say(`Nothing was downloaded: ${NOT_FOR[error.code] ?? plain(error.detail ?? error.message)}`);
     } finally {
       busy = false;
     }

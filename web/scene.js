@@ -17,7 +17,8 @@ const STILL_PX = 4;
 /** Distances at which a point is hit, px: a mouse, a finger. */
 const [HIT_PX, TOUCH_PX] = [14, 28];
 
-export const VIEWS = [["perspective", "In perspective", -0.75, 0.38], ["above", "Seen from above", -Math.PI / 2, STEEPEST], ["side", "Seen from the side", -Math.PI / 2, 0], ["front", "Seen from the front", 0, 0]];
+/** [name, words, which a narrow page leaves out in part, azimuth, elevation]. */
+export const VIEWS = [["perspective", ["In ", "perspective"], -0.75, 0.38], ["above", ["Seen from ", "above"], -Math.PI / 2, STEEPEST], ["side", ["Seen from the ", "side"], -Math.PI / 2, 0], ["front", ["Seen from the ", "front"], 0, 0]];
 
 /**
  * A view. `draw(pen)` draws the scene whenever it is needed; `points()` are those that can be picked: [x, y, z] each, or null;

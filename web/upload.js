@@ -1,10 +1,10 @@
 // Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
-import { askColumns, isAboutColumns, understoodDetails } from "./columns.js";
+import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
-import { when } from "./format.js";
+import { capital, plain, when } from "./format.js";
 import { jobOptions } from "./job_options.js";
 import { posesOf } from "./poses.js";
 import { SUSPICIONS } from "./words.js";
@@ -13,13 +13,13 @@ import { SUSPICIONS } from "./words.js";
 const MAX_SHOWN = 25;
 
 /** Upload by drag and drop or by choice, then the request; also for sets that are there already. `uploaded` is told of a new one. */
-export function uploadCard(robot, sets, parameterSets, may, uploaded) {
+export function uploadCard(robot, sets, parameterSets, may, uploaded, hasNetwork) {
   const known = [...sets];
   const again = el("div", {});
   const here = el("details", {}, el("summary", {}, "Use a set that is here already"), again);
   const offer = () => {
     here.hidden = known.length === 0;
-    if (known.length > 0) fill(again, jobForm(robot, known, parameterSets));
+    if (known.length > 0) fill(again, jobForm(robot, known, parameterSets, hasNetwork));
   };
   const came = (set) => {
     known.unshift(set);
@@ -28,17 +28,20 @@ export function uploadCard(robot, sets, parameterSets, may, uploaded) {
   };
   offer();
   const parts = [];
-  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came }));
+  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came, sets, hasNetwork }));
   if (may("identify")) parts.push(here);
-  return parts.length > 0 && el("section.card", {}, el("h2", {}, "Calibrate"), parts);
+  return parts.length > 0 && el("section.card", { id: "calibrate" }, el("h2", {}, "Calibrate"), parts);
 }
 
 function uploadForm(context) {
+  const { sets } = context;
   const out = el("div", { "aria-live": "polite", tabindex: -1 });
   const file = el("input", { id: "set-file", type: "file", multiple: true, accept: ".csv,.txt,.tsv,.xlsx,.ods,.json,.dat,.mod,.ls,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
-  const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", true), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", false));
+  const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", sets[0]?.frame !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", sets[0]?.frame === "instrument"));
   const query = () => ({ frame: frames.querySelector("input:checked").value });
+  // the next file is most likely of the same frame
+  context.framed = (frame) => { frames.querySelector(`[value=${frame}]`).checked = true; };
   const take = async (chosen) => {
     const files = [...chosen];
     if (files.length === 2) twoFiles(context, files, query(), out);
@@ -81,38 +84,47 @@ function twoFiles(context, [one, other], query, out) {
 }
 
 /** Sends what was chosen. */
-async function upload(context, file, query, out) {
+async function upload(context, file, query, out, isTried = false) {
   const { robot, parameterSets, may, came } = context;
   const { isJson } = file;
   const name = file.name.replace(/\.\w+$/, "").slice(0, 200) || "set";
   fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
-    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams({ ...query, name })}`;
+    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...query, name }).filter(([, value]) => value !== ""))}`;
     const set = await post(path, file.body, file.type);
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
       set.warnings.map(warning), understoodDetails(set), posesOf(robot, set),
-      may("identify") && jobForm(robot, [set], parameterSets));
+      may("identify") && jobForm(robot, [set], parameterSets, context.hasNetwork));
     came(set);
   } catch (error) {
+    if (!isJson && !isTried && isAboutColumns(error)) {
+      const known = await saidBefore(robot, file.text === null);
+      if (known) return upload(context, file, { ...query, columns: JSON.stringify(known) }, out, true);
+    }
+    // columns that were said do not fit this file: they are asked anew
+    if (isTried && query.columns && !SUSPICIONS.includes(error.code)) return upload(context, file, { ...query, columns: "" }, out, true);
     const text = isJson || !file.text ? "" : await textOf(file.text);
     const columns = el("div", {});
     const retry = (more) => () => {
       out.focus();
-      upload(context, file, { ...query, ...more }, out);
+      if (more.frame) context.framed?.(more.frame);
+      upload(context, file, { ...query, ...more }, out, isTried || Boolean(more.columns));
     };
     fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
     if (!isJson && isAboutColumns(error)) {
       const read = (chosen) => retry({ columns: JSON.stringify(chosen) })();
-      // without a preview the refusal says enough
-      await askColumns(robot, file.body, file.type, columns, read).catch(() => false);
+      // the choice of the columns says what is missing; without a preview the refusal stays
+      if (await askColumns(robot, file.body, file.type, columns, read).catch(() => false)) out.replaceChildren(columns);
     }
   }
 }
 
 /** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
 function remedies({ code, errors }, isJson, retry) {
+  const decimal = (errors ?? []).map((issue) => /\?decimal=(comma|point)/.exec(issue.detail)?.[1]).find(Boolean);
+  if (decimal && !isJson) return el("div.actions", {}, el("button.primary", { type: "button", click: retry({ decimal }) }, `Read it with decimal ${decimal}s`));
   if (!SUSPICIONS.includes(code)) return [];
   const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);
   return el("div", {},
@@ -135,7 +147,7 @@ async function textOf(file) {
 function refused(error, file, text) {
   const errors = error.errors ?? [];
   const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
-  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => issue.detail).join("; ")}.` : error.detail });
+  if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => plain(issue.detail)).join("; ")}.` : error.detail });
   return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];
 }
 
@@ -155,7 +167,7 @@ function faults(errors, text) {
     ["Line in file", (issue) => issue.line ?? "–", "n"],
     ["Column", (issue) => issue.column ?? issue.pointer ?? "–"],
     ["Found", value, "wrong"],
-    ["What is wrong", (issue) => issue.detail, "name"],
+    ["What is wrong", (issue) => capital(plain(issue.detail)), "name"],
   ];
   const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
   return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];
@@ -167,7 +179,10 @@ function choice(id, label, options) {
 }
 
 /** What a job may do, where the robot has parameters to verify. */
-const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"]];
+const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"], ["check", "Quick check: do the robot's parameters still hold? (five to ten poses)"]];
+
+/** What may have happened before a quick check. */
+const AFTER = [["", "nothing in particular"], ["collision", "a collision"], ["mastering", "joints were mastered anew"], ["motor", "a motor was exchanged"]];
 
 /** Whether a set is large enough only for a verification. */
 const onlyVerifies = (set) => set.warnings.some((remark) => remark.code === "under_determined");
@@ -180,17 +195,18 @@ function verifiable(parameterSets) {
 
 let forms = 0;
 
-function jobForm(robot, sets, parameterSets) {
+function jobForm(robot, sets, parameterSets, hasNetwork) {
   forms += 1;
   const n = forms;
   const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
   const [method, methodField] = choice(`job-method-${n}`, "Method", [
-    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ["bpnn_pso", "swarm started by the robot's network"]]);
+    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm started by the robot's network"]] : []]);
   const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
     ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
   const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
   const candidates = verifiable(parameterSets);
-  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to verify", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
+  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to score", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
+  const [after, afterField] = choice(`job-after-${n}`, "What happened before", AFTER);
   const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
     KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
   const options = jobOptions(robot);
@@ -198,10 +214,11 @@ function jobForm(robot, sets, parameterSets) {
   const button = el("button.primary", { type: "submit" });
   const kind = () => kinds.querySelector("input:checked").value;
   const shape = () => {
-    const verifies = kind() === "verify";
+    const verifies = kind() !== "identify";
     for (const field of [methodField, verifyField, presetField, options.node]) field.hidden = verifies;
     scoredField.hidden = !verifies;
-    fill(button, verifies ? "Start verification" : "Start calibration");
+    afterField.hidden = kind() !== "check";
+    fill(button, { verify: "Start verification", check: "Start check" }[kind()] ?? "Start calibration");
   };
   const preselect = () => {
     const chosen = sets.find((s) => s.id === set.value);
@@ -214,7 +231,7 @@ function jobForm(robot, sets, parameterSets) {
   const submit = async (event) => {
     event.preventDefault();
     button.disabled = true;
-    const request = kind() === "verify" ? { kind: "verify", measurement_set_id: set.value, parameter_set_id: scored.value }
+    const request = kind() !== "identify" ? { kind: kind(), measurement_set_id: set.value, parameter_set_id: scored.value, ...kind() === "check" && after.value ? { after: after.value } : {} }
       : options.add({ measurement_set_id: set.value, method: method.value, preset: preset.value });
     if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
     try {
@@ -225,5 +242,5 @@ function jobForm(robot, sets, parameterSets) {
       button.disabled = false;
     }
   };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField), options.node, out, button);
+  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField, afterField), options.node, out, button);
 }

@@ -7,6 +7,8 @@ export const WARNINGS = {
   base_moved: "The robot's base or the instrument moved while measuring",
   drift: "Base or instrument drifted while measuring",
   base_not_checked: "A wrong base would not show in these points",
+  check_cannot_tell: "These poses cannot tell whether the released set holds",
+  check_changed: "The robot, its base or its tool has changed: the released set no longer holds",
   column_suspect: "Columns or rows seem to be exchanged",
   base_frame_off: "The base stands elsewhere than its frame says",
   configurations_err_together: "The points of one pose err together far more than each by itself",
@@ -65,6 +67,8 @@ export const MATTERS = {
   base_moved: "A step in the middle of a session would be taken for an error of the arm.",
   drift: "A base that moves slowly is taken for errors of the links.",
   base_not_checked: "A wrong base shifts every target of a program.",
+  check_cannot_tell: "The set may be as wrong as the smallest change that these poses could have seen.",
+  check_changed: "The released parameters move the tool elsewhere than intended.",
   column_suspect: "Exchanged columns make numbers that look like a bad robot.",
   base_frame_off: "Programs use the stated base, so every target is off by the difference.",
   configurations_err_together: "Joint values that were read before the arm had settled err so, and no number of targets helps.",
@@ -123,6 +127,8 @@ export const REMEDIES = {
   base_moved: "Fix the base and the instrument, and measure again if the step is large.",
   drift: "Fix base and instrument, let them reach their temperature, and measure again with one pose repeated now and then.",
   base_not_checked: "Verify with a session whose positions are in the base frame, or correct targets in the measuring frame.",
+  check_cannot_tell: "Measure more poses, or others: the check says how many.",
+  check_changed: "Look at tool, base and mastering, then measure what the check says.",
   column_suspect: "Compare the header with the file that the instrument wrote, and upload it again.",
   base_frame_off: "Measure the base frame again, or correct targets in the measuring frame.",
   configurations_err_together: "Let the arm settle before its joints are read, or upload the commanded values.",
@@ -213,6 +219,30 @@ export const GATES = {
   withdrawn: "It was not withdrawn",
 };
 
+// The same where a gate refuses; a gate that is not here refuses in the words above.
+export const UNMET = {
+  all_finite: "Not every number is finite",
+  archived: "The set or its robot is archived",
+  change_plausible: "The parameters changed by more than is plausible",
+  check_robot: "A session did not fit the robot",
+  evidence: "The verification is not strong enough",
+  final_fit_near_verified: "The delivered parameters are far from the verified ones",
+  fits: "The identified robot does not fit the points",
+  identity: "It may be another robot",
+  improved_on_active: "It is worse than what is active now",
+  joint_map_changed: "The robot's joint map has changed since",
+  orientation_known: "How the flange is turned is not known",
+  second_person: "Who releases must not be who uploaded",
+  sessions_better_than_nominal: "A session shows it to be no better than nominal",
+  sessions_fit: "It misses a session by far",
+  uncertainty_within_tolerance: "Its uncertainty is beyond the robot's tolerance",
+  upload_not_insisted: "An upload that it rests on was insisted on",
+  verified: "No points were held out to verify",
+  verify_errors_improved: "The errors on points to verify did not become smaller",
+  verify_errors_within_tolerance: "Its errors are beyond the robot's tolerance",
+  withdrawn: "It was withdrawn",
+};
+
 export const CORRECTIONS = {
   all_together: "All of these together",
   base_compliance: "Compliance of the base",
@@ -231,6 +261,12 @@ export const METHODS = {
   least_squares: "least squares",
   pso: "particle swarm",
   warm_start: "warm start",
+};
+
+// What to do about a job that failed, by the code of its error.
+export const FAILURES = {
+  attempts_exhausted: "It did not end within the time that this server allows, or its process was stopped. The automatic method is fastest. If it fails once more, tell whoever runs the server.",
+  other: "Do what the message above says, then start it again. If it says nothing that you can do, tell whoever runs the server.",
 };
 
 export const STAGES = {

@@ -68,3 +68,28 @@ pub enum CorrectionsChoice {
     /// Those that win by cross-validation.
     Auto,
 }
+
+/// What happened to the robot before a quick check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum After {
+    /// It ran into something: joint zeros, base and tool are suspected first.
+    Collision,
+    /// Joints were mastered anew: joint zeros are suspected first.
+    Mastering,
+    /// A motor or an encoder was exchanged: joint zeros are suspected first.
+    Motor,
+}
+
+/// Whether the released set still holds, as far as a quick check can tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CheckVerdict {
+    /// The poses fit the set, and would have shown a change that matters.
+    Holds,
+    /// The robot, its base or its tool has changed.
+    Changed,
+    /// The poses fit the set, and might not have shown a change that matters; or the set has no stated uncertainty.
+    CannotTell,
+}

@@ -1,5 +1,6 @@
 //! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
 
+use crate::calibration::quick_check::{CHECK_CANNOT_TELL, CHECK_CHANGED, QuickCheck};
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::identification::changes::Estimate;
@@ -337,6 +338,8 @@ pub struct CalibrationReport {
     pub repeatability: Option<Repeatability>,
     /// Which corrections were tried, and what they did; `None` where none was looked for.
     pub corrections: Option<Vec<Evidence>>,
+    /// Whether the released set still holds; of a quick check alone.
+    pub quick_check: Option<QuickCheck>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
 }
@@ -354,6 +357,7 @@ impl CalibrationReport {
     /// Whether its points to verify say anything of the robot: they fit it, and are enough.
     pub fn is_evidence(&self) -> bool {
         let mut says_nothing = vec![DOES_NOT_FIT, NO_FIT, FEW_VERIFY_POINTS, SHOWS_LITTLE];
+        says_nothing.extend([CHECK_CHANGED, CHECK_CANNOT_TELL]);
         // a job that identifies has seen its own base: such points then say as much as those held out of the same upload
         if self.identify.n_points == 0 {
             says_nothing.push(BASE_NOT_CHECKED);

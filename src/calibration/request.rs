@@ -1,6 +1,8 @@
 //! What a calibration needs: everything, and nothing that is not plain data.
 
-pub use crate::calibration::method::{CorrectionsChoice, FinalFit, Loss, Method};
+pub use crate::calibration::method::{
+    After, CheckVerdict, CorrectionsChoice, FinalFit, Loss, Method,
+};
 use crate::calibration::validation::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
 pub use crate::identification::changes::Estimate;

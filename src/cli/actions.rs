@@ -153,7 +153,7 @@ pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
     })?;
     arguments.output.print(&robot, || {
         format!(
-            "{} is no longer in the state check_robot: sets can be released again",
+            "{} is in order: no session is in doubt, and sets can be released",
             arguments.id
         )
     })

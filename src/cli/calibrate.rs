@@ -1,18 +1,21 @@
 //! `kincal calibrate`: identifies a robot offline, without server and database.
 
-use super::files::{cannot_be_used, fault, read_json};
+use super::files::{cannot_be_used, fault, parse_json, read};
+
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SetOptions};
 use super::robots::Mounted;
+use super::robots_library::ready_arm;
 use super::table;
 use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
-use crate::calibration::remedy_of_refusal;
+use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
     rotations::{self, ROTATION_SUSPECT},
 };
+use crate::calibration::{CheckVerdict, remedy_of_refusal};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
@@ -29,6 +32,7 @@ use crate::wire::suspicion::Insist;
 use crate::wire::{Issue, Problem, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -209,8 +213,19 @@ fn print_warning(code: &str, detail: &str) {
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
+    let changed = report
+        .check
+        .as_ref()
+        .filter(|check| check.verdict == CheckVerdict::Changed);
     let Some(code) = headline(report) else {
-        return Ok(());
+        return match changed {
+            None => Ok(()),
+            Some(check) => anyhow::bail!(
+                "{} ({CHECK_CHANGED})\nnext: {}",
+                words::warning(CHECK_CHANGED),
+                plain(&check.next)
+            ),
+        };
     };
     let refused = refused_as(report).map(|refused| in_commands(remedy_of_refusal(refused)));
     let next = match code {
@@ -257,7 +272,40 @@ pub fn read_robot(path: &Path) -> anyhow::Result<Robot> {
 }
 
 fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {
-    read_json(path, "a robot")
+    if let Some(arm) = path.to_str().filter(|_| !path.exists()).and_then(ready_arm) {
+        return Ok(arm);
+    }
+    if !path.exists() {
+        let text = format!(
+            "there is no file {0}, and no ready arm of this id: `kincal robots find` lists the arms, `kincal robots show ROBOT --json > {0}` writes a \
+             server's robot",
+            path.display()
+        );
+        return Err(Usage(text).into());
+    }
+    robot_file(path, &read(path)?)
+}
+
+/// What a server's answer has besides the body of a robot.
+const ANSWERED: [&str; 7] = [
+    "id",
+    "created_at",
+    "version",
+    "state",
+    "checked",
+    "archived_at",
+    "updated_at",
+];
+
+/// A robot file: the body of `POST /v1/robots`, or a server's answer with it.
+pub fn robot_file(path: &Path, bytes: &[u8]) -> anyhow::Result<RobotBody> {
+    if let Ok(Value::Object(mut robot)) = serde_json::from_slice(bytes)
+        && robot.contains_key("id")
+    {
+        robot.retain(|name, _| !ANSWERED.contains(&name.as_str()));
+        return parse_json(path, &serde_json::to_vec(&robot)?, "a robot");
+    }
+    parse_json(path, bytes, "a robot")
 }
 
 fn failure(failure: JobFailure) -> anyhow::Error {

@@ -7,6 +7,7 @@ use super::runtime::block_on;
 use super::terminal;
 use super::terminal::Output;
 use super::usage::Usage;
+use crate::measurement::column_names::{Known, Unit, recognise};
 use crate::operations::{self, Correctable};
 use crate::wire::compensate::{
     Base, CartesianTarget, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut,
@@ -85,6 +86,9 @@ struct Program {
     position: Option<[usize; 3]>,
     /// Columns of the quaternion, if there are some.
     quaternion: Option<[usize; 4]>,
+    separator: u8,
+    /// Whether its numbers have decimal commas.
+    has_commas: bool,
 }
 
 /// Prints the program with corrected joint values on standard output; every other column stays as it is.
@@ -259,9 +263,18 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
 
 impl Program {
     fn parse(bytes: Vec<u8>) -> Result<Self, String> {
-        files::refuse_semicolons(&bytes)?;
+        let first = bytes
+            .split(|byte| *byte == b'\n')
+            .next()
+            .unwrap_or_default();
+        let separator = match (first.contains(&b';'), first.contains(&b'\t')) {
+            (true, _) => b';',
+            (false, true) => b'\t',
+            _ => b',',
+        };
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
+            .delimiter(separator)
             .from_reader(bytes.as_slice());
         let mut records = reader.records();
         let cells =
@@ -275,11 +288,14 @@ impl Program {
             .map(|record| record.map(cells))
             .collect::<Result<Vec<_>, _>>()
             .map_err(|e| e.to_string())?;
+        let known: Vec<Known> = header
+            .iter()
+            .map(|name| recognise(name.trim_start_matches('\u{feff}'), None))
+            .collect();
         let place = |joint: usize| {
-            let named = |unit: &str| {
-                header.iter().position(|name| {
-                    name.trim().trim_start_matches('\u{feff}') == format!("q{joint}_{unit}")
-                })
+            let named = |unit: &'static str| {
+                let meant = Known::Joint(joint, Unit::Is(unit));
+                known.iter().position(|known| *known == meant)
             };
             named("deg")
                 .map(|column| (column, false))
@@ -287,7 +303,8 @@ impl Program {
         };
         let joints: Vec<(usize, bool)> = (1..).map_while(place).collect();
         if joints.is_empty() {
-            return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad".into());
+            return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad, or J1 [deg] …; the unit is part \
+                        of the name".into());
         }
         let named = |name: &str| {
             let is_named = |h: &String| h.trim().trim_start_matches('\u{feff}') == name;
@@ -295,7 +312,11 @@ impl Program {
         };
         let position = POSITION.map(named);
         let quaternion = QUATERNION.map(named);
+        let has_comma =
+            |row: &Vec<String>| joints.iter().any(|(column, _)| row[*column].contains(','));
         Ok(Self {
+            has_commas: separator != b',' && rows.iter().any(has_comma),
+            separator,
             position: all_there(position),
             quaternion: all_there(quaternion),
             bytes,
@@ -338,7 +359,15 @@ impl Program {
         (column, is_rad): (usize, bool),
     ) -> Result<f64, String> {
         let text = cells[column].trim();
-        let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+        let pointed = match self.has_commas && !text.contains('.') {
+            true => text.replace(',', "."),
+            false if self.has_commas => String::new(),
+            false => text.to_owned(),
+        };
+        let number = pointed
+            .parse::<f64>()
+            .ok()
+            .filter(|number| number.is_finite());
         let place = || {
             let row = files::row(row, Some(&self.bytes));
             format!("{row}, column {}", self.header[column])
@@ -414,22 +443,30 @@ impl Program {
 
     /// The program with corrected targets.
     fn with(&self, answer: &CompensateAnswer) -> anyhow::Result<String> {
-        let mut writer = csv::Writer::from_writer(Vec::new());
+        let mut writer = csv::WriterBuilder::new()
+            .delimiter(self.separator)
+            .from_writer(Vec::new());
         writer.write_record(&self.header)?;
         for (i, (row, q_deg)) in self.rows.iter().zip(&answer.q_deg).enumerate() {
             let mut row = row.clone();
-            for ((column, is_rad), q) in self.joints.iter().zip(q_deg) {
-                row[*column] = if *is_rad {
-                    format!("{:.9}", q.to_radians())
-                } else {
-                    format!("{q:.7}")
+            let mut put = |column: usize, number: String| {
+                row[column] = match self.has_commas {
+                    true => number.replace('.', ","),
+                    false => number,
                 };
+            };
+            for ((column, is_rad), q) in self.joints.iter().zip(q_deg) {
+                let number = match is_rad {
+                    true => format!("{:.9}", q.to_radians()),
+                    false => format!("{q:.7}"),
+                };
+                put(*column, number);
             }
             if let Some(pose) = answer.poses.as_ref().and_then(|poses| poses.get(i)) {
                 let position = self.position.iter().flatten().zip(pose.position_mm);
-                position.for_each(|(column, mm)| row[*column] = format!("{mm:.5}"));
+                position.for_each(|(column, mm)| put(*column, format!("{mm:.5}")));
                 let quaternion = self.quaternion.iter().flatten().zip(pose.quaternion);
-                quaternion.for_each(|(column, q)| row[*column] = format!("{q:.9}"));
+                quaternion.for_each(|(column, q)| put(*column, format!("{q:.9}")));
             }
             writer.write_record(&row)?;
         }
@@ -441,4 +478,27 @@ impl Program {
 fn all_there<const N: usize>(columns: [Option<usize>; N]) -> Option<[usize; N]> {
     let all: Option<Vec<usize>> = columns.into_iter().collect();
     all?.try_into().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Program;
+    use crate::wire::compensate::{CompensateAnswer, ErrorFrame};
+
+    #[test]
+    fn a_program_keeps_its_form() {
+        let text = "Name;J1 [°];J2 [°]\nP1;10,5;-20,25\nP2;1;2\n";
+        let program = Program::parse(text.into()).unwrap();
+        assert_eq!(program.q_deg().unwrap(), [[10.5, -20.25], [1.0, 2.0]]);
+        let mut answer = CompensateAnswer::with_capacity(2, ErrorFrame::RobotBase);
+        answer.q_deg = vec![vec![10.75, -20.0], vec![1.5, 2.5]];
+        let corrected = program.with(&answer).unwrap();
+        assert_eq!(
+            corrected,
+            "Name;J1 [°];J2 [°]\nP1;10,7500000;-20,0000000\nP2;1,5000000;2,5000000\n"
+        );
+        let mixed = Program::parse("J1 [deg];J2 [deg]\n1,5;2.5\n".into()).unwrap();
+        assert!(mixed.q_deg().is_err());
+        assert!(Program::parse("J1;J2\n1;2\n".into()).is_err());
+    }
 }

@@ -151,7 +151,7 @@ impl Refused {
             .iter()
             .map(|issue| files::fault(issue, None))
             .collect();
-        let more: String = faults.iter().map(|fault| format!("\n  {fault}")).collect();
+        let more = files::faults(errors, None);
         let is_repeated = errors
             .first()
             .is_some_and(|first| detail.starts_with(&first.in_words()));
@@ -163,6 +163,9 @@ impl Refused {
         let next = match self.status {
             401 => "\nnext: give the key with --key or in KINCAL_KEY",
             404 if detail.contains("robot") => "\nnext: kincal robots lists those that are there",
+            404 if code == "not_found" => {
+                "\nnext: ids are listed by kincal params, jobs, sets or networks, each with --robot ROBOT"
+            }
             _ => "",
         };
         text + next

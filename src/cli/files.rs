@@ -95,11 +95,41 @@ pub fn refuse_semicolons(bytes: &[u8]) -> Result<(), String> {
 
 /// The message about a file that cannot be used: one line per issue.
 pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
-    let lines: Vec<String> = issues
-        .iter()
-        .map(|issue| format!("\n  {}", fault(issue, Some(bytes))))
-        .collect();
-    format!("{} cannot be used:{}", path.display(), lines.concat())
+    format!(
+        "{} cannot be used:{}",
+        path.display(),
+        faults(issues, Some(bytes))
+    )
+}
+
+/// Most lines about rows: the first ones show what is wrong.
+const MAX_SHOWN: usize = 8;
+
+/// One line per issue. What is wrong with several columns alike is said once.
+pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
+    let mut text = String::new();
+    let alike = |a: &Issue, b: &Issue| {
+        a.row.is_none()
+            && b.row.is_none()
+            && a.column.is_some()
+            && b.column.is_some()
+            && a.code == b.code
+            && a.pointer == b.pointer
+    };
+    for group in issues.chunk_by(alike).take(MAX_SHOWN) {
+        text += &format!("\n  {}", fault(&group[0], bytes));
+        let others: Vec<&str> = group[1..]
+            .iter()
+            .filter_map(|issue| issue.column.as_deref())
+            .collect();
+        if !others.is_empty() {
+            text += &format!("\n  the same for {}", others.join(", "));
+        }
+    }
+    match issues.chunk_by(alike).count().saturating_sub(MAX_SHOWN) {
+        0 => text,
+        n => text + &format!("\n  and {n} more"),
+    }
 }
 
 /// Place and detail of an issue, each once, with the line of the file if its bytes are given.
@@ -199,7 +229,7 @@ fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::{fault, line_of, refuse_semicolons};
+    use super::{fault, faults, line_of, refuse_semicolons};
     use crate::wire::issue::Issue;
 
     #[test]
@@ -269,6 +299,25 @@ mod tests {
             fault(&issue(None, Some("x"), "column x has no unit"), text),
             "column x has no unit"
         );
+    }
+
+    #[test]
+    fn what_is_wrong_with_several_columns_is_said_once() {
+        let issue = |column: &str| Issue {
+            column: Some(column.into()),
+            code: "missing_unit".into(),
+            detail: format!("column {column} has no unit"),
+            ..Issue::default()
+        };
+        let text = faults(&["J1", "J2", "J3"].map(issue), None);
+        assert_eq!(text, "\n  column J1 has no unit\n  the same for J2, J3");
+        let of_rows: Vec<Issue> = (0..20)
+            .map(|row| Issue {
+                row: Some(row),
+                ..issue("J1")
+            })
+            .collect();
+        assert!(faults(&of_rows, None).ends_with("\n  and 12 more"));
     }
 
     #[test]

@@ -5,7 +5,8 @@ use super::list::{cells, columns};
 use super::runtime::block_on;
 use super::terminal;
 use super::terminal::Output;
-use crate::wire::history::{CompareAnswer, HistoryAnswer};
+use crate::wire::history::{CompareAnswer, HistoryAnswer, SessionTest};
+use crate::wire::report_shape::ChangeReport;
 use anyhow::Context;
 use serde_json::{Value, json};
 
@@ -71,19 +72,61 @@ pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
         .items
         .iter()
         .map(|item| {
-            let changed: Vec<String> = item
-                .changed
-                .iter()
-                .map(|change| format!("{} {:+.4} ({:.1} σ)", change.name, change.delta, change.sigmas))
-                .collect();
+            let changed = in_words(&item.changed);
             let row = json!({"parameter_set_id": item.parameter_set_id, "created_at": item.created_at, "status": item.status,
                 "verify_rms_mm": item.verify_rms_mm.map(|mm| format!("{mm:.4}")),
-                "changed": if changed.is_empty() { Value::Null } else { json!(changed.join("; ")) }});
+                "changed": if changed.is_empty() { Value::Null } else { json!(changed) }});
             cells(&row, &names)
         })
         .collect();
     terminal::raw(columns(&names, &rows));
     Ok(())
+}
+
+/// Smallest probability that is no sign of a change.
+const UNLIKELY: f64 = 0.01;
+
+/// The test of two sessions in words. A base that was measured from elsewhere is no change of the robot.
+fn tested(test: &SessionTest) -> String {
+    let probability = match test.probability {
+        p if p < 1e-4 => "below 0.0001".to_owned(),
+        p => format!("{p:.4}"),
+    };
+    let verdict = match test.probability < UNLIKELY {
+        true => "the links differ beyond chance",
+        false => "the links do not differ beyond chance",
+    };
+    let mut text = format!(
+        "{verdict}: probability {probability} for an unchanged robot (chi-square {:.1}, {} combinations of parameters)",
+        test.chi_square, test.n_combinations
+    );
+    if !test.changed.is_empty() {
+        text += &format!("\n{}", in_words(&test.changed));
+    }
+    text
+}
+
+/// What changed: the links, then base and reflector, which are others wherever the instrument stood elsewhere.
+fn in_words(changes: &[ChangeReport]) -> String {
+    let is_of_robot = |change: &&ChangeReport| {
+        !change.name.starts_with("base_") && !change.name.starts_with("target_")
+    };
+    let say = |changes: &[&ChangeReport]| {
+        let one = |change: &&ChangeReport| {
+            format!(
+                "{} {:+.4} ({:.1} σ)",
+                change.name, change.delta, change.sigmas
+            )
+        };
+        changes.iter().map(one).collect::<Vec<_>>().join("; ")
+    };
+    let (own, placement): (Vec<&ChangeReport>, Vec<&ChangeReport>) =
+        changes.iter().partition(is_of_robot);
+    match (own.is_empty(), placement.is_empty()) {
+        (_, true) => say(&own),
+        (true, false) => format!("base and reflector: {}", say(&placement)),
+        (false, false) => format!("{}; base and reflector: {}", say(&own), say(&placement)),
+    }
 }
 
 /// `kincal compare`.
@@ -103,7 +146,7 @@ pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
     output.print(&answer, || {
         let sessions = match &answer["sessions"] {
             Value::Null => "the sessions cannot be compared: both sets come from one upload, or one session is too small".to_owned(),
-            sessions => format!("test of the sessions: {sessions}"),
+            _ => parsed.sessions.as_ref().map_or(String::new(), tested),
         };
         format!(
             "the tool by {id} is {:.4} mm on average and at most {:.4} mm from the tool by {with}, over {} configurations\n{sessions}",

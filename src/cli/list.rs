@@ -200,7 +200,7 @@ pub struct JobArguments {
     /// Only jobs with this status: queued, running, succeeded, failed or cancelled.
     #[arg(long, env = "KINCAL_STATUS", value_name = "STATUS")]
     status: Option<String>,
-    /// Only jobs of this kind: identify or verify.
+    /// Only jobs of this kind: identify, verify or check.
     #[arg(long, env = "KINCAL_KIND", value_name = "KIND")]
     kind: Option<String>,
     #[command(flatten)]

@@ -1,5 +1,6 @@
 //! Measured files of a command: one table, or the robot's file and the instrument's; and how they were understood, for people.
 
+use super::column_options::ColumnOptions;
 use super::files::{BYTE_ORDER_MARK, NumberFormat, is_json, read};
 use super::usage::Usage;
 use crate::measurement::{Decimal, RotationConvention};
@@ -19,9 +20,8 @@ pub struct TableOptions {
     /// The instrument's file, as the argument INSTRUMENT_EXPORT.
     #[arg(long, env = "KINCAL_INSTRUMENT", value_name = "FILE")]
     pub instrument: Option<PathBuf>,
-    /// What the columns mean: a file with a JSON object, {"q1_deg": "J1 [deg]", "x_mm": "X (mm)"} (docs/measurement-files.md).
-    #[arg(long, env = "KINCAL_COLUMNS", value_name = "FILE")]
-    pub columns: Option<PathBuf>,
+    #[command(flatten)]
+    pub columns: ColumnOptions,
     #[command(flatten)]
     pub numbers: NumberFormat,
 }
@@ -63,10 +63,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
     } else {
         read(set)?
     };
-    let columns = match &options.columns {
-        None => ColumnsBody::default(),
-        Some(path) => named_columns(path)?,
-    };
+    let columns = options.columns.body()?;
     let decimal = options.numbers.decimal_comma.then_some(Decimal::Comma);
     let rotation = options.numbers.rotation;
     let instrument = options
@@ -122,22 +119,6 @@ fn read_stdin() -> anyhow::Result<Vec<u8>> {
         return Err(Usage(text).into());
     }
     Ok(bytes)
-}
-
-fn named_columns(path: &Path) -> anyhow::Result<ColumnsBody> {
-    ColumnsBody::parse(&read(path)?).map_err(|invalid| {
-        let faults: Vec<String> = invalid
-            .issues
-            .iter()
-            .map(|issue| format!("\n  {}", issue.in_words()))
-            .collect();
-        Usage(format!(
-            "{} cannot be used:{}",
-            path.display(),
-            faults.concat()
-        ))
-        .into()
-    })
 }
 
 /// A form with two files. Its boundary follows from the files, so that the same files make the same bytes.
@@ -235,13 +216,21 @@ fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<Strin
 
 fn join_in_words(join: &JoinBody) -> Vec<String> {
     let clock = match (join.clock_offset_s, join.tolerance_s) {
-        (Some(offset), Some(tolerance)) => format!(
-            "; the robot's clock is {offset:.3} s ahead of the instrument's, pairs may be {tolerance:.3} s apart"
-        ),
+        (Some(offset), Some(tolerance)) => {
+            format!("; {}, pairs may be {tolerance:.3} s apart", clocks(offset))
+        }
         _ => String::new(),
     };
+    let loosely = match join.loose_names {
+        true => " (without signs, spaces and leading zeros in the names)",
+        false => "",
+    };
+    let clock = match join.instrument_log {
+        true => clock + "; of the instrument's log one position was taken in each standstill",
+        false => clock,
+    };
     let mut lines = vec![format!(
-        "{} pairs of rows, joined by {}{clock}",
+        "{} pairs of rows, joined by {}{loosely}{clock}",
         join.n_joined, join.by
     )];
     for (file, rest) in [
@@ -267,4 +256,20 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         }
     }
     lines
+}
+
+/// A difference of clocks that run by the same calendar, s: two days and a zone.
+const MAX_SAME_CALENDAR_S: f64 = 200_000.0;
+
+fn clocks(offset_s: f64) -> String {
+    let size_s = offset_s.abs();
+    match offset_s {
+        _ if size_s > MAX_SAME_CALENDAR_S => format!(
+            "the two clocks count from different moments (the robot's minus the instrument's: {offset_s:.3} s)"
+        ),
+        offset_s if offset_s < 0.0 => {
+            format!("the robot's clock is {size_s:.3} s behind the instrument's")
+        }
+        _ => format!("the robot's clock is {size_s:.3} s ahead of the instrument's"),
+    }
 }

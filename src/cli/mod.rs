@@ -7,7 +7,10 @@ mod actions;
 mod archive;
 mod backup;
 mod calibrate;
+mod check_table;
 mod client;
+mod column_options;
+mod columns;
 mod compensate;
 mod completions;
 mod copy_store;
@@ -40,6 +43,7 @@ mod verify_store;
 mod worker;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 const EXIT_CODES: &str = "\
@@ -99,6 +103,8 @@ enum Command {
     Robots(robots::Arguments),
     /// List a robot's measurement sets, or show one.
     Sets(list::SetArguments),
+    /// Look at how a file would be read, and keep what its columns mean for a robot.
+    Columns(columns::Arguments),
     /// List the jobs of all robots or of one, or show one.
     Jobs(list::JobArguments),
     /// List a robot's networks, or show one.
@@ -148,9 +154,22 @@ enum Command {
     Completions(completions::Arguments),
 }
 
+/// An argument such as `-10,20,30` begins like an option: with a space in front it is a value, wherever the options stand.
+fn as_value(argument: OsString) -> OsString {
+    let is_list = |text: &str| {
+        let first = text.strip_prefix('-').and_then(|rest| rest.chars().next());
+        text.contains(',') && first.is_some_and(|c| c.is_ascii_digit() || c == '.')
+    };
+    match argument.to_str() {
+        Some(text) if is_list(text) => format!(" {text}").into(),
+        _ => argument,
+    }
+}
+
 /// Runs the command line.
 pub fn main() -> ExitCode {
-    let result = match Arguments::parse().command {
+    let arguments = std::env::args_os().map(as_value);
+    let result = match Arguments::parse_from(arguments).command {
         Command::Serve(config) => serve::run(&config),
         Command::Worker(config) => worker::run(&config),
         Command::Migrate(arguments) => worker::migrate(&arguments),
@@ -168,6 +187,7 @@ pub fn main() -> ExitCode {
         Command::Jobs(arguments) => list::jobs(&arguments),
         Command::Networks(arguments) => list::networks(&arguments),
         Command::Frames(arguments) => frames::run(&arguments),
+        Command::Columns(arguments) => columns::run(&arguments),
         Command::Gates(arguments) => list::gates_of(&arguments),
         Command::Policy(arguments) => policy::run(&arguments),
         Command::WorkFrames(arguments) => named_frames::work_frames(&arguments),

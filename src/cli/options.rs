@@ -55,7 +55,8 @@ pub struct IdentifyOptions {
         value_delimiter = ','
     )]
     pub only: Vec<String>,
-    /// Prior of a parameter, in mm or degrees: NAME=STD, and optionally :mean=X, :min=X and :max=X, e.g. a_2=0.1:mean=0.3:max=1. Once per parameter.
+    /// Prior of a parameter, in mm or degrees: NAME=STD, the standard deviation around nominal, and optionally :mean=X, :min=X and :max=X, values of the
+    /// parameter itself and not of its change, e.g. a_2=0.1 or, for a link of 330 mm, a_2=0.1:mean=330.2:min=329:max=331. Once per parameter.
     #[arg(long, env = "KINCAL_PRIOR", value_name = "PRIOR", value_parser = prior, value_delimiter = ',', allow_hyphen_values = true)]
     pub prior: Vec<Prior>,
     /// Corrections beyond link parameters [default: auto; off with preset paper].

@@ -3,7 +3,7 @@
 use super::client::ServerArguments;
 use super::runtime::block_on;
 use super::terminal::Output;
-use crate::wire::policy::PolicyBody;
+use crate::wire::policy::{DecisionRule, PolicyBody};
 use anyhow::Context;
 
 /// What a robot asks of a release.
@@ -41,6 +41,9 @@ struct SetArguments {
     /// Largest uncertainty and largest error on verify points, mm; `none` for no tolerance.
     #[arg(long, value_name = "MM", value_parser = tolerance)]
     tolerance_mm: Option<Tolerance>,
+    /// How errors on verify points are compared with the tolerance: guarded_acceptance counts their uncertainty.
+    #[arg(long, value_name = "RULE")]
+    decision_rule: Option<DecisionRule>,
     /// Whether another measuring session must have verified the set.
     #[arg(long, value_name = "true|false")]
     independent_session: Option<bool>,
@@ -80,6 +83,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if let Some(Tolerance(tolerance_mm)) = changes.tolerance_mm {
             policy.tolerance_mm = tolerance_mm;
         }
+        if let Some(rule) = changes.decision_rule {
+            policy.decision_rule = rule;
+        }
         if let Some(required) = changes.independent_session {
             policy.independent_session_required = required;
         }
@@ -96,7 +102,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .map_or("none".into(), |mm| format!("{mm} mm"));
         let yes = |required| if required { "yes" } else { "no" };
         format!(
-            "tolerance: {tolerance}\nanother session must have verified the set: {}\nanother key must release it: {}",
+            "tolerance: {tolerance}\ndecision rule: {}\nanother session must have verified the set: {}\nanother key must release it: {}",
+            policy.decision_rule.as_str(),
             yes(policy.independent_session_required),
             yes(policy.second_person_required)
         )

@@ -13,8 +13,8 @@ pub struct Arguments {
     /// The parameter set, as `kincal params` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// The controller's joint values in degrees, with commas; several poses one after the other.
-    #[arg(value_name = "Q1,Q2,…", required = true, allow_hyphen_values = true, value_parser = pose)]
+    /// The controller's joint values in degrees, with commas; several poses one after the other. One pose may have spaces instead.
+    #[arg(value_name = "Q1,Q2,…", required = true, allow_negative_numbers = true, value_parser = pose)]
     poses: Vec<Pose>,
     /// The reflector (0-based) [default: 0].
     #[arg(long, env = "KINCAL_TARGET")]
@@ -36,7 +36,11 @@ fn pose(text: &str) -> Result<Pose, String> {
 
 /// Prints one position per pose.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let q_deg: Vec<&Vec<f64>> = arguments.poses.iter().map(|pose| &pose.0).collect();
+    let mut q_deg: Vec<Vec<f64>> = arguments.poses.iter().map(|pose| pose.0.clone()).collect();
+    // 10 -20 30 …: one pose, as `kincal robots posture` takes it
+    if q_deg.len() > 1 && q_deg.iter().all(|pose| pose.len() == 1) {
+        q_deg = vec![q_deg.concat()];
+    }
     let mut body = json!({"q_deg": q_deg});
     if let Some(target) = arguments.target {
         body["target"] = json!(target);

@@ -84,9 +84,9 @@ pub struct AddArguments {
 pub struct PostureArguments {
     #[command(flatten)]
     server: ServerArguments,
-    /// The pendant's joint values, degrees.
-    #[arg(value_name = "DEGREES", required = true)]
-    q_deg: Vec<f64>,
+    /// The pendant's joint values, degrees, with spaces or commas between them.
+    #[arg(value_name = "DEGREES", required = true, value_parser = degrees)]
+    q_deg: Vec<Degrees>,
     /// The robot on the server: its id, name or serial number.
     #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["arm", "robot_file"])]
     robot: Option<String>,
@@ -111,9 +111,23 @@ pub struct PostureArguments {
     output: Output,
 }
 
+/// Joint values, degrees.
+#[derive(Clone, Debug)]
+struct Degrees(Vec<f64>);
+
+fn degrees(text: &str) -> Result<Degrees, String> {
+    let values: Result<Vec<f64>, _> = text.split(',').map(|q| q.trim().parse()).collect();
+    values.map(Degrees).map_err(|_| {
+        "numbers, such as 10 -20 30 0 45 0 or 10,-20,30,0,45,0; the robot is named by --robot, --arm or --robot-file".into()
+    })
+}
+
 fn mounting(text: &str) -> Result<NamedMounting, String> {
     serde_json::from_value(json!(text)).map_err(|_| "floor, wall or ceiling is needed".into())
 }
+
+/// Share of the flange's distance from the base by which a real robot may differ from its type.
+const MAX_APART: f64 = 0.02;
 
 /// Runs one of the commands.
 pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
@@ -168,6 +182,15 @@ fn found(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotMo
         Some(model) => vec![model],
         None => all,
     })
+}
+
+/// The robot of a ready arm with exactly this id or name.
+pub fn ready_arm(text: &str) -> Option<RobotBody> {
+    let all = robot_models::find(text, None).ok()?;
+    let is_it = |model: &&&RobotModel| {
+        [&model.id, &model.name, &model.robot.name].contains(&&text.to_owned())
+    };
+    all.iter().find(is_it).map(|model| model.robot.clone())
 }
 
 fn the_one(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'static RobotModel> {
@@ -320,7 +343,7 @@ fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody>
 
 fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
     let request = PostureBody {
-        q_deg: arguments.q_deg.clone(),
+        q_deg: arguments.q_deg.iter().flat_map(|q| q.0.clone()).collect(),
         tool: arguments.tool_mm.map(|translation_mm| ToolBody {
             translation_mm,
             quaternion: None,
@@ -386,6 +409,16 @@ fn posture_in_words(found: &PostureAnswer) -> String {
     }
     if let Some(apart) = found.position_apart_mm {
         text += &format!("\nthe pendant's position is {apart:.3} mm from the model's");
+        let height_mm = found
+            .position_mm
+            .iter()
+            .map(|mm| mm * mm)
+            .sum::<f64>()
+            .sqrt();
+        if apart > MAX_APART * height_mm {
+            text += ": more than a real robot differs from its type. Is the flange selected on the pendant (a tool of zeros), or given by --tool-mm, and \
+                     no user frame? Else a zero, a sign or a coupling of the joints is another, or it is another type";
+        }
     }
     text
 }

@@ -12,7 +12,7 @@ use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
 use crate::release::unusable_because;
 use crate::report_page::words;
-use crate::wire::job::{JobRequestBody, Kind};
+use crate::wire::job::{After, JobRequestBody, Kind};
 use crate::wire::job_answer::{JobAnswer, JobStatus};
 use crate::wire::release::GatesAnswer;
 use crate::wire::report_shape::Report;
@@ -22,7 +22,7 @@ use anyhow::Context;
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// Upload a measurement set to a server and have it identified, or verify a parameter set on it.
+/// Upload a measurement set to a server and have it identified, verify a parameter set on it, or check with few poses whether the released one still holds.
 ///
 /// The JSON is the report with --wait, else the job.
 #[derive(Debug, clap::Args)]
@@ -39,13 +39,31 @@ pub struct Arguments {
     table: TableOptions,
     #[command(flatten)]
     set_options: SetOptions,
+    /// Name of the set [default: the file's].
+    #[arg(long, env = "KINCAL_NAME", value_name = "TEXT")]
+    name: Option<String>,
+    /// Serial number of the robot that was measured; an upload for another robot is refused.
+    #[arg(long, env = "KINCAL_SERIAL_NUMBER", value_name = "TEXT")]
+    serial_number: Option<String>,
+    /// Read the columns by the mapping that the robot has under this name (`kincal columns keep`).
+    #[arg(long, env = "KINCAL_KEPT", value_name = "NAME", conflicts_with_all = ["columns", "column", "joint_unit", "position_unit"])]
+    kept: Option<String>,
     /// Identify nothing; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
         conflicts_with_all = ["method", "model", "preset", "seed", "hold", "only", "prior", "corrections", "verify_fraction"]
     )]
     verify: bool,
-    /// With --verify: the parameter set to score [default: the active one, else the nominal robot].
+    /// Identify nothing; say from five to ten configurations, or more, whether the released set still holds.
+    #[arg(
+        long, env = "KINCAL_CHECK", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
+        conflicts_with_all = ["verify", "upload_only", "method", "model", "preset", "seed", "hold", "only", "prior", "corrections", "verify_fraction"]
+    )]
+    check: bool,
+    /// With --check: what happened to the robot before; what it may have changed is suspected first.
+    #[arg(long, env = "KINCAL_AFTER", value_name = "EVENT", requires = "check")]
+    after: Option<After>,
+    /// With --verify or --check: the parameter set to score [default: the active one; with --verify, else the nominal robot].
     #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
     parameters: Option<String>,
     #[command(flatten)]
@@ -65,8 +83,8 @@ pub struct Arguments {
 
 /// Uploads the set, posts the job and, with `--wait`, follows it to its end.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    if arguments.parameters.is_some() && !arguments.verify {
-        let text = "--parameters (or KINCAL_PARAMETERS) says what is verified: give --verify with it, or leave it out to identify";
+    if arguments.parameters.is_some() && !arguments.verify && !arguments.check {
+        let text = "--parameters (or KINCAL_PARAMETERS) says what is verified or checked: give --verify or --check with it, or leave it out to identify";
         return Err(Usage(text.into()).into());
     }
     let files = read_measured(&arguments.set, &arguments.table)?;
@@ -156,15 +174,19 @@ async fn upload(
     let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
     let insist = arguments.set_options.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
+    let serial_number = arguments.serial_number.clone();
+    parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {
         // A CSV has no name field; its file name is used.
-        parameters.extend(file_name(arguments).map(|name| ("name", name)));
+        let name = arguments.name.clone().or_else(|| file_name(arguments));
+        parameters.extend(name.map(|name| ("name", name)));
         parameters.extend(files.decimal.map(|_| ("decimal", "comma".into())));
         parameters.extend(
             files
                 .rotation
                 .map(|convention| ("rotation", convention.to_string())),
         );
+        parameters.extend(arguments.kept.clone().map(|name| ("columns", name)));
         if !files.columns.0.is_empty() {
             parameters.push(("columns", serde_json::to_string(&files.columns)?));
         }
@@ -247,6 +269,14 @@ fn request(arguments: &Arguments, set_id: &str) -> JobRequestBody {
         return JobRequestBody {
             kind: Kind::Verify,
             parameter_set_id: arguments.parameters.clone(),
+            ..JobRequestBody::for_set(set_id)
+        };
+    }
+    if arguments.check {
+        return JobRequestBody {
+            kind: Kind::Check,
+            parameter_set_id: arguments.parameters.clone(),
+            after: arguments.after,
             ..JobRequestBody::for_set(set_id)
         };
     }

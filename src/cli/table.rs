@@ -1,5 +1,6 @@
 //! A report as text for a terminal.
 
+use super::check_table::quick_check;
 use super::terminal::in_commands;
 use crate::release::{why_no_evidence, why_same_upload};
 use crate::report_page::words;
@@ -54,6 +55,9 @@ fn verified(report: &Report) -> String {
             format!("verification of the parameter set {id}")
         });
     line(&mut text, format!("{what}: {}", report.method_reason));
+    if let Some(check) = &report.check {
+        text.push_str(&quick_check(check));
+    }
     line(&mut text, String::new());
     line(&mut text, columns());
     if let Some(half) = &report.verify {

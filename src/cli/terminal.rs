@@ -74,7 +74,7 @@ pub fn plain(text: &str) -> String {
 }
 
 /// Texts of remedies in the HTTP interface, and their replacements with commands and options.
-const COMMANDS: [(&str, &str); 13] = [
+const COMMANDS: [(&str, &str); 16] = [
     (
         "post a job of kind verify with parameter_set_id ",
         "kincal submit --verify --robot ROBOT SET.csv --parameters ",
@@ -95,6 +95,9 @@ const COMMANDS: [(&str, &str); 13] = [
     ("POST /v1/measurement-sets/", "kincal restore "),
     ("POST /v1/parameter-sets/", "kincal restore "),
     ("POST /v1/networks/", "kincal restore "),
+    (" (--decimal comma)", ""),
+    (" (--decimal point)", ""),
+    ("?decimal=point", "--decimal point"),
     ("?decimal=comma", "--decimal-comma"),
     ("?frame=", "--frame "),
     ("?insist=", "--insist "),
@@ -105,12 +108,65 @@ const COMMANDS: [(&str, &str); 13] = [
 /// Rewrites the remedies in a text of the server or the core as commands and options.
 pub fn in_commands(text: &str) -> String {
     let replace = |text: String, (http, command): &(&str, &str)| text.replace(http, command);
-    COMMANDS.iter().fold(text.to_owned(), replace)
+    let text = COMMANDS.iter().fold(without_mappings(text), replace);
+    restored(text)
+}
+
+/// `?columns={…} (--column …)` names the mapping in both interfaces: only the option is left.
+fn without_mappings(text: &str) -> String {
+    let (mut found, mut rest) = (String::new(), text);
+    while let Some(at) = rest.find("?columns=") {
+        let Some(option) = rest[at..].find(" (--").map(|offset| at + offset + 2) else {
+            break;
+        };
+        // a header in quotes may have brackets
+        let mut is_quoted = false;
+        let mut before = ' ';
+        let end = rest[option..].char_indices().find(|(_, c)| {
+            is_quoted ^= *c == '"' && before != '\\';
+            before = *c;
+            *c == ')' && !is_quoted
+        });
+        let Some((length, _)) = end else { break };
+        found += &rest[..at];
+        found += &rest[option..option + length];
+        rest = &rest[option + length + 1..];
+    }
+    found + rest
+}
+
+/// `kincal restore ID/restore`, from the route of the HTTP interface, as a command.
+fn restored(text: String) -> String {
+    let mut parts = text.split("kincal restore ");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |text, part| {
+        let id = part
+            .find(|c: char| !c.is_ascii_alphanumeric() && c != '_')
+            .unwrap_or(part.len());
+        let rest = part[id..].strip_prefix("/restore").unwrap_or(&part[id..]);
+        format!("{text}kincal restore {}{rest}", &part[..id])
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::plain;
+    use super::{in_commands, plain};
+
+    #[test]
+    fn remedies_are_commands_and_options() {
+        assert_eq!(
+            in_commands(
+                "say so by ?columns={\"x_mm\": \"X (mm)\"} (--column x_mm=\"X (mm)\"). The table has \"X (mm)\""
+            ),
+            "say so by --column x_mm=\"X (mm)\". The table has \"X (mm)\""
+        );
+        assert_eq!(
+            in_commands(
+                "archived: restore it first, with POST /v1/robots/rob_1/restore (archived)"
+            ),
+            "archived: restore it first, with kincal restore rob_1 (archived)"
+        );
+    }
 
     #[test]
     fn a_terminal_gets_no_commands_and_no_other_direction() {

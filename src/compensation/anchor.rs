@@ -4,6 +4,7 @@
 //! link. Which of them a set of parameters names says nothing of the robot. So base and flange are anchored to its axes: the base frame is
 //! the one in which link 1 is nominal, the flange the one for which theta_offset and d of the last link are.
 
+use crate::compensation::mode::Base;
 use crate::identification::KinematicModel;
 use crate::identification::parameters::is_parallel;
 use crate::kinematics::forward::t_previous_link;
@@ -141,6 +142,17 @@ pub fn anchor_in_measuring_frame(identified: &KinematicModel, nominal: &[Link]) 
     Anchor {
         t_base_anchored: identified.t_instrument_base.inverse(),
         t_anchored_flange,
+    }
+}
+
+/// The anchor for targets that are met in the frame of `base`.
+///
+/// # Panics
+/// If the robots have not the same number of links.
+pub fn anchor_in(base: Base, identified: &KinematicModel, nominal: &[Link]) -> Anchor {
+    match base {
+        Base::Robot => anchor(&identified.links, nominal),
+        Base::Measured => anchor_in_measuring_frame(identified, nominal),
     }
 }
 

@@ -9,9 +9,9 @@ mod tool_error;
 mod work_frame;
 
 pub use anchor::{Anchor, anchor, anchor_in_measuring_frame};
-pub use cartesian::Reached;
+pub use cartesian::CorrectedPose;
 pub use difference::{ToolDifference, ToolDifferences, tool_differences};
 pub use mode::{Base, Mode, Status};
 pub use targets::{Compensation, Corrected, Tool};
-pub use tool_error::{ToolError, ToolPoint, Wanted};
-pub use work_frame::{FixturePoint, Unfit, WorkFrame};
+pub use tool_error::{ToolError, ToolGoal, ToolPoint};
+pub use work_frame::{FixturePoint, WorkFrame, WorkFrameError};

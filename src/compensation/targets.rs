@@ -1,6 +1,6 @@
 //! Corrected joint targets: Gauss-Newton on the identified robot, damped along the directions in which it hardly moves, within joint limits.
 
-use crate::compensation::anchor::{Anchor, anchor, anchor_in_measuring_frame};
+use crate::compensation::anchor::{Anchor, anchor, anchor_in};
 use crate::compensation::mode::{Base, Mode, Status};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
@@ -120,10 +120,7 @@ impl<'a> Compensation<'a> {
 
     /// As [`Self::new`], in the given frame, with the corrections of the identified robot where it has some.
     pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot, base: Base) -> Self {
-        let anchor_of = |model: &KinematicModel| match base {
-            Base::Robot => anchor(&model.links, &nominal.links),
-            Base::Measured => anchor_in_measuring_frame(model, &nominal.links),
-        };
+        let anchor_of = |model: &KinematicModel| anchor_in(base, model, &nominal.links);
         let (model, fading) = match &identified.corrected {
             None => (&identified.plain, None),
             Some(corrected) => (

@@ -5,7 +5,7 @@
 //! of d (3-D: the root of the three variances' sum) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange follow the
 //! links.
 
-use crate::compensation::anchor::{Anchor, anchor, anchor_in_measuring_frame};
+use crate::compensation::anchor::{Anchor, anchor_in};
 use crate::compensation::mode::Base;
 use crate::compensation::targets::Tool;
 use crate::identification::KinematicModel;
@@ -19,7 +19,7 @@ const STEP_RAD: f64 = 1e-6;
 
 /// Where the tool has to go.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Wanted<'a> {
+pub enum ToolGoal<'a> {
     /// Where the nominal robot has it at these joint values, rad, in the controller's convention.
     AsNominal(&'a [f64]),
     /// A position in the frame that targets are met in; it does not follow the robot.
@@ -28,17 +28,14 @@ pub enum Wanted<'a> {
 
 /// A robot as it may be: links, where its base and flange are, targets.
 #[derive(Clone, Debug)]
-struct Possible {
+struct PerturbedRobot {
     model: KinematicModel,
     anchor: Anchor,
 }
 
-impl Possible {
+impl PerturbedRobot {
     fn new(model: KinematicModel, nominal: &Robot, base: Base) -> Self {
-        let anchor = match base {
-            Base::Robot => anchor(&model.links, &nominal.links),
-            Base::Measured => anchor_in_measuring_frame(&model, &nominal.links),
-        };
+        let anchor = anchor_in(base, &model, &nominal.links);
         Self { model, anchor }
     }
 
@@ -97,9 +94,9 @@ pub struct ToolError<'a> {
     nominal: &'a Robot,
     estimate: &'a Estimate,
     tool: ToolPoint,
-    identified: Possible,
+    identified: PerturbedRobot,
     /// For each parameter its step, mm or rad, and the robot a step to both sides.
-    moved: Vec<(f64, [Possible; 2])>,
+    moved: Vec<(f64, [PerturbedRobot; 2])>,
 }
 
 impl<'a> ToolError<'a> {
@@ -114,12 +111,12 @@ impl<'a> ToolError<'a> {
             };
             let sides = [step, -step].map(|by| {
                 let model = apply(&estimate.model, &[*parameter], &[by]);
-                Possible::new(model, nominal, base)
+                PerturbedRobot::new(model, nominal, base)
             });
             (step, sides)
         };
         Self {
-            identified: Possible::new(estimate.model.clone(), nominal, base),
+            identified: PerturbedRobot::new(estimate.model.clone(), nominal, base),
             moved: estimate.parameters.iter().map(moved).collect(),
             nominal,
             estimate,
@@ -128,12 +125,12 @@ impl<'a> ToolError<'a> {
     }
 
     /// One standard deviation (3-D) of the tool's position, mm, with the controller's joint values `q_controller_rad`.
-    pub fn std_mm(&self, q_controller_rad: &[f64], wanted: Wanted<'_>) -> f64 {
+    pub fn std_mm(&self, q_controller_rad: &[f64], wanted: ToolGoal<'_>) -> f64 {
         let poses = Poses {
             corrected_rad: self.nominal.q_model_rad(q_controller_rad),
             nominal_rad: match wanted {
-                Wanted::AsNominal(q_rad) => Some(self.nominal.q_model_rad(q_rad)),
-                Wanted::Fixed => None,
+                ToolGoal::AsNominal(q_rad) => Some(self.nominal.q_model_rad(q_rad)),
+                ToolGoal::Fixed => None,
             },
         };
         let by_parameters = Matrix3xX::from_columns(
@@ -153,7 +150,7 @@ impl<'a> ToolError<'a> {
         errors.norm()
     }
 
-    fn slope(&self, (step, sides): &(f64, [Possible; 2]), poses: &Poses) -> Vector3<f64> {
+    fn slope(&self, (step, sides): &(f64, [PerturbedRobot; 2]), poses: &Poses) -> Vector3<f64> {
         let [plus, minus] = sides
             .each_ref()
             .map(|side| side.miss_mm(self.nominal, &self.tool, poses));
@@ -162,7 +159,7 @@ impl<'a> ToolError<'a> {
 
     /// What the features of the misfit move the tool by, mm per rad: 3 × m, in the frame that targets are met in.
     fn features(&self, q_rad: &[f64]) -> DMatrix<f64> {
-        let Possible { model, anchor } = &self.identified;
+        let PerturbedRobot { model, anchor } = &self.identified;
         // the tool as one more target, in the flange frame of the identified links
         let tool_mm =
             anchor.t_anchored_flange.inverse() * Point3::from(self.identified.tool_mm(&self.tool));

@@ -39,7 +39,7 @@ struct Spread {
 
 /// Why points give no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unfit {
+pub enum WorkFrameError {
     /// Fewer than three.
     #[error("a frame needs at least {FEWEST_POINTS} points")]
     TooFew,
@@ -62,16 +62,16 @@ impl WorkFrame {
     /// sqrt(Σ|r|² / (3·n − 6)).
     ///
     /// # Errors
-    /// [`Unfit`] for fewer than three points, or points on a line.
-    pub fn measured(points: &[FixturePoint], std_mm: f64) -> Result<Self, Unfit> {
+    /// [`WorkFrameError`] for fewer than three points, or points on a line.
+    pub fn measured(points: &[FixturePoint], std_mm: f64) -> Result<Self, WorkFrameError> {
         let n = points.len();
         if n < FEWEST_POINTS {
-            return Err(Unfit::TooFew);
+            return Err(WorkFrameError::TooFew);
         }
         let (nominal, measured): (Vec<_>, Vec<_>) =
             points.iter().map(|p| (p.nominal_mm, p.measured_mm)).unzip();
         if is_on_a_line(&nominal) || is_on_a_line(&measured) {
-            return Err(Unfit::OnALine);
+            return Err(WorkFrameError::OnALine);
         }
         let t_reference_work = rigid_motion(&nominal, &measured);
         let fitted =
@@ -89,7 +89,7 @@ impl WorkFrame {
             .map(|p| by_motion(&(p - centre_mm)))
             .map(|j| j.transpose() * j)
             .sum();
-        let covariance = normal.try_inverse().ok_or(Unfit::OnALine)?;
+        let covariance = normal.try_inverse().ok_or(WorkFrameError::OnALine)?;
         Ok(Self {
             t_reference_work,
             residuals_mm,

@@ -13,6 +13,7 @@ use crate::store::{self, ColumnMappingRow, Tx, column_mappings};
 use crate::wire::columns::{ColumnMappingAnswer, ColumnsBody};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::Decimal;
+use crate::wire::multipart::{FileBytes, UploadForm};
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, Robot};
 use crate::wire::table_preview::PreviewAnswer;
@@ -52,9 +53,9 @@ struct PreviewQuery {
         description = "As in the upload; no JSON",
         content(
             (String = "text/csv"),
-            (Vec<u8> = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
-            (Vec<u8> = "application/vnd.oasis.opendocument.spreadsheet"),
-            (Vec<u8> = "multipart/form-data")
+            (FileBytes = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+            (FileBytes = "application/vnd.oasis.opendocument.spreadsheet"),
+            (UploadForm = "multipart/form-data")
         )
     ),
     responses((status = 200, description = "How the files are understood", body = PreviewAnswer))

@@ -42,6 +42,7 @@ const ASSETS: &[Asset] = assets! {
     "app.js": JAVASCRIPT,
     "arm.js": JAVASCRIPT,
     "charts.js": JAVASCRIPT,
+    "check.js": JAVASCRIPT,
     "columns.js": JAVASCRIPT,
     "compare.js": JAVASCRIPT,
     "correct.js": JAVASCRIPT,

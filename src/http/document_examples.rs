@@ -10,6 +10,10 @@ const MAX_DEPTH: usize = 12;
 
 /// A measurement file of the smallest kind.
 const CSV: &str = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n10,-20,30,0,45,0,812.4031,141.9925,655.1808\n";
+/// A robot's log and an instrument's export.
+const LOG: &str =
+    "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\nP1,10,-20,30,0,45,0\n";
+const EXPORT: &str = "Name,X [mm],Y [mm],Z [mm]\nP1,812.4031,141.9925,655.1808\n";
 const XML: &str = "<?xml version=\"1.0\"?>\n<robot name=\"cell_4\"/>\n";
 
 /// Whole examples of shapes whose fields are all optional, or that need values that fit together.
@@ -18,7 +22,7 @@ fn of_shape(name: &str) -> Option<Value> {
         "RobotPatchBody" => json!({"name": "Cell 4, left", "serial_number": "ER20-0117"}),
         "ReleaseBody" | "ReasonBody" => json!({"reason": "verified on a second session"}),
         "PolicyBody" => {
-            json!({"tolerance_mm": 0.3, "independent_session_required": true, "second_person_required": false})
+            json!({"tolerance_mm": 0.3, "decision_rule": "guarded_acceptance", "independent_session_required": true, "second_person_required": false})
         }
         "MeasurementSetBody" => {
             json!({"frame": "base", "points": [{"q_deg": [10.0, -20.0, 30.0, 0.0, 45.0, 0.0], "position_mm": [812.4031, 141.9925, 655.1808]}]})
@@ -107,6 +111,14 @@ impl Examples {
     }
 
     fn of_body(&self, media_type: &str, schema: Option<&RefOr<Schema>>) -> Option<Value> {
+        let is_form = |schema: &Value| {
+            let path = schema["$ref"].as_str();
+            path.is_some_and(|path| path.ends_with("/UploadForm"))
+        };
+        let shape = schema.and_then(|schema| serde_json::to_value(schema).ok());
+        if shape.is_some_and(|shape| is_form(&shape)) {
+            return Some(json!({"instrument": EXPORT, "robot": LOG}));
+        }
         Some(match media_type {
             "application/json" => {
                 let schema = serde_json::to_value(schema?).ok()?;
@@ -117,6 +129,7 @@ impl Examples {
             "application/xml" => XML.into(),
             "text/html" => "<!doctype html><title>kincal</title>".into(),
             "text/plain" => "ok\n".into(),
+            "multipart/form-data" => "--boundary\r\nContent-Disposition: form-data; name=\"robot\"; filename=\"log.csv\"\r\n\r\n".into(),
             _ => return None,
         })
     }
@@ -264,8 +277,9 @@ mod tests {
                 let answers = answers.filter(|(status, _)| status.starts_with('2'));
                 let answers = answers.filter_map(|(_, answer)| answer["content"].as_object());
                 for (media_type, content) in bodies.into_iter().chain(answers).flatten() {
-                    let is_binary = ["application/octet-stream", "multipart/form-data"]
-                        .contains(&media_type.as_str());
+                    let schema = content["schema"]["$ref"].as_str().unwrap_or_default();
+                    let is_binary =
+                        media_type == "application/octet-stream" || schema.ends_with("/FileBytes");
                     let is_stream = media_type == "text/event-stream";
                     let is_asset = path == "/assets/{file}";
                     assert!(

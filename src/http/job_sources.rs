@@ -167,6 +167,11 @@ async fn parameter_set(
             "parameter set",
         )?),
         (None, Kind::Verify) => parameter_sets::active(&app.store, robot_id).await?,
+        (None, Kind::Check) => Some(
+            parameter_sets::active(&app.store, robot_id)
+                .await?
+                .ok_or_else(no_released_set)?,
+        ),
         (None, Kind::Identify) => {
             parameter_sets::of_another_upload(
                 &app.store,
@@ -177,6 +182,14 @@ async fn parameter_set(
             .await?
         }
     })
+}
+
+fn no_released_set() -> Error {
+    Error::Conflict {
+        code: "no_active_parameter_set",
+        detail: "a check says whether the released set still holds, and this robot has none: release one, or name a candidate in parameter_set_id".into(),
+        errors: vec![],
+    }
 }
 
 /// Refuses a parameter set that is archived, or whose joint values meant something else.
@@ -215,13 +228,13 @@ fn check_network(network: &NetworkRow, robot: &RobotRow) -> Result<(), Error> {
     Ok(())
 }
 
-/// The frame of the upload that a verify job's parameter set was identified from.
+/// The frame of the upload that a verify or check job's parameter set was identified from.
 async fn scored_frame(
     app: &App,
     request: &JobRequestBody,
     scored: Option<&ParameterSetRow>,
 ) -> Result<Option<Frame>, Error> {
-    let Some(set) = scored.filter(|_| request.kind == Kind::Verify) else {
+    let Some(set) = scored.filter(|_| request.kind.scores()) else {
         return Ok(None);
     };
     let job = stored::get(&app.store, &set.job_id).await?;
@@ -249,7 +262,7 @@ async fn networks(
             id: row.id,
         }]);
     }
-    if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind == Kind::Verify {
+    if !matches!(request.method, Method::BpnnPso | Method::Auto) || request.kind.scores() {
         return Ok(vec![]);
     }
     let model = request.model_for(set.frame);

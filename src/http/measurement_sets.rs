@@ -17,6 +17,7 @@ use crate::wire::issue::Checker;
 use crate::wire::measurement::{
     self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
 };
+use crate::wire::multipart::{FileBytes, UploadForm};
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, Robot, RobotBody};
 use crate::wire::suspicion::Insist;
@@ -92,9 +93,9 @@ struct Upload {
         content(
             (String = "text/csv"),
             (MeasurementSetBody = "application/json"),
-            (Vec<u8> = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
-            (Vec<u8> = "application/vnd.oasis.opendocument.spreadsheet"),
-            (Vec<u8> = "multipart/form-data")
+            (FileBytes = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+            (FileBytes = "application/vnd.oasis.opendocument.spreadsheet"),
+            (UploadForm = "multipart/form-data")
         )
     ),
     responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
@@ -328,7 +329,7 @@ async fn get(
 #[utoipa::path(
     get, path = "/v1/measurement-sets/{id}/points", tag = "measurement sets", operation_id = "getMeasurementSetPoints",
     params(("id" = String, Path, description = "The set")),
-    responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (Vec<u8> = "multipart/form-data"))))
+    responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (FileBytes = "multipart/form-data"))))
 )]
 async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
     let _permit = app.limits.compute(RequestClass::CostlyRead).await?;

@@ -17,6 +17,8 @@ use crate::wire::tool::ToolBody;
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::response::Response;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Routes of work frames and tools.
@@ -40,11 +42,7 @@ async fn list_work_frames(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let kind = NamedFrameKind::WorkFrame;
-    let found = named_frames::list(&app.store, &robot_id, kind, &query.request()?).await?;
-    let convert = |row| WorkFrameAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    page(&app, &caller, &robot_id, NamedFrameKind::WorkFrame, query).await
 }
 
 /// A work frame by its name.
@@ -58,9 +56,7 @@ async fn get_work_frame(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<WorkFrameAnswer>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = newest(&app, &robot_id, NamedFrameKind::WorkFrame, &name).await?;
-    Ok(Json(WorkFrameAnswer::try_from(&row)?))
+    one(&app, &caller, &robot_id, NamedFrameKind::WorkFrame, &name).await
 }
 
 /// Keeps a work frame under a name, in place of an earlier one of that name: typed, or fitted to three or more measured points.
@@ -75,9 +71,7 @@ async fn put_work_frame(
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    check_name(&name, MAX_NAME)?;
-    access::robot(&app, &submission.caller, &robot_id).await?;
-    let body: WorkFrameBody = submission.json()?;
+    let body: WorkFrameBody = begin(&app, &robot_id, &name, &submission).await?;
     body.work_frame()?;
     if let Some(id) = &body.measurement_set_id {
         let set = measurement_sets::get(&app.store, id).await;
@@ -85,18 +79,8 @@ async fn put_work_frame(
             return Err(Error::NotFound("measurement set of this robot"));
         }
     }
-    let new = NewNamedFrame {
-        robot_id: &robot_id,
-        kind: NamedFrameKind::WorkFrame,
-        name: &name,
-        content_json: &serde_json::to_string(&body)?,
-        by: &submission.caller.holder,
-    };
-    let effect = async |tx: &mut Tx| {
-        let row = named_frames::insert(tx, new).await?;
-        stored_json(200, None, &WorkFrameAnswer::try_from(&row)?)
-    };
-    submission.create(&app.store, effect).await
+    let named = (robot_id.as_str(), NamedFrameKind::WorkFrame, name.as_str());
+    keep::<_, WorkFrameAnswer>(&app, named, submission, body).await
 }
 
 /// A robot's tools, newest first.
@@ -111,11 +95,7 @@ async fn list_tools(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ToolAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let kind = NamedFrameKind::Tool;
-    let found = named_frames::list(&app.store, &robot_id, kind, &query.request()?).await?;
-    let convert = |row| ToolAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    page(&app, &caller, &robot_id, NamedFrameKind::Tool, query).await
 }
 
 /// A tool by its name.
@@ -129,9 +109,7 @@ async fn get_tool(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ToolAnswer>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = newest(&app, &robot_id, NamedFrameKind::Tool, &name).await?;
-    Ok(Json(ToolAnswer::try_from(&row)?))
+    one(&app, &caller, &robot_id, NamedFrameKind::Tool, &name).await
 }
 
 /// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
@@ -146,20 +124,76 @@ async fn put_tool(
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    check_name(&name, MAX_NAME)?;
-    access::robot(&app, &submission.caller, &robot_id).await?;
-    let body: ToolBody = submission.json()?;
+    let body: ToolBody = begin(&app, &robot_id, &name, &submission).await?;
     body.check()?;
+    let named = (robot_id.as_str(), NamedFrameKind::Tool, name.as_str());
+    keep::<_, ToolAnswer>(&app, named, submission, body).await
+}
+
+async fn page<A>(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    kind: NamedFrameKind,
+    query: NewestListQuery,
+) -> Result<Json<Page<A>>, Error>
+where
+    A: for<'r> TryFrom<&'r NamedFrameRow, Error = Error>,
+{
+    access::robot(app, caller, robot_id).await?;
+    let found = named_frames::list(&app.store, robot_id, kind, &query.request()?).await?;
+    let convert = |row| A::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
+}
+
+async fn one<A>(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    kind: NamedFrameKind,
+    name: &str,
+) -> Result<Json<A>, Error>
+where
+    A: for<'r> TryFrom<&'r NamedFrameRow, Error = Error>,
+{
+    access::robot(app, caller, robot_id).await?;
+    let row = newest(app, robot_id, kind, name).await?;
+    Ok(Json(A::try_from(&row)?))
+}
+
+/// The body of a request that puts a work frame or tool of this name, if the caller may see the robot.
+async fn begin<B: DeserializeOwned>(
+    app: &App,
+    robot_id: &str,
+    name: &str,
+    submission: &Submission,
+) -> Result<B, Error> {
+    check_name(name, MAX_NAME)?;
+    access::robot(app, &submission.caller, robot_id).await?;
+    submission.json()
+}
+
+/// Stores the checked body of a request under the robot's id, the kind and the name.
+async fn keep<B, A>(
+    app: &App,
+    (robot_id, kind, name): (&str, NamedFrameKind, &str),
+    submission: Submission,
+    body: B,
+) -> Result<Response, Error>
+where
+    B: Serialize,
+    A: for<'r> TryFrom<&'r NamedFrameRow, Error = Error> + Serialize,
+{
     let new = NewNamedFrame {
-        robot_id: &robot_id,
-        kind: NamedFrameKind::Tool,
-        name: &name,
+        robot_id,
+        kind,
+        name,
         content_json: &serde_json::to_string(&body)?,
         by: &submission.caller.holder,
     };
     let effect = async |tx: &mut Tx| {
         let row = named_frames::insert(tx, new).await?;
-        stored_json(200, None, &ToolAnswer::try_from(&row)?)
+        stored_json(200, None, &A::try_from(&row)?)
     };
     submission.create(&app.store, effect).await
 }

@@ -10,6 +10,7 @@ use crate::store::overview::{self, OverviewRow};
 use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::policy::DecisionRule;
 use crate::wire::time::rfc3339;
 use crate::wire::verification::Fit;
 use axum::Json;
@@ -135,9 +136,12 @@ fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
     NeedFacts {
         must_be_checked: row.check_job_id.is_some(),
         tolerance_mm: row.tolerance_mm,
+        // a tolerance without a rule was stored by an older version
+        decision_rule: row.decision_rule.unwrap_or(DecisionRule::SimpleAcceptance),
         released_rms_mm: row.active_after_rms_mm,
         is_released: row.active_id.is_some(),
         session_rms_mm: row.session_rms_mm,
+        session_expanded_mm: row.session_expanded_mm,
         is_far_off: row.session_fit == Some(Fit::SetFarOff),
         has_newer: is_newer,
         last_job: row.job_status,

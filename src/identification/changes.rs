@@ -13,6 +13,7 @@ use crate::identification::parameters::{Parameter, Quantity, deviation_from};
 use crate::identification::problem::variable;
 use crate::identification::uncertainty::Uncertainty;
 use crate::kinematics::reach_mm;
+use crate::solvers::orthonormal::orthonormal;
 use nalgebra::{DMatrix, DVector};
 
 /// Share of unchanged robots that are called changed.
@@ -255,7 +256,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
 }
 
 /// One standard deviation of a parameter of robots fresh from the factory; of the placement, as large as that of a link, mm or rad.
-fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
+pub fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
     let of_link = match parameter {
         Parameter::Link(..) => parameter,
         Parameter::BaseRotation(_) | Parameter::TargetRotation(..) => {
@@ -414,6 +415,51 @@ fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
     let most = all.first().map_or(0.0, |j| effects.column(*j).norm());
     all.retain(|j| IMPROBABLE * effects.column(*j).norm() > most);
     all
+}
+
+/// Causes among some parameters, and what they leave.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Causes {
+    /// By forward selection, the largest in its own standard deviations first.
+    pub changes: Vec<Change>,
+    /// Probability that chance leaves as much as they do not explain.
+    pub leaves: f64,
+}
+
+/// Names what explains a whitened difference of unit variance: `effects` has a column for each parameter, what a change by its `scale` (mm or rad)
+/// does to every row; `freedom` are the degrees of freedom of the variance that whitened.
+pub fn causes(
+    parameters: &[Parameter],
+    (difference, effects): (&DVector<f64>, &DMatrix<f64>),
+    (scale, n_combinations, freedom): (&[f64], usize, f64),
+) -> Causes {
+    let common: Vec<Common> = parameters
+        .iter()
+        .enumerate()
+        .map(|(k, parameter)| Common {
+            parameter: *parameter,
+            before: k,
+            after: k,
+        })
+        .collect();
+    let whitened = Whitened {
+        difference: difference.clone(),
+        effects: effects.clone(),
+        n_combinations,
+        scale: scale.to_vec(),
+        freedom,
+    };
+    let changes = named_by_selection(&common, &whitened);
+    let place = |change: &Change| parameters.iter().position(|p| *p == change.parameters[0]);
+    let named: Vec<usize> = changes.iter().filter_map(place).collect();
+    let span = orthonormal(effects.select_columns(&named));
+    let rest = difference - &span * span.tr_mul(difference);
+    let n_left = n_combinations.saturating_sub(named.len());
+    let leaves = match n_left {
+        0 => 1.0,
+        n => tail(rest.norm_squared(), n, freedom),
+    };
+    Causes { changes, leaves }
 }
 
 /// Every parameter for itself, where it stands out of chance with as many looked at.

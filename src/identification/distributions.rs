@@ -1,4 +1,4 @@
-//! Tails of Student's t, Fisher's F and chi-square, all from the regularised incomplete beta and gamma functions.
+//! Tails of Student's t, Fisher's F (central and noncentral) and chi-square, all from the regularised incomplete beta and gamma functions.
 
 /// Terms of a continued fraction or series at most; a hundred times what the arguments here need.
 const MAX_TERMS: usize = 10_000;
@@ -91,6 +91,72 @@ pub fn chi_square_tail(value: f64, freedom: f64) -> f64 {
     upper_gamma(freedom / 2.0, value / 2.0)
 }
 
+/// Poisson weights this many standard deviations (and one more unit each) from their mean are left out of a noncentral tail.
+const POISSON_STDS: f64 = 9.0;
+
+/// Probability that F with (`numerator`, `denominator`) degrees of freedom and this noncentrality λ is above `value`: the mixture of central
+/// tails with Poisson weights of mean λ/2 (Johnson, Kotz & Balakrishnan 1995, eq. 30.10).
+pub fn noncentral_f_tail(value: f64, numerator: f64, denominator: f64, noncentrality: f64) -> f64 {
+    let mean = noncentrality.max(0.0) / 2.0;
+    if mean == 0.0 {
+        return f_tail(value, numerator, denominator);
+    }
+    let around = POISSON_STDS * (mean.sqrt() + 1.0);
+    let (first, last) = (
+        (mean - around).max(0.0).floor() as usize,
+        (mean + around).ceil() as usize,
+    );
+    let x = denominator / (denominator + numerator * value.max(0.0));
+    let of = |i: f64| {
+        let weight = libm::exp(i * libm::log(mean) - mean - libm::lgamma(i + 1.0));
+        weight * incomplete_beta(denominator / 2.0, numerator / 2.0 + i, x)
+    };
+    (first..=last).map(|i| of(i as f64)).sum()
+}
+
+/// The value that F with (`numerator`, `denominator`) degrees of freedom exceeds with this probability.
+pub fn f_quantile(above: f64, numerator: f64, denominator: f64) -> f64 {
+    increasing(
+        |value| 1.0 - f_tail(value, numerator, denominator),
+        1.0 - above,
+    )
+}
+
+/// The value that chi-square with `freedom` degrees of freedom exceeds with this probability.
+pub fn chi_square_quantile(above: f64, freedom: f64) -> f64 {
+    let scaled = |value: f64| 1.0 - chi_square_tail(freedom * value, freedom);
+    freedom * increasing(scaled, 1.0 - above)
+}
+
+/// The noncentrality with which a test of F with (`numerator`, `denominator`) degrees of freedom at this level alarms with probability `power`.
+pub fn noncentrality(level: f64, power: f64, numerator: f64, denominator: f64) -> f64 {
+    let critical = f_quantile(level, numerator, denominator);
+    increasing(
+        |lambda| noncentral_f_tail(critical, numerator, denominator, lambda),
+        power,
+    )
+}
+
+/// Where a function that grows with its argument, from 0 on, reaches `value`.
+fn increasing(function: impl Fn(f64) -> f64, value: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    while function(high) < value && high < 1e12 {
+        high *= 2.0;
+    }
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high || high - low < CONVERGED * high {
+            break;
+        }
+        if function(middle) < value {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high
+}
+
 /// Half-width of the interval that holds Student's t with `freedom` degrees of freedom with probability `confidence`.
 pub fn t_half_width(confidence: f64, freedom: f64) -> f64 {
     let outside = |t: f64| f_tail(t * t, 1.0, freedom);
@@ -158,5 +224,75 @@ mod tests {
     #[test]
     fn with_many_degrees_of_freedom_f_becomes_chi_square() {
         assert!((f_tail(1.8307, 10.0, 1e7) / chi_square_tail(18.307, 10.0) - 1.0).abs() < 1e-4);
+    }
+
+    /// Of a share that was counted in so many draws: four standard deviations.
+    fn by_chance(share: f64, n: usize) -> f64 {
+        4.0 * (share * (1.0 - share) / n as f64).sqrt()
+    }
+
+    #[test]
+    fn quantiles_are_where_the_tails_are() {
+        for (above, a, b) in [(0.01, 15.0, 60.0), (0.05, 3.0, 12.0), (0.5, 30.0, 5.0)] {
+            let value = f_quantile(above, a, b);
+            assert!((f_tail(value, a, b) / above - 1.0).abs() < 1e-9);
+        }
+        for (above, freedom, value) in [(0.05, 10.0, 18.307), (0.975, 5.0, 0.831)] {
+            let found = chi_square_quantile(above, freedom);
+            assert!((found / value - 1.0).abs() < TABLE, "{freedom}: {found}");
+        }
+    }
+
+    /// The first oracle. With one numerator and very many denominator degrees of freedom, F is the square of a normal number.
+    #[test]
+    fn the_noncentral_tail_is_that_of_a_squared_normal_number() {
+        for mean in [0.5_f64, 2.0, 4.0] {
+            let critical = 2.575_829_3;
+            let found = noncentral_f_tail(critical * critical, 1.0, 1e7, mean * mean);
+            let above = |z: f64| 0.5 * libm::erfc(z / 2.0_f64.sqrt());
+            let expected = above(critical - mean) + above(critical + mean);
+            assert!(
+                (found - expected).abs() < 1e-5,
+                "{mean}: {found} {expected}"
+            );
+        }
+        // z of 1 % on both sides and of 95 % on one
+        let lambda = noncentrality(0.01, 0.95, 1.0, 1e7);
+        let z = 2.575_829_3_f64 + 1.644_853_6;
+        let expected = z * z;
+        assert!((lambda / expected - 1.0).abs() < 1e-4, "{lambda}");
+    }
+
+    /// The second oracle: draws.
+    #[test]
+    fn the_noncentral_tail_is_that_of_draws() {
+        const DRAWS: usize = 20_000;
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 + 0.5) / 9_007_199_254_740_992.0
+        };
+        let mut normal = || {
+            let (u, v) = (uniform(), uniform());
+            (-2.0 * libm::log(u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
+        };
+        for (m, nu, lambda) in [(6_usize, 20_usize, 12.0_f64), (15, 60, 33.0)] {
+            let critical = f_quantile(0.01, m as f64, nu as f64);
+            let mut n_above = 0;
+            for _ in 0..DRAWS {
+                let shift = |k: usize| if k == 0 { lambda.sqrt() } else { 0.0 };
+                let top: f64 = (0..m).map(|k| normal() + shift(k)).map(|z| z * z).sum();
+                let bottom: f64 = (0..nu).map(|_| normal()).map(|z| z * z).sum();
+                n_above += usize::from(top / m as f64 > critical * bottom / nu as f64);
+            }
+            let found = noncentral_f_tail(critical, m as f64, nu as f64, lambda);
+            let counted = n_above as f64 / DRAWS as f64;
+            assert!(
+                (found - counted).abs() < by_chance(found, DRAWS),
+                "{found} {counted}"
+            );
+        }
     }
 }

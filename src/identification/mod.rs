@@ -24,6 +24,7 @@ mod parts;
 pub mod pose_rows;
 pub mod priors;
 pub mod problem;
+pub mod quick_check;
 pub mod search_space;
 pub mod start;
 pub mod steps;

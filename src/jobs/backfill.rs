@@ -7,7 +7,6 @@ use crate::jobs::queue;
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
 use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};
-use crate::wire::job::Kind;
 use crate::wire::report_shape::Report;
 use crate::wire::report_summary::summary_json;
 use crate::wire::verification::Verification;
@@ -88,7 +87,7 @@ async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Resul
 /// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
 fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     let request = request_of(inputs).ok()?;
-    if inputs.job.kind == Kind::Verify {
+    if inputs.job.kind.scores() {
         let outcome = run_verification(&request, inputs, &mut |_| ControlFlow::Continue(()));
         return outcome.ok()?.verification;
     }
@@ -98,6 +97,7 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
         .extend(missing_misfit_warning(&request, &report));
     let since = since(inputs, &request).ok()?;
     Some(identification_facts(
+        &request,
         &report,
         is_verified_anew(&request),
         since,

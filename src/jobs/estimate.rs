@@ -59,6 +59,21 @@ pub fn estimate_of(
     Ok(Some((stored.model, Estimate::try_from(&stored)?)))
 }
 
+/// The estimate that was kept with the set that a job checks; none where there is none, or where the robot's links or joint map were others then.
+///
+/// # Errors
+/// If the document cannot be read.
+pub(super) fn estimate_of_checked(
+    estimate_json: Option<&str>,
+    robot: &RobotRow,
+) -> Result<Option<Estimate>, Unreadable> {
+    let Some(text) = estimate_json else {
+        return Ok(None);
+    };
+    let stored: StoredEstimate = serde_json::from_str(text)?;
+    stored_estimate(estimate_json, robot, stored.model)
+}
+
 /// The session that the robot was last identified from; none if it cannot be read.
 pub(super) fn previous_session(
     request: &JobRequestBody,

@@ -192,6 +192,7 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
     Ok(UnscoredSession {
         job_id: later.job_id,
         measurement_set_id: later.measurement_set_id,
+        seq: later.seq,
         has_changed,
     })
 }

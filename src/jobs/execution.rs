@@ -2,8 +2,10 @@
 //! give the same result on any worker.
 
 use crate::calibration::partial::{Held, calibrate_partially};
-use crate::calibration::{self, CalibrationReport, CalibrationRequest, Event, HeldOut, calibrate};
-use crate::jobs::estimate::{estimate_json, previous_session};
+use crate::calibration::{
+    self, CalibrationReport, CalibrationRequest, Event, HeldOut, ReleasedSet, calibrate,
+};
+use crate::jobs::estimate::{estimate_json, estimate_of_checked, previous_session};
 use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
 use crate::release::facts::{
@@ -39,7 +41,7 @@ pub fn compute(
 ) -> Result<JobOutcome, JobFailure> {
     let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let request = request_of(inputs)?;
-    if body.kind == Kind::Verify {
+    if body.kind.scores() {
         return run_verification(&request, inputs, progress);
     }
     let calibrated = match held_values(&body, &request, inputs)? {
@@ -62,6 +64,7 @@ pub fn compute(
     let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
         verification: Some(identification_facts(
+            &request,
             &report,
             another,
             since(inputs, &request)?,
@@ -109,7 +112,7 @@ fn held_values(
     }))
 }
 
-/// Verifies a parameter set, or the nominal robot; identifies nothing.
+/// Verifies or checks a parameter set, or verifies the nominal robot; identifies nothing.
 pub(super) fn run_verification(
     request: &CalibrationRequest,
     inputs: &JobInputs,
@@ -125,8 +128,21 @@ pub(super) fn run_verification(
         .transpose()
         .map_err(broken)?
         .map(|content| content.identified_robot(None));
-    let scored = |monitor: &mut calibration::Monitor<'_>| {
-        calibration::verify(request, identified.as_ref(), monitor)
+    let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
+    let checked = identified.as_ref().filter(|_| body.kind == Kind::Check);
+    let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
+    let kept = kept.and_then(|input| input.estimate_json.as_deref());
+    let estimate = estimate_of_checked(kept, &inputs.robot).map_err(broken)?;
+    let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
+        Some(robot) => {
+            let released = ReleasedSet {
+                robot,
+                estimate: estimate.as_ref(),
+                after: body.after,
+            };
+            calibration::check_released(request, &released, monitor)
+        }
+        None => calibration::verify(request, identified.as_ref(), monitor),
     };
     let calibrated = run_timed(&scored, progress)?;
     let identified_from = inputs

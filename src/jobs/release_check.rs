@@ -145,7 +145,7 @@ pub async fn check(
         Purpose::Release { .. } => compare(store, permit, &parsed).await?,
         Purpose::Rollback => Vec::new(),
     };
-    let unscored = unscored_session(store, permit, &parsed).await?;
+    let unscored = unscored_session(store, permit, &parsed, robot.checked_seq).await?;
     let (id, approver) = (row.id.clone(), request.approver.clone());
     let inputs = GateInputs {
         request,
@@ -203,13 +203,15 @@ async fn compare(
     Ok(comparisons)
 }
 
-/// The first later session on which the set was not scored and that is no copy of its own upload. Reads one upload at a time.
+/// The first later session on which the set was not scored, that is no copy of its own upload, and that no `checked` reason explains. Reads one upload at a time.
 async fn unscored_session(
     store: &Store,
     permit: &(impl Clone + Send + 'static),
     parsed: &Arc<ParsedEvidence>,
+    checked_seq: i64,
 ) -> Result<Option<UnscoredSession>, ReleaseCheckError> {
-    for session in &parsed.unscored {
+    let unexplained = |session: &&UnscoredSession| session.seq > checked_seq;
+    for session in parsed.unscored.iter().filter(unexplained) {
         let upload = MeasurementSetInput::read(store, &session.measurement_set_id).await?;
         let parsed = Arc::clone(parsed);
         let is_copy = move || evidence::repeats_own_upload(&parsed, &upload);

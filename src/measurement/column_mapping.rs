@@ -94,6 +94,10 @@ pub struct Mapping {
     pub comments: Option<bool>,
     /// The sheet of a workbook.
     pub sheet: Option<String>,
+    /// Unit of joint values whose columns name none: `deg` or `rad`.
+    pub joint_unit: Option<&'static str>,
+    /// Unit of positions whose columns name none, one of [`LENGTHS`](crate::measurement::column_names::LENGTHS).
+    pub position_unit: Option<&'static str>,
     /// Nothing is added from the names of columns: all that is meant is in `columns`.
     pub is_complete: bool,
 }
@@ -112,4 +116,15 @@ impl Mapping {
 /// Whether two headers are the same text, letter case and spaces around aside.
 pub(super) fn same_header(a: &str, b: &str) -> bool {
     a.trim().to_lowercase() == b.trim().to_lowercase()
+}
+
+/// Which columns a file must have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needs {
+    /// Joint values and positions.
+    Points,
+    /// Joint values: the robot's file of two.
+    Joints,
+    /// Positions: the instrument's file of two.
+    Positions,
 }

@@ -2,6 +2,8 @@
 
 use crate::measurement::column_names::{Key, LENGTHS, TimeUnit};
 use crate::measurement::csv_columns::{Column, column_of};
+use crate::measurement::csv_issue::Issue;
+use std::collections::BTreeSet;
 
 /// A column that is read as a measurement.
 pub(super) fn column(means: &str, n_joints: usize) -> Option<Column> {
@@ -54,4 +56,24 @@ pub(super) fn thing(means: &str) -> &str {
         .strip_prefix('q')
         .is_some_and(|rest| rest.parse::<usize>().is_ok());
     if is_axis || is_joint { base } else { means }
+}
+
+/// The refusal of joints or coordinates in two units.
+pub(super) fn mixed_units<'m>(means: impl Iterator<Item = &'m str>) -> Option<Issue> {
+    let (mut lengths, mut angles) = (BTreeSet::new(), BTreeSet::new());
+    for (base, unit) in means.filter_map(|means| means.split_once('_')) {
+        let is_joint = (base.strip_prefix('q')).is_some_and(|n| n.parse::<usize>().is_ok());
+        match base {
+            "x" | "y" | "z" => lengths.insert(unit),
+            _ if is_joint => angles.insert(unit),
+            _ => false,
+        };
+    }
+    let detail = "joints (or coordinates) are in two different units; use one unit for all of them";
+    (lengths.len() > 1 || angles.len() > 1).then(|| Issue {
+        row: None,
+        column: None,
+        code: "mixed_units",
+        detail: detail.into(),
+    })
 }

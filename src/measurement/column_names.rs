@@ -1,5 +1,7 @@
 //! What the common names of columns mean. A name that has two meanings, or needs a unit and has none, is not decided here.
 
+use std::collections::BTreeSet;
+
 /// What a header says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Known {
@@ -114,7 +116,7 @@ fn unit_of(text: &str) -> Option<Unit> {
     Some(Unit::Is(match text {
         "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => "mm",
         "m" | "meter" | "meters" | "metre" | "metres" => "m",
-        "cm" | "centimeter" | "centimeters" => "cm",
+        "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => "cm",
         "um" | "micrometer" | "micrometers" | "micron" | "microns" => "um",
         "in" | "inch" | "inches" => "in",
         "deg" | "degree" | "degrees" | "degs" => "deg",
@@ -148,6 +150,12 @@ pub fn recognise(header: &str, below: Option<Unit>) -> Known {
     }
     if let Some(known) = own_form(&text) {
         return known;
+    }
+    // the field of Universal Robots' RTDE, in radians by its definition
+    if let Some(number) = text.strip_prefix("actual_q_").and_then(|n| n.parse().ok())
+        && below.is_none()
+    {
+        return Known::Joint(number, Unit::Is("rad"));
     }
     let (base, unit) = without_unit(&text);
     let unit = match (unit, below) {
@@ -293,12 +301,18 @@ fn position(words: &[&str], unit: Unit) -> Option<Known> {
 
 fn key(words: &[&str], unit: Unit) -> Option<Known> {
     let key = match words {
-        ["name" | "point" | "pointname" | "pt" | "label" | "punkt" | "punktname" | "pose"]
-        | ["point" | "pt" | "punkt" | "target", "name" | "id" | "label"]
+        [
+            "name" | "point" | "pointname" | "pointid" | "pt" | "ptid" | "label" | "punkt" | "pkt"
+            | "punktname" | "pose",
+        ]
+        | [
+            "point" | "pt" | "punkt" | "pkt" | "target",
+            "name" | "id" | "label",
+        ]
         | ["object", "name"] => Key::Name,
         ["no" | "nr" | "number" | "num" | "index" | "idx" | "nummer" | "#" | "id"]
         | [
-            "point" | "pt" | "punkt" | "pose" | "row",
+            "point" | "pt" | "punkt" | "pkt" | "pose" | "row",
             "no" | "nr" | "number" | "index" | "#",
         ] => Key::Number,
         ["time" | "timestamp" | "t" | "zeit" | "datetime" | "uhrzeit"]
@@ -335,6 +349,32 @@ fn differs_by_one(a: &str, b: &str) -> bool {
         .count();
     let longest = a.len().max(b.len());
     same_start + same_end + 1 >= longest
+}
+
+/// The six axes S, L, U, R, B, T of Yaskawa (place, axis counted from 1, unit), if a table has exactly one column for each. Alone such a letter means
+/// nothing.
+pub(super) fn yaskawa_axes(
+    names: &[(&str, Option<Unit>)],
+    taken: &BTreeSet<usize>,
+    n_joints: usize,
+) -> Vec<(usize, usize, Unit)> {
+    let axis = |(place, (name, below)): (usize, &(&str, Option<Unit>))| {
+        let (base, unit) = without_unit(&simplified(name));
+        let letters = ["s", "l", "u", "r", "b", "t"];
+        let axis = letters.iter().position(|name| *name == base.trim())?;
+        let unit = unit.or(*below).unwrap_or(Unit::Missing);
+        let is_angle = matches!(
+            unit,
+            Unit::Is("deg" | "rad") | Unit::Missing | Unit::TwoReadings
+        );
+        (is_angle && !taken.contains(&place)).then_some((place, axis + 1, unit))
+    };
+    let axes: Vec<(usize, usize, Unit)> = names.iter().enumerate().filter_map(axis).collect();
+    let numbers: BTreeSet<usize> = axes.iter().map(|(_, axis, _)| *axis).collect();
+    match n_joints == 6 && axes.len() == 6 && numbers.len() == 6 {
+        true => axes,
+        false => vec![],
+    }
 }
 
 #[cfg(test)]
@@ -376,6 +416,14 @@ mod tests {
         ] {
             assert_eq!(recognise(name, None), Known::Position(0, mm), "{name}");
         }
+        assert_eq!(
+            recognise("actual_q_0", None),
+            Known::Joint(0, Unit::Is("rad"))
+        );
+        assert_eq!(
+            recognise("actual q 0", None),
+            Known::Joint(0, Unit::Missing)
+        );
         assert_eq!(
             recognise("Z", Some(Unit::Is("m"))),
             Known::Position(2, Unit::Is("m"))

@@ -8,6 +8,7 @@ use crate::measurement::csv_pose::{
     PoseColumn,
 };
 use crate::measurement::csv_text::{decode, refuse_endless_rows};
+use crate::measurement::number_text;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::{MeasurementSet, Point};
 use std::borrow::Cow;
@@ -335,6 +336,19 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
     Ok(())
 }
 
+/// How cells say that nothing was measured.
+const NOTHING: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
+
+fn not_a_number(cell: &str) -> String {
+    let is_nothing = NOTHING.contains(&cell.to_lowercase().as_str());
+    let remedy = if is_nothing {
+        "; remove the row, or put # before it"
+    } else {
+        ""
+    };
+    format!("{cell:?} is not a number{remedy}")
+}
+
 fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, CellError> {
     if cell.is_empty() {
         return Err((
@@ -342,6 +356,7 @@ fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, 
             "the cell is empty; remove the row or fill it in".into(),
         ));
     }
+    let cell = &*number_text::plain(cell, if decimal == Decimal::Comma { ',' } else { '.' });
     let with_point = match decimal {
         Decimal::Point if cell.contains(',') => {
             return Err((
@@ -353,7 +368,7 @@ fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, 
             return Err((
                 "decimal_point",
                 format!(
-                    "{cell:?} has a point, but decimal commas were declared; write it without separators of thousands"
+                    "{cell:?} has a point, but the numbers of this file have decimal commas; write it with a comma, and without separators of thousands"
                 ),
             ));
         }
@@ -362,7 +377,7 @@ fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, 
     };
     let value: f64 = with_point
         .parse()
-        .map_err(|_| ("not_a_number", format!("{cell:?} is not a number")))?;
+        .map_err(|_| ("not_a_number", not_a_number(cell)))?;
     if !value.is_finite() {
         return Err(("not_finite", format!("{cell:?} is not a finite number")));
     }

@@ -3,7 +3,7 @@
 use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::Key;
 use crate::measurement::join_options::{Pairs, error};
-use crate::measurement::join_time::{Clock, by_time, times};
+use crate::measurement::join_time::{Clock, MAX_APART, by_time, extent_mm, times};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use crate::measurement::table_points::Content;
 use std::collections::{BTreeMap, BTreeSet};
@@ -30,6 +30,10 @@ pub struct Join {
     pub tolerance_s: Option<f64>,
     /// By time: the robot's clock minus the instrument's, s.
     pub clock_offset_s: Option<f64>,
+    /// By name: whether the names agree only without signs, spaces and leading zeros, or one file numbers its points.
+    pub loose_names: bool,
+    /// By time: whether the instrument's file is a log, of which the standstills count.
+    pub instrument_log: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Vec<Leftover>,
     /// Rows of the instrument's file without a partner.
@@ -42,6 +46,8 @@ struct Pairing {
     by: JoinBy,
     pairs: Pairs,
     clock: Option<Clock>,
+    /// Whether names were compared loosely.
+    is_loose: bool,
     /// Rows of the robot's file that need no partner: it moves in them, or stands where a partner was found.
     n_robot: usize,
 }
@@ -92,8 +98,8 @@ pub fn join(
                 return Err(error(
                     "join_unclear",
                     format!(
-                        "both files need a column for join by {}: name it by ?columns= (--columns), {{\"robot\": {{\"{0}\": …}}, \"instrument\": \
-                         {{\"{0}\": …}}}}",
+                        "both files need a column for join by {0}: name it by ?columns={{\"robot\": {{\"{0}\": …}}, \"instrument\": {{\"{0}\": …}}}} \
+                         (--column robot.{0}=COLUMN --column instrument.{0}=COLUMN)",
                         by.as_str()
                     ),
                 ));
@@ -110,24 +116,20 @@ pub fn join(
             .filter(|p| options.by.is_some() && p.n_joined() > 0)
             .max_by_key(|p| p.n_joined())
     }) else {
-        return Err(why.unwrap_or_else(|| {
-            error(
-                "join_unclear",
-                "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree. Name them by \
-                 ?columns= (--columns), {\"robot\": {\"name\": …}, \"instrument\": {\"name\": …}}, or state \"join\": {\"by\": \"order\"} if row \
-                 belongs to row",
-            )
-        }));
+        return Err(why.unwrap_or_else(|| nothing_pairs(robot, instrument)));
     };
     if let Some(other) = usable.iter().find(|other| other.contradicts(best, robot)) {
         return Err(error(
             "two_readings",
             format!(
-                "the rows pair in one way by {} and in another by {}: state which in ?columns= (--columns), \"join\": {{\"by\": \"{0}\"}}",
+                "the rows pair in one way by {} and in another by {}: state which by ?columns={{\"join\": {{\"by\": \"{0}\"}}}} (--join {0})",
                 best.by.as_str(),
                 other.by.as_str()
             ),
         ));
+    }
+    if options.refuse_apart && matches!(best.by, JoinBy::Name | JoinBy::Number) {
+        refuse_apart(instrument, best)?;
     }
     Ok((
         points(robot, instrument, &best.pairs),
@@ -145,6 +147,68 @@ fn points(robot: &Content, instrument: &Content, pairs: &Pairs) -> Vec<Point> {
             })
         })
         .collect()
+}
+
+/// The refusal where no column pairs the rows, with what stands in those that might.
+fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
+    let labels = |content: &Content| {
+        let column = cells(content, JoinBy::Name).or_else(|| cells(content, JoinBy::Number));
+        column.map(|(_, cells)| {
+            let some: Vec<String> = cells
+                .iter()
+                .take(2)
+                .map(|label| format!("{label:?}"))
+                .collect();
+            some.join(", ")
+        })
+    };
+    let seen = match (labels(robot), labels(instrument)) {
+        (Some(ours), Some(theirs)) => format!(
+            ". The robot's file has {ours} …, the instrument's {theirs} …: write the same names in both"
+        ),
+        (None, None) => String::new(),
+        (None, _) => ". The robot's file has no column of names or numbers that is known".into(),
+        (_, None) => {
+            ". The instrument's file has no column of names or numbers that is known".into()
+        }
+    };
+    error(
+        "join_unclear",
+        format!(
+            "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree{seen}. Name the columns by \
+             ?columns={{\"robot\": {{\"name\": …}}, \"instrument\": {{\"name\": …}}}} (--column robot.name=COLUMN --column instrument.name=COLUMN), \
+             or state, if row belongs to row, ?columns={{\"join\": {{\"by\": \"order\"}}}} (--join order)"
+        ),
+    )
+}
+
+/// Refuses two positions under one name, of one reflector and from one station, that cannot be of one point.
+fn refuse_apart(instrument: &Content, pairing: &Pairing) -> Result<(), JoinError> {
+    let joined: Vec<(usize, usize)> = (pairing.pairs.iter().enumerate())
+        .filter_map(|(row, pair)| Some((row, (*pair)?)))
+        .collect();
+    let position = |row: usize| instrument.points[row].position_mm;
+    let limit_mm = MAX_APART * extent_mm(joined.iter().map(|(row, _)| position(*row)));
+    let mut first: BTreeMap<(usize, usize, Option<&String>), usize> = BTreeMap::new();
+    for (row, robot_row) in joined {
+        let point = &instrument.points[row];
+        let known = *first
+            .entry((robot_row, point.target, point.station.as_ref()))
+            .or_insert(row);
+        let apart_mm = (position(row) - position(known)).norm();
+        if apart_mm > limit_mm {
+            let labels =
+                cells(instrument, pairing.by).or_else(|| cells(instrument, JoinBy::Number));
+            let label = labels.map_or("", |(_, cells)| cells[row].as_str());
+            let detail = format!(
+                "{label:?} is in lines {} and {} of the instrument's file, with positions {apart_mm:.3} mm apart: that is no repetition. Give each point its \
+                 own name and remove what belongs to no posture of the robot, or say by a column target or station which reflector or set-up it was",
+                instrument.lines[known], instrument.lines[row]
+            );
+            return Err(error("duplicate_name", detail));
+        }
+    }
+    Ok(())
 }
 
 /// The cells of a key's column.
@@ -173,6 +237,7 @@ fn pair(
             by,
             pairs,
             clock: None,
+            is_loose: false,
             n_robot,
         }))
     };
@@ -186,29 +251,87 @@ fn pair(
         }
         return plain((0..a).map(Some).collect());
     }
-    let (Some((means, ours)), Some((their_means, theirs))) =
-        (cells(robot, by), cells(instrument, by))
+    let of_name = |content| match by {
+        JoinBy::Name if options.loose_names => {
+            cells(content, by).or_else(|| cells(content, JoinBy::Number))
+        }
+        _ => cells(content, by),
+    };
+    let (Some((means, ours)), Some((their_means, theirs))) = (of_name(robot), of_name(instrument))
     else {
         return Ok(None);
     };
+    let has_name = |content| cells(content, JoinBy::Name).is_some();
+    if by == JoinBy::Name && !has_name(robot) && !has_name(instrument) {
+        return Ok(None);
+    }
     match by {
         JoinBy::Time => {
             let times = (
                 times(means, ours, &robot.lines, "robot")?,
                 times(their_means, theirs, &instrument.lines, "instrument")?,
             );
-            let (pairs, clock) = by_time(&robot.points, &times.0, &times.1, options)?;
+            let (pairs, clock) = by_time(
+                &robot.points,
+                &times.0,
+                &instrument.points,
+                &times.1,
+                options,
+            )?;
             let n_robot = clock.n_standstills;
             Ok(Some(Pairing {
                 by,
                 pairs,
                 clock: Some(clock),
+                is_loose: false,
                 n_robot,
             }))
         }
         JoinBy::Number => plain(by_label(robot, ours, theirs, &[number])?),
-        _ => plain(by_label(robot, ours, theirs, &[exact, lower, last_part])?),
+        _ => {
+            let strict = by_label(robot, ours, theirs, &[exact, lower, last_part])?;
+            let count = |pairs: &Pairs| pairs.iter().flatten().count();
+            let loose = match options.loose_names {
+                true => paired_as(robot, ours, theirs, signs_aside).ok(),
+                false => None,
+            };
+            let is_loose = |pairs: &Pairs| count(pairs) > count(&strict);
+            match loose.filter(is_loose) {
+                Some(pairs) => Ok(Some(Pairing {
+                    by,
+                    pairs,
+                    clock: None,
+                    is_loose: true,
+                    n_robot,
+                })),
+                None => plain(strict),
+            }
+        }
     }
+}
+
+/// A name without signs, spaces and leading zeros: `P_01`, `P-1` and `p 1` are one.
+fn signs_aside(label: &str) -> String {
+    let (mut found, mut digits) = (String::new(), String::new());
+    for c in last_part(label).chars().chain([' ']) {
+        if c.is_ascii_digit() {
+            digits.push(c);
+            continue;
+        }
+        if !digits.is_empty() {
+            // P1_2 is not P12
+            if found.ends_with(|c: char| c.is_ascii_digit()) {
+                found.push('_');
+            }
+            let plain = digits.trim_start_matches('0');
+            found.push_str(if plain.is_empty() { "0" } else { plain });
+            digits.clear();
+        }
+        if c.is_alphabetic() {
+            found.push(c);
+        }
+    }
+    found
 }
 
 fn exact(label: &str) -> String {
@@ -302,16 +425,23 @@ fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
         line: content.lines[row],
         label: label(content, row),
     };
-    let without = pairing
-        .pairs
-        .iter()
-        .enumerate()
-        .filter(|(_, pair)| pair.is_none());
+    let without = pairing.pairs.iter().enumerate().filter(|(row, pair)| {
+        let stands = pairing
+            .clock
+            .as_ref()
+            .and_then(|clock| clock.instrument_rows.as_ref());
+        pair.is_none() && stands.is_none_or(|rows| rows.contains(row))
+    });
     Join {
         by: pairing.by,
         n_joined: pairing.n_joined(),
         tolerance_s: pairing.clock.as_ref().map(|clock| clock.tolerance_s),
         clock_offset_s: pairing.clock.as_ref().map(|clock| clock.offset_s),
+        loose_names: pairing.is_loose,
+        instrument_log: pairing
+            .clock
+            .as_ref()
+            .is_some_and(|clock| clock.instrument_rows.is_some()),
         leftover_robot: (0..robot.points.len())
             .filter(is_leftover)
             .map(|row| leftover(robot, row))

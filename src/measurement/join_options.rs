@@ -29,7 +29,7 @@ impl JoinBy {
 }
 
 /// What a caller says about the join.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JoinOptions {
     /// What to pair by.
     pub by: Option<JoinBy>,
@@ -37,6 +37,25 @@ pub struct JoinOptions {
     pub tolerance_s: Option<f64>,
     /// The robot's clock minus the instrument's, s.
     pub clock_offset_s: Option<f64>,
+    /// Whether names may differ in signs, spaces and leading zeros, and a name may be a number.
+    pub loose_names: bool,
+    /// By time: whether the instrument's file is a log, of which the standstills count; not stated: if its rows follow each other as fast as a log's.
+    pub instrument_log: Option<bool>,
+    /// Whether positions under one name that lie apart are refused. Not for uploads that were accepted once.
+    pub refuse_apart: bool,
+}
+
+impl Default for JoinOptions {
+    fn default() -> Self {
+        Self {
+            by: None,
+            tolerance_s: None,
+            clock_offset_s: None,
+            loose_names: true,
+            instrument_log: None,
+            refuse_apart: true,
+        }
+    }
 }
 
 /// Why two files cannot be joined.

@@ -4,6 +4,8 @@ use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::{Key, TimeUnit};
 use crate::measurement::join_options::{JoinError, JoinOptions, Pairs, error};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// Rows of a log that follow each other faster than this were not written pose by pose, s.
 const LOG_SPACING_S: f64 = 0.5;
@@ -16,6 +18,20 @@ const MAX_TRIED: usize = 200;
 /// Fewest pairs from which a difference of clocks is found.
 const MIN_PAIRS: usize = 4;
 
+/// Share of the points' extent within which positions of one posture lie: ten times what a robot that comes back misses.
+pub(super) const MAX_APART: f64 = 1.0e-3;
+
+/// Half of the positions are nearer to the first one than this.
+pub(super) fn extent_mm(positions_mm: impl Iterator<Item = Vector3<f64>>) -> f64 {
+    let all: Vec<Vector3<f64>> = positions_mm.collect();
+    let mut far: Vec<f64> = all
+        .iter()
+        .map(|position| (position - all[0]).norm())
+        .collect();
+    far.sort_by(f64::total_cmp);
+    far.get(far.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// How two clocks were compared.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Clock {
@@ -24,6 +40,8 @@ pub(super) struct Clock {
     /// The row that stands for each standstill.
     pub standstills: Vec<usize>,
     pub n_standstills: usize,
+    /// Of an instrument that wrote a log, the row that stands for each of its standstills.
+    pub instrument_rows: Option<BTreeSet<usize>>,
 }
 
 /// The robot stands: from, to, and the row in the middle.
@@ -48,10 +66,15 @@ pub(super) fn times(
         Some(Key::Time(unit)) => unit,
         _ => TimeUnit::Unstated,
     };
+    // which of day and month comes first does not matter where all rows are of one day
+    let date = cells.first().and_then(|cell| slashed_date(cell));
+    let date = date.filter(|date| cells.iter().all(|cell| slashed_date(cell) == Some(*date)));
     let read = |(cell, line): (&String, &usize)| {
-        seconds(cell, unit).ok_or_else(|| {
+        let of_day = date.map_or(cell.as_str(), |date| &cell.trim()[date.len()..]);
+        seconds(of_day, unit).ok_or_else(|| {
             let what = match cell.replace(',', ".").parse::<f64>() {
-                Ok(_) => "has no unit: call the column time [s] or time [ms], or map it as \"time_s\" or \"time_ms\" in ?columns= (--columns)",
+                Ok(_) => "has no unit: call the column time [s] or time [ms], or say it by ?columns={\"time_s\": …} (--column time_s=COLUMN)",
+                Err(_) if slashed_date(cell).is_some() => "has a date with slashes, of which the day or the month may come first: write 2026-03-01T08:15:30",
                 Err(_) => "is not a time: 12.5 under time [s], 08:15:30.250 or 2026-03-01T08:15:30Z",
             };
             error("not_a_time", format!("{file} file, line {line}: {cell:?} {what}"))
@@ -60,12 +83,36 @@ pub(super) fn times(
     cells.iter().zip(lines).map(read).collect()
 }
 
+/// `3/1/2026` in front of a time.
+fn slashed_date(cell: &str) -> Option<&str> {
+    let (date, _) = cell.trim().split_once(' ')?;
+    let is_date =
+        date.matches('/').count() == 2 && date.bytes().all(|b| b == b'/' || b.is_ascii_digit());
+    is_date.then_some(date)
+}
+
+/// A time without AM or PM, and the hours to add to it.
+fn without_half_day(cell: &str) -> (&str, Option<f64>) {
+    let halves = [("am", 0.0), ("a.m.", 0.0), ("pm", 12.0), ("p.m.", 12.0)];
+    for (mark, hours) in halves {
+        let at = cell.len().saturating_sub(mark.len());
+        if cell
+            .get(at..)
+            .is_some_and(|end| end.eq_ignore_ascii_case(mark))
+        {
+            return (cell[..at].trim_end(), Some(hours));
+        }
+    }
+    (cell, None)
+}
+
 /// Seconds of a number in its unit, a time of day, or a date with one.
 fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
     let cell = cell.trim();
     if let Ok(number) = cell.replace(',', ".").parse::<f64>() {
         return (number.is_finite() && unit != TimeUnit::Unstated).then(|| number * unit.seconds());
     }
+    let (cell, half_day) = without_half_day(cell);
     let (date, time) = match cell.split_once(['T', ' ']) {
         Some((date, time)) => (days(date)?, time.trim()),
         None => (0.0, cell),
@@ -81,6 +128,11 @@ fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
         (value < limit).then_some(value)
     };
     let (hours, minutes) = (part(24.0)?, part(60.0)?);
+    let hours = match half_day {
+        Some(half) if (1.0..=12.0).contains(&hours) => hours % 12.0 + half,
+        Some(_) => return None,
+        None => hours,
+    };
     let rest = match time.matches(':').count() {
         1 => 0.0,
         2 => part(61.0)?,
@@ -139,6 +191,7 @@ fn days(date: &str) -> Option<f64> {
 pub(super) fn by_time(
     robot: &[Point],
     robot_s: &[f64],
+    instrument: &[Point],
     instrument_s: &[f64],
     options: &JoinOptions,
 ) -> Result<(Pairs, Clock), JoinError> {
@@ -152,14 +205,25 @@ pub(super) fn by_time(
     let tolerance_s = options
         .tolerance_s
         .unwrap_or_else(|| tolerance(&standstills));
+    let is_log = options
+        .instrument_log
+        .unwrap_or_else(|| is_log(&in_order(instrument_s), instrument_s));
+    let rows: Vec<usize> = match is_log {
+        true => instrument_standstills(instrument, instrument_s),
+        false => (0..instrument.len()).collect(),
+    };
+    let wanted_s: Vec<f64> = rows.iter().map(|row| instrument_s[*row]).collect();
     let offset_s = match options.clock_offset_s {
         Some(offset_s) => offset_s,
-        None => found_offset(&standstills, instrument_s, tolerance_s)?,
+        None => found_offset(&standstills, &wanted_s, tolerance_s)?,
     };
-    let pairs: Pairs = paired(&standstills, instrument_s, offset_s, tolerance_s)
-        .into_iter()
-        .map(|pair| pair.map(|at| standstills[at].row))
-        .collect();
+    let mut pairs: Pairs = vec![None; instrument.len()];
+    for (row, pair) in rows
+        .iter()
+        .zip(paired(&standstills, &wanted_s, offset_s, tolerance_s))
+    {
+        pairs[*row] = pair.map(|at| standstills[at].row);
+    }
     Ok((
         pairs,
         Clock {
@@ -170,22 +234,55 @@ pub(super) fn by_time(
                 .map(|standstill| standstill.row)
                 .collect(),
             n_standstills: standstills.len(),
+            instrument_rows: is_log.then(|| rows.into_iter().collect()),
         },
     ))
 }
 
-/// Stretches of rows, in the order of time, in which no joint moves.
-fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
-    let mut order: Vec<usize> = (0..robot.len()).collect();
-    order.sort_by(|a, b| robot_s[*a].total_cmp(&robot_s[*b]));
+/// Rows in the order of their times.
+fn in_order(times_s: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..times_s.len()).collect();
+    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    order
+}
+
+/// Whether rows follow each other faster than poses are measured one by one.
+fn is_log(order: &[usize], times_s: &[f64]) -> bool {
     let mut spacings: Vec<f64> = order
         .windows(2)
-        .map(|w| robot_s[w[1]] - robot_s[w[0]])
+        .map(|w| times_s[w[1]] - times_s[w[0]])
         .collect();
     spacings.sort_by(f64::total_cmp);
-    let is_log = spacings
-        .get(spacings.len() / 2)
-        .is_some_and(|s| *s <= LOG_SPACING_S);
+    let median = spacings.get(spacings.len() / 2);
+    median.is_some_and(|s| *s <= LOG_SPACING_S)
+}
+
+/// The row in the middle of each stretch in which an instrument's log stands, within a thousandth of the points' extent.
+fn instrument_standstills(instrument: &[Point], instrument_s: &[f64]) -> Vec<usize> {
+    let order = in_order(instrument_s);
+    let limit_mm = MAX_APART * extent_mm(instrument.iter().map(|point| point.position_mm));
+    let mut found: Vec<Vec<usize>> = Vec::new();
+    for row in order {
+        let apart_mm =
+            |first: usize| (instrument[row].position_mm - instrument[first].position_mm).norm();
+        match found
+            .last_mut()
+            .filter(|rows| apart_mm(rows[0]) <= limit_mm)
+        {
+            Some(rows) => rows.push(row),
+            None => found.push(vec![row]),
+        }
+    }
+    let long = found
+        .into_iter()
+        .filter(|rows| rows.len() >= MIN_STANDSTILL_ROWS);
+    long.map(|rows| rows[rows.len() / 2]).collect()
+}
+
+/// Stretches of rows, in the order of time, in which no joint moves.
+fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
+    let order = in_order(robot_s);
+    let is_log = is_log(&order, robot_s);
     let mut found: Vec<Vec<usize>> = Vec::new();
     for row in order {
         let stands = |first: usize| {
@@ -279,7 +376,7 @@ fn found_offset(
     if most < MIN_PAIRS || 2 * most < possible {
         let detail = format!(
             "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
-             \"join\": {{\"clock_offset_s\": …, \"tolerance_s\": …}} in ?columns= (--columns), the robot's clock minus the instrument's"
+             the robot's clock minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": …, \"tolerance_s\": …}}}} (--clock-offset-s SECONDS)"
         );
         return Err(error("join_unclear", detail));
     }
@@ -301,8 +398,8 @@ fn found_offset(
         None => Ok(*offset_s),
         Some((other_s, _)) => {
             let detail = format!(
-                "the clocks may differ by {offset_s:.3} s or by {other_s:.3} s, as the rows follow each other evenly. State \"join\": \
-                 {{\"clock_offset_s\": …}} in ?columns= (--columns), the robot's clock minus the instrument's"
+                "the clocks may differ by {offset_s:.3} s or by {other_s:.3} s, as the rows follow each other evenly. State the \
+                 robot's clock minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": {offset_s:.3}}}}} (--clock-offset-s {offset_s:.3})"
             );
             Err(error("two_readings", detail))
         }
@@ -339,6 +436,9 @@ mod tests {
         assert_eq!(seconds("12,5", TimeUnit::Milliseconds), Some(0.0125));
         assert_eq!(plain("12.5"), None);
         assert_eq!(plain("01:00:02.5"), Some(3602.5));
+        assert_eq!(plain("12:30:00 AM"), Some(1800.0));
+        assert_eq!(plain("1970-01-02 1:00:00.5 pm"), Some(133_200.5));
+        assert_eq!(plain("13:00:00 PM"), None);
         assert_eq!(plain("1970-01-02T00:00:01Z"), Some(86_401.0));
         assert_eq!(plain("2000-03-01 00:00"), Some(951_868_800.0));
         assert_eq!(plain("01.03.2000 01:00:00+01:00"), Some(951_868_800.0));

@@ -6,7 +6,7 @@ use crate::measurement::conventions::Decimal;
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::csv_text::refuse_endless_rows;
 use crate::measurement::table_header::{
-    found_header, separator_of_data, stated_header, units_below, unnamed,
+    found_header, separator_of_data, stated_header, stated_length_unit, units_below, unnamed,
 };
 use crate::measurement::table_lines::{
     Line, comment_mark, declared_separator, is_numeric, lines, with_tabs,
@@ -34,6 +34,8 @@ pub struct Table<'a> {
     pub header: Vec<String>,
     /// The units that stand under the header, a cell per column.
     pub units: Option<Vec<Option<Unit>>>,
+    /// The unit of lengths that a line above the header states, as OptiTrack writes it.
+    pub length_unit: Option<&'static str>,
     /// The line on which `text` begins.
     first_line: usize,
     /// Lines above the data that are neither header nor units.
@@ -115,6 +117,7 @@ impl<'a> Table<'a> {
             0 => 0,
             n => lines(text).nth(n - 1).map_or(text.len(), |line| line.end),
         };
+        let length_unit = stated_length_unit(&above[..header_line.unwrap_or(1) - 1]);
         Ok(Self {
             text: match separator {
                 Separator::Spaces => lines(&text[start..])
@@ -128,6 +131,7 @@ impl<'a> Table<'a> {
             header_line,
             header: names,
             units,
+            length_unit,
             first_line: begins + 1,
             n_skipped_above,
             comments: mapping.comments,
@@ -185,8 +189,8 @@ impl<'a> Table<'a> {
             (Some(mark), None) if !may_be_data(mark, cells, self.header.len()) => Next::Skipped,
             (Some(mark), None) => {
                 let detail = format!(
-                    "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State \"comments\": true \
-                     or false in ?columns= (--columns)"
+                    "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State it by \
+                     ?columns={{\"comments\": true}} or false (--comments true, --comments false)"
                 );
                 Next::Bad(line, "two_readings", detail)
             }

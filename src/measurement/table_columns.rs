@@ -1,23 +1,14 @@
 //! What each column of a table means: by the mapping of the caller first, by its name second.
 
 use crate::measurement::column_mapping::Mapping;
+pub use crate::measurement::column_mapping::Needs;
 use crate::measurement::column_meaning::{self, column, key, key_name, thing};
-use crate::measurement::column_names::{Known, PLAIN, Unit, nearly, recognise};
+use crate::measurement::column_names::{Key, Known, PLAIN, Unit, nearly, recognise, yaskawa_axes};
 use crate::measurement::csv_columns::{Column, column_of, missing_columns};
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::table::{Table, listed};
+use crate::measurement::table_halves::other_half;
 use std::collections::BTreeSet;
-
-/// Which columns a file must have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Needs {
-    /// Joint values and positions.
-    Points,
-    /// Joint values: the robot's file of two.
-    Joints,
-    /// Positions: the instrument's file of two.
-    Positions,
-}
 
 /// A column that is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,6 +37,7 @@ pub struct Columns {
 /// Everything that is known while columns are resolved.
 struct Resolution<'t> {
     table: &'t Table<'t>,
+    mapping: &'t Mapping,
     n_joints: usize,
     needs: Needs,
     columns: Columns,
@@ -56,6 +48,7 @@ struct Resolution<'t> {
 pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) -> Columns {
     let mut resolution = Resolution {
         table,
+        mapping,
         n_joints,
         needs,
         columns: Columns::default(),
@@ -139,13 +132,12 @@ impl Resolution<'_> {
 
     /// Columns that no mapping names, by their names.
     fn named(&mut self) {
-        let known: Vec<(usize, Known)> = (0..self.table.header.len())
-            .filter(|place| !self.taken.contains(place))
-            .map(|place| {
-                let units = self.table.units.as_ref();
-                let below = units.and_then(|units| units.get(place).copied().flatten());
-                (place, recognise(&self.table.header[place], below))
-            })
+        let known: Vec<(usize, Known)> = self
+            .names()
+            .into_iter()
+            .enumerate()
+            .filter(|(place, _)| !self.taken.contains(place))
+            .map(|(place, (name, below))| (place, recognise(name, below)))
             .collect();
         if self.needs_joints() {
             self.named_joints(&known);
@@ -154,14 +146,37 @@ impl Resolution<'_> {
             self.named_positions(&known);
         }
         self.named_plain(&known);
+        let has_name = known
+            .iter()
+            .any(|(_, known)| *known == Known::Key(Key::Name));
         for (place, known) in &known {
+            // in another's table, "Target" is a point's name
+            let is_target = matches!(known, Known::Plain(means) if means == "target");
+            if self.needs == Needs::Positions
+                && is_target
+                && !self.taken.contains(place)
+                && !has_name
+                && !self.has("name")
+            {
+                self.take(*place, key_name(Key::Name));
+            }
             if let Known::Key(key) = known {
                 let means = key_name(*key);
-                if !self.has(thing(&means)) {
+                if !self.has(thing(&means)) && !self.taken.contains(place) {
                     self.take(*place, means);
                 }
             }
         }
+    }
+
+    /// The header's cells, each with the unit that stands below it.
+    fn names(&self) -> Vec<(&str, Option<Unit>)> {
+        let units = self.table.units.as_ref();
+        let below = |place| units.and_then(|units| units.get(place).copied().flatten());
+        let names = self.table.header.iter().enumerate();
+        names
+            .map(|(place, name)| (name.as_str(), below(place)))
+            .collect()
     }
 
     fn take(&mut self, place: usize, means: String) {
@@ -184,6 +199,9 @@ impl Resolution<'_> {
         if (1..=self.n_joints).all(|joint| self.has(&format!("q{joint}"))) {
             return;
         }
+        if joints.is_empty() {
+            joints = yaskawa_axes(&self.names(), &self.taken, self.n_joints);
+        }
         let numbers: BTreeSet<usize> = joints.iter().map(|(_, number, _)| *number).collect();
         // counted from 0: only if it is exactly so
         if numbers.iter().copied().eq(0..self.n_joints) {
@@ -193,8 +211,8 @@ impl Resolution<'_> {
             let name = self.table.name(place);
             if number == 0 || number > self.n_joints {
                 let detail = format!(
-                    "column {name} is for joint {number}, but the robot has {} joints; if it is none of them, name it under \"ignore\" in \
-                     ?columns= (--columns)",
+                    "column {name} is for joint {number}, but the robot has {} joints; if it is none of them, leave it aside by \
+                     ?columns={{\"ignore\": [{name:?}]}} (--ignore {name:?})",
                     self.n_joints
                 );
                 self.issue(Some(name), "wrong_joint_count", detail);
@@ -217,7 +235,7 @@ impl Resolution<'_> {
                     self.columns.proposed.push((format!("{axis}_mm"), *place));
                     let detail = format!(
                         "column {name} stands beside joint values and {}, as a controller writes the pose that it computes itself: if it was \
-                         measured all the same, say so by ?columns={{\"{axis}_mm\": {name:?}, …}} (--columns)",
+                         measured all the same, say so by ?columns={{\"{axis}_mm\": {name:?}, …}} (--column {axis}_mm={name:?})",
                         pose.unwrap_or_default()
                     );
                     self.issue(Some(name), "two_readings", detail);
@@ -249,6 +267,14 @@ impl Resolution<'_> {
         }
     }
 
+    /// The unit of columns that name none, as the mapping states it or, of positions, the file.
+    fn stated_unit(&self, thing: &str) -> Option<&'static str> {
+        match thing.starts_with('q') {
+            true => self.mapping.joint_unit,
+            false => self.mapping.position_unit.or(self.table.length_unit),
+        }
+    }
+
     /// Takes a column for a thing, or says what is unclear about it.
     fn offer(&mut self, place: usize, thing: &str, unit: Unit, units: [&str; 2]) {
         let name = self.table.name(place);
@@ -264,15 +290,19 @@ impl Resolution<'_> {
             let detail = match self.table.name(other.place) {
                 same if same == name => format!("column {name} appears twice"),
                 other => format!(
-                    "columns {other} and {name} may both be {thing}: say which by ?columns={{\"{thing}_{}\": …}} (--columns)",
+                    "columns {other} and {name} may both be {thing}: say which by ?columns={{\"{thing}_{0}\": …}} (--column {thing}_{0}=COLUMN)",
                     units[0]
                 ),
             };
             self.issue(Some(name), "duplicate_column", detail);
             return;
         }
+        let unit = match unit {
+            Unit::Missing => self.stated_unit(thing).map_or(unit, Unit::Is),
+            unit => unit,
+        };
         let mapping = format!(
-            "?columns={{\"{thing}_{}\": {name:?}, …}} (--columns)",
+            "?columns={{\"{thing}_{0}\": {name:?}, …}} (--column {thing}_{0}={name:?})",
             units[0]
         );
         match unit {
@@ -281,8 +311,16 @@ impl Resolution<'_> {
                 self.columns
                     .proposed
                     .push((format!("{thing}_{}", units[0]), place));
+                let all = match thing.starts_with('q') {
+                    true => {
+                        "state the unit of all joints by ?columns={\"joint_unit\": \"deg\"} or \"rad\" (--joint-unit deg, --joint-unit rad)"
+                    }
+                    false => {
+                        "state the unit of all positions by ?columns={\"position_unit\": \"mm\"} or \"m\" … (--position-unit mm, --position-unit m …)"
+                    }
+                };
                 let detail = format!(
-                    "column {name} has no unit; name it {thing}_{} or {thing}_{}, or say it once by {mapping}",
+                    "column {name} has no unit; name it {thing}_{} or {thing}_{}, or {all}",
                     units[0], units[1]
                 );
                 self.issue(Some(name), "missing_unit", detail);
@@ -326,7 +364,7 @@ impl Resolution<'_> {
                         self.take(*place, lower);
                     } else if let Some(meant) = nearly(&name) {
                         let detail = format!(
-                            "column {name} is nearly {meant}: call it so, or name it under \"ignore\" in ?columns= (--columns)"
+                            "column {name} is nearly {meant}: call it so, or leave it aside by ?columns={{\"ignore\": [{name:?}]}} (--ignore {name:?})"
                         );
                         self.issue(Some(name), "unknown_column", detail);
                     }
@@ -351,11 +389,28 @@ impl Resolution<'_> {
         if let Err(issue) = column_of(&lower, self.n_joints) {
             let units = if thing.starts_with('q') { "deg" } else { "mm" };
             let detail = format!(
-                "{}; or say what it is by ?columns={{\"{thing}_{units}\": …}} (--columns)",
+                "{}; or say what it is by ?columns={{\"{thing}_{units}\": {name:?}}} (--column {thing}_{units}={name:?})",
                 issue.detail
             );
             self.issue(Some(name), issue.code, detail);
         }
+    }
+
+    /// Says where the other half of what a file needs may be.
+    fn half(&self) -> Option<Issue> {
+        let is_named = self.columns.used.iter().all(|used| !used.is_mapped);
+        let missing = self.columns.missing.first().filter(|_| is_named)?;
+        // a column is there, and lacks its unit only
+        if (self.columns.proposed.iter()).any(|(means, _)| thing(means) == thing(missing)) {
+            return None;
+        }
+        let detail = other_half(&self.names(), self.n_joints, self.needs)?;
+        Some(Issue {
+            row: None,
+            column: Some(missing.clone()),
+            code: "missing_column",
+            detail: format!("{detail}. The table has {}", listed(&self.table.header)),
+        })
     }
 
     /// What is missing, and units that differ.
@@ -374,6 +429,9 @@ impl Resolution<'_> {
             missing.extend(axes.map(|axis| format!("{axis}_mm")));
         }
         self.columns.missing = missing;
+        if let Some(issue) = self.half() {
+            self.columns.issues = vec![issue];
+        }
         if !self.columns.issues.is_empty() {
             return;
         }
@@ -407,8 +465,8 @@ impl Resolution<'_> {
             .map(|mut issue| {
                 if issue.code == "missing_column" || issue.code == "wrong_joint_count" {
                     issue.detail = match (no_header, &issue.column) {
-                        (true, Some(means)) => format!("{}; no line of the file names its columns: say which it is by its number, ?columns={{\"{means}\": 1, …}} (--columns)", issue.detail),
-                        (false, Some(means)) => format!("{}; if another column is it, say so by ?columns={{\"{means}\": …}} (--columns). The table has {all}", issue.detail),
+                        (true, Some(means)) => format!("{}; no line of the file names its columns: say which it is by its number, ?columns={{\"{means}\": 1, …}} (--column {means}=1)", issue.detail),
+                        (false, Some(means)) => format!("{}; if another column is it, say so by ?columns={{\"{means}\": …}} (--column {means}=COLUMN). The table has {all}", issue.detail),
                         _ => issue.detail,
                     };
                 }
@@ -417,44 +475,17 @@ impl Resolution<'_> {
             .collect();
         if has_none && no_header && !self.columns.issues.is_empty() {
             let detail = "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
-                          from 1: ?columns={\"q1_deg\": 1, …} (--columns)";
-            self.columns.issues.insert(
-                0,
-                Issue {
-                    row: None,
-                    column: None,
-                    code: "no_header",
-                    detail: detail.into(),
-                },
-            );
+                          from 1: ?columns={\"q1_deg\": 1, …} (--column q1_deg=1 …)";
+            self.columns.issues = vec![Issue {
+                row: None,
+                column: None,
+                code: "no_header",
+                detail: detail.into(),
+            }];
         }
         if self.columns.issues.is_empty() {
-            self.columns.issues = mixed_units(&self.columns.used);
+            let means = self.columns.used.iter().map(|used| used.means.as_str());
+            self.columns.issues = column_meaning::mixed_units(means).into_iter().collect();
         }
     }
-}
-
-fn mixed_units(used: &[Used]) -> Vec<Issue> {
-    let units = |is_wanted: fn(&str) -> bool| -> BTreeSet<&str> {
-        used.iter()
-            .filter_map(|used| used.means.split_once('_'))
-            .filter(|(base, _)| is_wanted(base))
-            .map(|(_, unit)| unit)
-            .collect()
-    };
-    let lengths = units(|base| matches!(base, "x" | "y" | "z"));
-    let angles = units(|base| {
-        base.strip_prefix('q')
-            .is_some_and(|n| n.parse::<usize>().is_ok())
-    });
-    if lengths.len() < 2 && angles.len() < 2 {
-        return vec![];
-    }
-    vec![Issue {
-        row: None,
-        column: None,
-        code: "mixed_units",
-        detail: "joints (or coordinates) are in two different units; use one unit for all of them"
-            .into(),
-    }]
 }

@@ -1,7 +1,7 @@
 //! Where the header of a table is, and what separates its columns.
 
 use crate::measurement::column_mapping::{Mapping, Separator};
-use crate::measurement::column_names::{Known, Unit, recognise, unit_alone};
+use crate::measurement::column_names::{Known, LENGTHS, Unit, recognise, unit_alone};
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::table_lines::{Line, cells, comment_mark, is_numeric, lines};
 
@@ -66,10 +66,18 @@ fn candidates(line: usize, text: &str, separators: &[Separator], mapping: &Mappi
             is_comment: mark.is_some(),
         }
     };
-    separators
+    let found: Vec<Header> = separators
         .iter()
         .map(split)
         .filter(|header| !header.cells.is_empty())
+        .collect();
+    // spaces stand within names: they separate nothing where another separator makes three cells or more
+    let has_other = found
+        .iter()
+        .any(|header| header.separator != Separator::Spaces && header.cells.len() > 2);
+    found
+        .into_iter()
+        .filter(|header| !has_other || header.separator != Separator::Spaces)
         .collect()
 }
 
@@ -110,7 +118,7 @@ pub(super) fn found_header(
         && best.score > 1
     {
         let detail = format!(
-            "line {} can be read with {:?} or with {:?} between its columns. State \"separator\" in ?columns= (--columns)",
+            "line {} can be read with {:?} or with {:?} between its columns. State it by ?columns={{\"separator\": …}} (--separator SEPARATOR)",
             best.line,
             best.separator.as_str(),
             rival.as_str()
@@ -192,7 +200,7 @@ pub(super) fn separator_of_data(
         _ => {
             let names: Vec<String> = found.iter().map(|s| format!("{:?}", s.as_str())).collect();
             let detail = format!(
-                "columns may be separated by {}. State \"separator\" in ?columns= (--columns)",
+                "columns may be separated by {}. State it by ?columns={{\"separator\": …}} (--separator SEPARATOR)",
                 names.join(" or by ")
             );
             Err(whole("two_readings", detail))
@@ -208,6 +216,30 @@ pub(super) fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
         .take(SAMPLE)
         .map(|line| cells(line.text, separator).len());
     vec![String::new(); widths.max().unwrap_or(0)]
+}
+
+/// `Length Units,Millimeters` above the header, as OptiTrack writes it.
+pub(super) fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
+    // of a rigid body, X, Y, Z may be a quaternion
+    let of_rotation = |line: &Line| {
+        let cells = cells(line.text, Separator::Comma);
+        cells
+            .iter()
+            .any(|cell| cell.eq_ignore_ascii_case("rotation"))
+    };
+    if above.iter().any(of_rotation) {
+        return None;
+    }
+    above.iter().find_map(|line| {
+        let cells = cells(line.text, Separator::Comma);
+        let at = cells
+            .iter()
+            .position(|cell| cell.eq_ignore_ascii_case("length units"))?;
+        match unit_alone(cells.get(at + 1)?)? {
+            Unit::Is(unit) if LENGTHS.iter().any(|(name, _)| *name == unit) => Some(unit),
+            _ => None,
+        }
+    })
 }
 
 /// A row of units under the header, and the number of lines above the data.

@@ -4,6 +4,7 @@ use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_JOINT_RAD, MAX_ROWS};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::number_text::{decimal_of_both, plain};
 use crate::measurement::table::{Next, Table};
 
 /// How many cells can be read one way only.
@@ -44,7 +45,7 @@ pub(super) fn decimal_mark(
             let (decimal, thousands) = both_readings(&example, mark);
             let detail = format!(
                 "line {line}: {example:?} is {decimal} if {mark:?} is the decimal mark, and {thousands} if it separates thousands, and no number of \
-                 the file tells which. State it: ?decimal={} (--decimal-comma), or write the numbers without separators of thousands",
+                 the file tells which. State it: ?decimal={0} (--decimal {0}), or write the numbers without separators of thousands",
                 if mark == ',' { "comma" } else { "point" }
             );
             Err(whole("two_readings", detail))
@@ -63,8 +64,18 @@ fn count(marks: &mut Marks, cell: &str, column: Option<Column>, line: usize) -> 
     let mark = match (cell.contains('.'), cell.contains(',')) {
         (true, false) => '.',
         (false, true) => ',',
-        _ => return false,
+        (true, true) => {
+            // 1.234,5 says it twice over
+            match decimal_of_both(cell) {
+                Some('.') => marks.points += 1,
+                Some(_) => marks.commas += 1,
+                None => {}
+            }
+            return false;
+        }
+        (false, false) => return false,
     };
+    let cell = &*plain(cell, mark);
     let (decimal, thousands) = both_readings(cell, mark);
     let Ok(_) = decimal.parse::<f64>() else {
         return false;

@@ -122,6 +122,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
         ..Rows::default()
     };
     table.each_row(|next| content.take(next, &table, &parts, &reading));
+    content.refuse_summaries();
     if content.points.is_empty() && content.issues.is_empty() {
         content.issue(
             None,
@@ -225,6 +226,8 @@ struct Parts<'t> {
     keys: Vec<Used>,
     /// Cells that a row must have.
     n_needed: usize,
+    /// Whether the file was accepted once, and is read again as it was then.
+    is_read_again: bool,
 }
 
 impl<'t> Parts<'t> {
@@ -262,6 +265,7 @@ impl<'t> Parts<'t> {
             columns: read.iter().map(|(_, column)| *column).collect(),
             keys: keys.cloned().collect(),
             n_needed: named.max(last),
+            is_read_again: options.mapping.is_complete,
         }
     }
 
@@ -339,9 +343,60 @@ struct Rows {
     issues: Vec<(Issue, Option<usize>)>,
     n_skipped: usize,
     n_rows: usize,
+    /// Rows that begin with the name of a statistic: row, line, word.
+    summaries: Vec<(usize, usize, String)>,
+}
+
+/// Words with which reports begin a row of statistics.
+const SUMMARIES: [&str; 22] = [
+    "mean",
+    "average",
+    "avg",
+    "median",
+    "std",
+    "stdev",
+    "stddev",
+    "std dev",
+    "standard deviation",
+    "sigma",
+    "rms",
+    "min",
+    "max",
+    "minimum",
+    "maximum",
+    "sum",
+    "total",
+    "range",
+    "mittelwert",
+    "mittel",
+    "standardabweichung",
+    "summe",
+];
+
+/// The word of a statistic that a row begins with, in a column that holds no number.
+fn summary_word(cells: &csv::StringRecord, read: &[usize]) -> Option<String> {
+    let (place, first) = cells
+        .iter()
+        .enumerate()
+        .find(|(_, cell)| !cell.trim().is_empty())?;
+    let word = first.trim().trim_end_matches([':', '.']).to_lowercase();
+    (!read.contains(&place) && SUMMARIES.contains(&word.as_str())).then(|| first.trim().to_owned())
 }
 
 impl Rows {
+    /// Refuses the few rows that begin with the name of a statistic. In every row it is a column of its own.
+    fn refuse_summaries(&mut self) {
+        if 4 * self.summaries.len() >= self.n_rows {
+            return;
+        }
+        for (row, line, word) in std::mem::take(&mut self.summaries) {
+            let detail = format!(
+                "row {row} begins with {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
+            );
+            self.issue(Some(row), Some(line), "summary_row", detail);
+        }
+    }
+
     fn issue(
         &mut self,
         row: Option<usize>,
@@ -417,6 +472,11 @@ impl Rows {
         );
         self.issues
             .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
+        if !parts.is_read_again
+            && let Some(word) = summary_word(&row.cells, &parts.places)
+        {
+            self.summaries.push((index, row.line, word));
+        }
         if let Some(point) = point {
             self.points.push(point);
             self.lines.push(row.line);

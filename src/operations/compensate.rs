@@ -2,7 +2,7 @@
 
 use crate::calibration::ORIENTATION_NOT_KNOWN;
 use crate::compensation::{
-    Anchor, Base, Compensation, Corrected, Mode, Tool, ToolError, ToolPoint, Wanted, WorkFrame,
+    Anchor, Base, Compensation, Corrected, Mode, Tool, ToolError, ToolGoal, ToolPoint, WorkFrame,
 };
 use crate::identification::changes::Estimate;
 use crate::kinematics::{Payload, Robot};
@@ -88,7 +88,7 @@ pub fn compensate(
         let corrected = compensation.correct(&q_rad, &tool, request.mode);
         let std_mm = error
             .as_ref()
-            .map(|error| error.std_mm(&corrected.q_controller_rad, Wanted::AsNominal(&q_rad)));
+            .map(|error| error.std_mm(&corrected.q_controller_rad, ToolGoal::AsNominal(&q_rad)));
         let extrapolated = is_extrapolated(&corrected.q_controller_rad);
         answer.add(corrected, std_mm, extrapolated);
     }
@@ -107,7 +107,7 @@ pub fn compensate(
             let of_frame = frame.work_frame.as_ref().map_or(0.0, |work_frame| {
                 work_frame.position_std_mm(&t_frame_tool.translation.vector)
             });
-            error.std_mm(q_rad, Wanted::Fixed).hypot(of_frame)
+            error.std_mm(q_rad, ToolGoal::Fixed).hypot(of_frame)
         });
         let extrapolated = is_extrapolated(q_rad);
         answer.poses.push(ToolPose::from(&pose));

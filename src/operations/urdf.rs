@@ -227,7 +227,13 @@ impl<'t> Urdf<'t> {
             .or_else(|| paths.iter().map(|path| moving(path).len()).max())
             .filter(|n| *n > 0);
         let Some(most) = most else {
-            return Err(invalid("no_joints", "no joint of the URDF moves"));
+            let detail = match paths.is_empty() && !self.joints.is_empty() {
+                true => {
+                    "the URDF's joints form a loop: each link is the parent of another one, so no link is the tip. State the tip, and break the loop"
+                }
+                false => "no joint of the URDF moves",
+            };
+            return Err(invalid("no_joints", detail));
         };
         let candidates: Vec<&Vec<usize>> = paths
             .iter()

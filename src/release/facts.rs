@@ -1,14 +1,16 @@
 //! The facts that the gates read, and how a job's report becomes facts.
 
+use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
-    repeated_rows, robust_comparison, session_fit, times_worse,
+    after_errors_mm, repeated_rows, robust_comparison, session_fit, times_worse,
 };
 use crate::kinematics::Robot;
-use crate::measurement::MeasurementSet;
+use crate::measurement::{Frame, MeasurementSet};
 use crate::release::comparison::Comparison;
+use crate::release::guard_band::{ConfigurationErrors, expanded_mm};
 use crate::release::sessions::{Session, UnscoredSession};
 use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS, WRONG_ROBOT, has_warning};
 use crate::wire::measurement::Subset;
@@ -18,7 +20,7 @@ use crate::wire::report_shape::{Evidence, PointReport, Report};
 use crate::wire::report_summary::ReportSummary;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use crate::wire::warning::Warning;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
@@ -166,9 +168,64 @@ pub fn evidence_of(
     }
 }
 
+/// What [`guard_band`](crate::release::guard_band) needs of the points of a figure beside their errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Numbers of base and targets that were fitted to them.
+    pub n_fitted: usize,
+    /// What the instrument states for a coordinate of a point, rms, mm; 0 where it states nothing.
+    pub instrument_std_mm: f64,
+}
+
+impl Measured {
+    /// The points on which an identification was verified. Base and targets are fitted to another set in the instrument's frame alone.
+    pub fn of_identification(request: &CalibrationRequest) -> Self {
+        match &request.verify {
+            VerifySource::Set(set) => Self::of_set(set, set.frame == Frame::Instrument),
+            _ => Self::of_set(&request.set, false),
+        }
+    }
+
+    /// The points of a job that scores a set.
+    pub fn of_session(request: &CalibrationRequest) -> Self {
+        let is_placed_anew = request.set.frame == Frame::Instrument
+            || request.scored_frame == Some(Frame::Instrument);
+        Self::of_set(&request.set, is_placed_anew)
+    }
+
+    fn of_set(set: &MeasurementSet, is_placed_anew: bool) -> Self {
+        let stated = set.points.iter().filter_map(|p| p.position_std_mm());
+        let squares: f64 = stated.map(|std_mm| std_mm * std_mm).sum();
+        Self {
+            n_fitted: if is_placed_anew {
+                6 + 3 * set.n_targets()
+            } else {
+                0
+            },
+            instrument_std_mm: (squares / set.points.len().max(1) as f64).sqrt(),
+        }
+    }
+}
+
+/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm.
+fn after_expanded_mm(report: &Report, subset: Subset, measured: Measured) -> Option<f64> {
+    let points: Vec<&PointReport> = counted(&report.per_point, subset).collect();
+    let errors_mm = after_errors_mm(&errors_mm(&report.per_point, subset));
+    let mut of: BTreeMap<&str, ConfigurationErrors> = BTreeMap::new();
+    for (point, error_mm) in points.into_iter().zip(errors_mm) {
+        let Some(error_mm) = error_mm else { continue };
+        let own = of.entry(&point.configuration).or_default();
+        own.n_points += 1;
+        own.sum_mm2 += error_mm * error_mm;
+    }
+    let of: Vec<ConfigurationErrors> = of.into_values().collect();
+    expanded_mm(&of, measured.n_fitted, measured.instrument_std_mm)
+}
+
 /// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, its points are no evidence, and the job
 /// counts as one without held-out points.
 pub fn identification_facts(
+    request: &CalibrationRequest,
     report: &Report,
     is_verified_anew: bool,
     since: MeasuredSince,
@@ -187,6 +244,11 @@ pub fn identification_facts(
         n_points,
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
+        after_expanded_mm: (n_points > 0)
+            .then(|| {
+                after_expanded_mm(report, Subset::Verify, Measured::of_identification(request))
+            })
+            .flatten(),
         is_better: n_points > 0 && comparison.is_better(),
         fit: if is_misfit {
             Fit::DoesNotFit
@@ -243,7 +305,7 @@ pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> 
     })
 }
 
-/// Facts of a job of kind `verify`, from its report.
+/// Facts of a job of kind `verify` or `check`, from its report.
 pub fn session_facts(
     request: &CalibrationRequest,
     report: &Report,
@@ -254,6 +316,9 @@ pub fn session_facts(
         Fit::DoesNotFit
     } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
+    } else if has_warning(report, CHECK_CHANGED) {
+        // whatever the size of the change, it asks for a look at the robot
+        Fit::DoesNotFit
     } else {
         Fit::Fits
     };
@@ -269,6 +334,7 @@ pub fn session_facts(
         n_points: report.verify.map_or(0, |verify| verify.n_points),
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
+        after_expanded_mm: after_expanded_mm(report, Subset::Verify, Measured::of_session(request)),
         is_better: comparison.is_better(),
         fit,
         evidence: if counts {
@@ -305,10 +371,13 @@ pub fn verify_errors_mm(per_point: &[PointReport]) -> Vec<[f64; 3]> {
     errors_mm(per_point, Subset::Verify)
 }
 
+fn counted(per_point: &[PointReport], subset: Subset) -> impl Iterator<Item = &PointReport> {
+    let counts = move |point: &&PointReport| point.subset == subset && !point.outlier;
+    per_point.iter().filter(counts)
+}
+
 fn errors_mm(per_point: &[PointReport], subset: Subset) -> Vec<[f64; 3]> {
-    let counts = |point: &&PointReport| point.subset == subset && !point.outlier;
-    let points = per_point.iter().filter(counts);
-    points
+    counted(per_point, subset)
         .map(|p| {
             let corrected_mm = p.corrected_mm.unwrap_or(p.after_mm);
             [p.before_mm, p.after_mm, corrected_mm]

@@ -9,6 +9,7 @@ use crate::release::session_gates::{
 };
 use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
+use crate::release::tolerance_gates::{errors_within_tolerance, uncertainty};
 use crate::release::verdict::INSISTED;
 use crate::release::verdict::TOO_MANY_OUTLIERS;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -338,60 +339,6 @@ fn remarks_on_sessions(facts: &Facts<'_>) -> String {
         );
     }
     remarks
-}
-
-fn uncertainty(facts: &Facts<'_>) -> Gate {
-    let name = "uncertainty_within_tolerance";
-    let why = &facts.report.tool_uncertainty_absent_because;
-    let why = why.as_deref().unwrap_or("the report has none");
-    match (
-        facts.identification.uncertainty_mm,
-        facts.policy.tolerance_mm,
-    ) {
-        (Some(found), Some(tolerance)) => {
-            let detail = format!(
-                "predicted uncertainty of the tool over the workspace: at most {found:.4} mm, the tolerance is {tolerance} mm"
-            );
-            Gate::new(name, found <= tolerance, detail)
-        }
-        (None, Some(tolerance)) => Gate::new(
-            name,
-            false,
-            format!("no uncertainty is stated, and the tolerance is {tolerance} mm: {why}"),
-        ),
-        (found, None) => {
-            let details = found.map_or_else(
-                || format!("is not stated: {why}"),
-                |found| format!("is {found:.4} mm"),
-            );
-            Gate::new(
-                name,
-                true,
-                format!("the robot's policy has no tolerance; the uncertainty {details}"),
-            )
-            .warned(found.is_none())
-        }
-    }
-}
-
-/// The measured errors must be within the tolerance too: on the held-out points and in every session that fits the robot, measured anew or not.
-fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
-    let name = "verify_errors_within_tolerance";
-    let Some(tolerance) = facts.policy.tolerance_mm else {
-        return Gate::new(name, true, "the robot's policy has no tolerance");
-    };
-    let sessions = facts
-        .counted_sessions()
-        .map(|session| &session.verification);
-    let own = Some(facts.identification).filter(|found| found.n_points > 0);
-    let found: Vec<f64> = sessions
-        .chain(own)
-        .map(|found| found.after_rms_mm.unwrap_or(f64::INFINITY))
-        .collect();
-    let largest = found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let detail =
-        format!("largest rms on verify points: {largest:.4} mm, the tolerance is {tolerance} mm");
-    Gate::new(name, !found.is_empty() && largest <= tolerance, detail)
 }
 
 fn second_person(facts: &Facts<'_>) -> Gate {

@@ -6,6 +6,7 @@ pub mod comparison;
 mod decision;
 pub mod facts;
 mod gates;
+pub mod guard_band;
 pub mod independence;
 pub mod needs;
 mod provenance;
@@ -14,6 +15,7 @@ mod session_gates;
 mod sessions;
 mod suspicions;
 mod texts;
+mod tolerance_gates;
 mod trend;
 mod verdict;
 

@@ -1,7 +1,9 @@
 //! What a robot needs, from facts that are stored as columns.
 
+use crate::release::guard_band::{Within, within};
 use crate::wire::job_answer::JobStatus;
 use crate::wire::overview::Need;
+use crate::wire::policy::DecisionRule;
 
 /// Growth of the error since the identification from which on a robot counts as drifted if its policy states no tolerance; as in the trend.
 const GROWTH: f64 = 1.5;
@@ -15,12 +17,16 @@ pub struct NeedFacts {
     pub must_be_checked: bool,
     /// Tolerance of its policy, mm.
     pub tolerance_mm: Option<f64>,
+    /// How the policy compares a figure with it.
+    pub decision_rule: DecisionRule,
     /// Error of the released set when it was identified, mm.
     pub released_rms_mm: Option<f64>,
     /// It has a released set.
     pub is_released: bool,
     /// Error of the released set on the newest session, mm.
     pub session_rms_mm: Option<f64>,
+    /// Its expanded uncertainty, mm, where it is stated.
+    pub session_expanded_mm: Option<f64>,
     /// The newest session fits the robot, but the released set misses it.
     pub is_far_off: bool,
     /// A set that is not withdrawn is newer than the released one, or none was released.
@@ -79,9 +85,18 @@ fn drift(facts: &NeedFacts) -> Option<String> {
     }
     let now = facts.session_rms_mm?;
     if let Some(tolerance) = facts.tolerance_mm {
-        return (now > tolerance).then(|| {
-            format!("the newest session has {now:.3} mm rms; the tolerance is {tolerance:.3} mm")
-        });
+        let expanded = facts.session_expanded_mm;
+        return match within(now, expanded, tolerance, facts.decision_rule) {
+            // of a session that states no uncertainty, the figure alone says that it still holds
+            Within::Yes | Within::Unknown => None,
+            Within::No => Some(format!(
+                "the newest session has {now:.3} mm rms; the tolerance is {tolerance:.3} mm"
+            )),
+            Within::InGuardBand => Some(format!(
+                "the newest session has {now:.3} ± {:.3} mm rms; the tolerance is {tolerance:.3} mm, and the policy counts the uncertainty",
+                expanded.unwrap_or_default()
+            )),
+        };
     }
     let then = facts.released_rms_mm?;
     (now > GROWTH * then)
@@ -93,6 +108,7 @@ mod tests {
     use super::{NeedFacts, need};
     use crate::wire::job_answer::JobStatus;
     use crate::wire::overview::Need;
+    use crate::wire::policy::DecisionRule;
 
     fn released() -> NeedFacts {
         NeedFacts {
@@ -138,6 +154,23 @@ mod tests {
                     ..session(0.13)
                 },
                 Need::Drifted,
+            ),
+            (
+                NeedFacts {
+                    tolerance_mm: Some(0.2),
+                    session_expanded_mm: Some(0.05),
+                    ..session(0.16)
+                },
+                Need::Drifted,
+            ),
+            (
+                NeedFacts {
+                    tolerance_mm: Some(0.2),
+                    session_expanded_mm: Some(0.05),
+                    decision_rule: DecisionRule::SimpleAcceptance,
+                    ..session(0.16)
+                },
+                Need::Nothing,
             ),
             (failed, Need::JobFailed),
             (

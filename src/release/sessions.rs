@@ -25,6 +25,8 @@ pub struct UnscoredSession {
     pub job_id: String,
     /// The session's upload.
     pub measurement_set_id: String,
+    /// Its number in the robot's counter.
+    pub seq: i64,
     /// Whether that job found that the robot has changed.
     pub has_changed: bool,
 }

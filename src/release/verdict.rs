@@ -1,5 +1,6 @@
 //! Whether the result of a report can be used, and why its verification is no evidence.
 
+use crate::calibration::quick_check::{CHECK_CANNOT_TELL, CHECK_CHANGED};
 use crate::calibration::report::{BASE_NOT_CHECKED, SHOWS_LITTLE};
 use crate::calibration::upload_checks::alignment::SUSPICIONS;
 use crate::calibration::{
@@ -94,6 +95,10 @@ pub fn why_no_evidence(report: &Report) -> &'static str {
         "no point was held out, these errors are those of the fit itself"
     } else if has_warning(report, DOES_NOT_FIT) {
         "this file does not fit this robot"
+    } else if has_warning(report, CHECK_CHANGED) {
+        "the robot, its base or its tool has changed since"
+    } else if has_warning(report, CHECK_CANNOT_TELL) {
+        "these poses cannot tell whether the set still holds"
     } else if has_warning(report, NO_FIT) {
         "the identified robot does not fit the points"
     } else if has_warning(report, TOO_MANY_OUTLIERS) {

@@ -4,6 +4,7 @@
 //! can become markup, a script or a request.
 
 mod axes;
+mod check;
 mod figures;
 mod quality;
 mod sections;
@@ -55,6 +56,7 @@ fn body(sources: &Sources<'_>) -> Markup {
         }
         main {
             (sections::verdict(sources))
+            (check::quick_check(report))
             (sections::warnings(&report.warnings))
             (sections::facts(sources))
             (quality::statement(sources))

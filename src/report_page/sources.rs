@@ -1,6 +1,5 @@
 //! Inputs of the page.
 
-use crate::wire::job::Kind;
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::{Frame, SetSummary};
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -56,7 +55,7 @@ pub struct Sources<'a> {
 impl Sources<'_> {
     /// True if the job only scored a parameter set.
     pub(super) fn is_verification(&self) -> bool {
-        self.job.is_some_and(|job| job.kind == Kind::Verify)
+        self.job.is_some_and(|job| job.kind.scores())
     }
 
     /// The parameters that a verification scored.

@@ -73,7 +73,7 @@ mod tests {
             };
         }
         check! {
-            Kind: Identify Verify;
+            Kind: Identify Verify Check;
             JobStatus: Queued Running Succeeded Failed Cancelled;
             Frame: Base Instrument;
             ParameterSetStatus: Candidate Released Superseded Withdrawn;

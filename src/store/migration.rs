@@ -93,6 +93,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/postgres/0017_estimate.sql"),
     ),
     (
+        18,
+        "check",
+        include_str!("../../migrations/sqlite/0018_check.sql"),
+        include_str!("../../migrations/postgres/0018_check.sql"),
+    ),
+    (
         19,
         "named_frames",
         include_str!("../../migrations/sqlite/0019_named_frames.sql"),

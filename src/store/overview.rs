@@ -4,6 +4,7 @@ use super::from_row::from_row;
 use super::{JobStatus, ListRequest, Listed, Page, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::policy::DecisionRule;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 
@@ -19,6 +20,7 @@ pub struct OverviewRow {
     pub created_at_ms: i64,
     pub check_job_id: Option<String>,
     pub tolerance_mm: Option<f64>,
+    pub decision_rule: Option<DecisionRule>,
     pub active_id: Option<String>,
     pub active_job_id: Option<String>,
     pub active_created_at_ms: Option<i64>,
@@ -37,6 +39,7 @@ pub struct OverviewRow {
     pub session_job_id: Option<String>,
     pub session_created_at_ms: Option<i64>,
     pub session_rms_mm: Option<f64>,
+    pub session_expanded_mm: Option<f64>,
     pub session_fit: Option<Fit>,
     pub n_sessions: i64,
     pub job_id: Option<String>,
@@ -49,19 +52,20 @@ pub struct OverviewRow {
 from_row!(OverviewRow {
     id, name, body_json, created_at_ms, check_job_id, tolerance_mm, active_id, active_job_id, active_created_at_ms, active_released_at_ms,
     active_before_rms_mm, active_after_rms_mm, newest_id, newest_job_id, newest_created_at_ms, newest_released_at_ms, newest_before_rms_mm,
-    newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
-} optional { active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status });
+    newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, session_expanded_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
+} optional { decision_rule, active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status });
 
 // $1 is as in the list of robots, of at most one page. The newest rows are found by the indices of their tables.
 const LIST: &str = "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
-        y.tolerance_mm as tolerance_mm,
+        y.tolerance_mm as tolerance_mm, y.decision_rule as decision_rule,
         a.id as active_id, a.job_id as active_job_id, a.created_at_ms as active_created_at_ms, a.released_at_ms as active_released_at_ms,
         va.before_rms_mm as active_before_rms_mm, va.after_rms_mm as active_after_rms_mm, va.evidence as active_evidence,
         n.id as newest_id, n.job_id as newest_job_id, n.status as newest_status, n.created_at_ms as newest_created_at_ms,
         n.released_at_ms as newest_released_at_ms,
         vn.before_rms_mm as newest_before_rms_mm, vn.after_rms_mm as newest_after_rms_mm, vn.evidence as newest_evidence,
-        s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm, s.fit as session_fit,
+        s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm,
+        s.after_expanded_mm as session_expanded_mm, s.fit as session_fit,
         (select count(*) from verification w where w.parameter_set_id = a.id and w.kind = 'session') as n_sessions,
         j.id as job_id, j.kind as job_kind, j.status as job_status, j.created_at_ms as job_created_at_ms, j.finished_at_ms as job_finished_at_ms
     from robot_now r

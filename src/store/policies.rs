@@ -5,13 +5,15 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::{AuditEvent, Result, Store, Tx, robots};
-use crate::wire::policy::PolicyBody;
+use crate::wire::policy::{DecisionRule, PolicyBody};
 
 /// Release policy of a robot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PolicyRow {
     /// Largest uncertainty of the tool's position, and largest rms on verify points, mm.
     pub tolerance_mm: Option<f64>,
+    /// How that rms is compared with it; none in a policy of an older version, which compares the figure alone.
+    pub decision_rule: Option<DecisionRule>,
     /// 1: another measuring session must have verified the set.
     pub independent_session_required: i64,
     /// 1: the key that releases must not be the one that uploaded.
@@ -25,12 +27,24 @@ from_row!(PolicyRow {
     independent_session_required,
     second_person_required,
     version
-});
+} optional { decision_rule });
+
+impl PolicyRow {
+    /// The rule in force: of a policy that was never stored the usual one, of one that an older version stored the one of that time.
+    pub fn rule(&self) -> DecisionRule {
+        match (self.decision_rule, self.version) {
+            (Some(rule), _) => rule,
+            (None, 0) => DecisionRule::default(),
+            (None, _) => DecisionRule::SimpleAcceptance,
+        }
+    }
+}
 
 impl From<&PolicyRow> for PolicyBody {
     fn from(row: &PolicyRow) -> Self {
         Self {
             tolerance_mm: row.tolerance_mm,
+            decision_rule: row.rule(),
             independent_session_required: row.independent_session_required == 1,
             second_person_required: row.second_person_required == 1,
         }
@@ -42,6 +56,7 @@ impl From<&PolicyBody> for PolicyRow {
     fn from(body: &PolicyBody) -> Self {
         Self {
             tolerance_mm: body.tolerance_mm,
+            decision_rule: Some(body.decision_rule),
             independent_session_required: body.independent_session_required.into(),
             second_person_required: body.second_person_required.into(),
             version: 0,
@@ -56,18 +71,20 @@ pub(super) const ABSENT: f64 = -1.0;
 pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT, BY_ID];
 
 const GET: &str = "
-    select tolerance_mm, independent_session_required, second_person_required, version from robot_policy where robot_id = $1";
+    select tolerance_mm, decision_rule, independent_session_required, second_person_required, version from robot_policy where robot_id = $1";
 
 const PUT: &str = "
-    insert into robot_policy (robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms)
-    values ($1, nullif($2, cast(-1 as double precision)), $3, $4, 1, $5, (select now_ms from clock))
+    insert into robot_policy (robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms,
+        decision_rule)
+    values ($1, nullif($2, cast(-1 as double precision)), $3, $4, 1, $5, (select now_ms from clock), $6)
     on conflict (robot_id) do update set tolerance_mm = excluded.tolerance_mm,
         independent_session_required = excluded.independent_session_required, second_person_required = excluded.second_person_required,
-        version = robot_policy.version + 1, changed_by = excluded.changed_by, changed_at_ms = excluded.changed_at_ms
-    returning robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms";
+        version = robot_policy.version + 1, changed_by = excluded.changed_by, changed_at_ms = excluded.changed_at_ms,
+        decision_rule = excluded.decision_rule
+    returning robot_id, tolerance_mm, decision_rule, independent_session_required, second_person_required, version, changed_by, changed_at_ms";
 
 const BY_ID: &str = "
-    select robot_id, tolerance_mm, independent_session_required, second_person_required, version, changed_by, changed_at_ms
+    select robot_id, tolerance_mm, decision_rule, independent_session_required, second_person_required, version, changed_by, changed_at_ms
     from robot_policy where robot_id > $1 order by robot_id limit cast($2 as bigint)";
 
 /// A policy with its robot and the key that set it.
@@ -88,9 +105,14 @@ fn as_changed(set: &PolicyChange) -> Value {
         changed_at_ms,
         ..
     } = set;
-    json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required == 1,
+    let mut entry = json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required == 1,
         "second_person_required": policy.second_person_required == 1, "version": policy.version,
-        "changed_by": changed_by, "changed_at_ms": changed_at_ms})
+        "changed_by": changed_by, "changed_at_ms": changed_at_ms});
+    // entries of older versions do not have it
+    if let Some(rule) = policy.decision_rule {
+        entry["decision_rule"] = json!(rule.as_str());
+    }
+    entry
 }
 
 impl Audited for PolicyChange {
@@ -142,7 +164,8 @@ pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> R
     let query = query
         .bind(policy.independent_session_required)
         .bind(policy.second_person_required)
-        .bind(by);
+        .bind(by)
+        .bind(policy.rule().as_str());
     let set: PolicyChange = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::RobotPolicyChanged, robot_id, as_changed(&set));
     Ok(set.policy)

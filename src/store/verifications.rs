@@ -36,6 +36,8 @@ pub struct VerificationRow {
     pub before_rms_mm: Option<f64>,
     /// rms of the set, mm.
     pub after_rms_mm: Option<f64>,
+    /// Expanded uncertainty of `after_rms_mm` (95 %), mm.
+    pub after_expanded_mm: Option<f64>,
     /// 1: the set's errors are smaller than the nominal robot's.
     pub is_better: i64,
     /// Whether the points fit the robot.
@@ -50,13 +52,18 @@ pub struct VerificationRow {
     pub uncertainty_mm: Option<f64>,
 }
 
-from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { frame, kind, fit, evidence });
+from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, after_expanded_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { frame, kind, fit, evidence });
 
 impl VerificationRow {
     fn audit_entry(&self) -> Value {
-        json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind.as_str(), "seq": self.seq, "n_points": self.n_points,
+        let mut entry = json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind.as_str(), "seq": self.seq, "n_points": self.n_points,
             "before_rms_mm": self.before_rms_mm, "after_rms_mm": self.after_rms_mm, "is_better": self.is_better, "fit": self.fit.as_str(),
-            "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm})
+            "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm});
+        // entries of older versions do not have it
+        if let Some(expanded_mm) = self.after_expanded_mm {
+            entry["after_expanded_mm"] = json!(expanded_mm);
+        }
+        entry
     }
 }
 
@@ -67,6 +74,7 @@ impl From<&VerificationRow> for Verification {
             n_points: usize::try_from(row.n_points).unwrap_or(0),
             before_rms_mm: row.before_rms_mm,
             after_rms_mm: row.after_rms_mm,
+            after_expanded_mm: row.after_expanded_mm,
             is_better: row.is_better == 1,
             fit: row.fit,
             evidence: row.evidence,
@@ -95,6 +103,8 @@ pub struct LaterSession {
     pub job_id: String,
     /// The session's upload.
     pub measurement_set_id: String,
+    /// Its number in the robot's counter.
+    pub seq: i64,
     /// The summary of that job's report; empty if there is none.
     pub summary_json: String,
 }
@@ -102,6 +112,7 @@ pub struct LaterSession {
 from_row!(LaterSession {
     job_id,
     measurement_set_id,
+    seq,
     summary_json
 });
 
@@ -122,7 +133,7 @@ from_row!(CheckRow {
 macro_rules! rows {
     () => {
         "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
-             v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.is_better as is_better, v.fit as fit,
+             v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.after_expanded_mm as after_expanded_mm, v.is_better as is_better, v.fit as fit,
              v.evidence as evidence, v.is_repeat as is_repeat, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
          from verification v join job j on j.id = v.job_id join measurement_set m on m.id = j.measurement_set_id"
     };
@@ -153,12 +164,12 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 // The caller has locked the robot's row, so the counter has no gaps and no duplicates.
 const INSERT: &str = "
     insert into verification (job_id, robot_id, parameter_set_id, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, fit, evidence,
-        is_repeat, check_seq, uncertainty_mm)
+        is_repeat, check_seq, uncertainty_mm, after_expanded_mm)
     select j.id, j.robot_id,
         case when $2 = 'session' then j.parameter_set_input_id else (select p.id from parameter_set p where p.job_id = j.id) end,
         $2, (select coalesce(max(v.seq), 0) + 1 from verification v where v.robot_id = j.robot_id), $3,
         nullif($4, cast(-1 as double precision)), nullif($5, cast(-1 as double precision)), $6, $7, $8,
-        $9, $11, nullif($10, cast(-1 as double precision))
+        $9, $11, nullif($10, cast(-1 as double precision)), nullif($12, cast(-1 as double precision))
     from job j where j.id = $1
     on conflict (job_id) do nothing";
 
@@ -171,7 +182,7 @@ const COUNT: &str = "select count(*) from verification where robot_id = (select 
 
 // Repeats of earlier uploads show nothing new.
 const LATER_SESSIONS: &str = "
-    select v.job_id as job_id, j.measurement_set_id as measurement_set_id, coalesce(r.summary_json, '') as summary_json
+    select v.job_id as job_id, j.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
     from verification v join job j on j.id = v.job_id left join report_summary r on r.job_id = v.job_id
     where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3 and v.is_repeat = 0
         and v.seq > (select own.seq from verification own join parameter_set p on p.job_id = own.job_id where p.id = $1)
@@ -182,7 +193,7 @@ const LATER_SESSIONS: &str = "
 // Jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "
     select count(*) from job j where j.status = 'succeeded'
-        and ((j.kind = 'verify' and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
+        and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
 // Uploads from before the session that did not fit, in the order of the audit chain. Uploads of sessions that did not fit are left out. An upload
@@ -217,7 +228,7 @@ const JOBS_WITHOUT: &str = "
     select id from (
         select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = $1) as ended
         from job j where j.status = 'succeeded' and not exists (select 1 from verification v where v.job_id = j.id)
-            and (j.kind = 'verify' or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
+            and (j.kind in ('verify', 'check') or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
 
 impl Audited for VerificationRow {
@@ -258,7 +269,8 @@ pub async fn insert(
         .bind(found.evidence.as_str())
         .bind(i64::from(found.is_repeat))
         .bind(number(found.uncertainty_mm))
-        .bind(found.check_seq);
+        .bind(found.check_seq)
+        .bind(number(found.after_expanded_mm));
     if query.execute(tx.connection()).await?.rows_affected() == 0 {
         return Ok(None);
     }

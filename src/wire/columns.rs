@@ -3,7 +3,7 @@
 use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::column_meaning::is_meaning;
-use crate::measurement::column_names::PLAIN;
+use crate::measurement::column_names::{LENGTHS, PLAIN};
 use crate::measurement::join::{JoinBy, JoinOptions};
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
@@ -23,7 +23,8 @@ const MAX_NUMBER: u64 = 1_000_000;
 /// What a caller says about the columns of a file. Keys are meanings with units (`q1_deg` or `q1_rad` …; `x_mm`, `_m`, `_cm`, `_um` or `_in`;
 /// `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`; `name`, `number`, `time_s`), values are
 /// the column's header or its number, counted from 1. Besides: `decimal` (`point`, `comma`), `separator` (`,` `;` `|` `tab` `spaces`), `header_row` (a line,
-/// counted from 1, or false), `comments` (true, false), `ignore` (columns), `sheet`. For two files: what is said of one of them in `robot` and
+/// counted from 1, or false), `comments` (true, false), `ignore` (columns), `sheet`, and for columns that name no unit `joint_unit` (`deg`, `rad`) and
+/// `position_unit` (`mm`, `m`, `cm`, `um`, `in`). For two files: what is said of one of them in `robot` and
 /// `instrument`, and `join` (`{"by": "name"|"number"|"time"|"order", "tolerance_s", "clock_offset_s"}`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(value_type = Object, example = json!({"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}))]
@@ -151,6 +152,8 @@ impl ColumnsBody {
         mapping.header_row = mapping.header_row.or(shared.header_row);
         mapping.comments = mapping.comments.or(shared.comments);
         mapping.sheet = mapping.sheet.or(shared.sheet);
+        mapping.joint_unit = mapping.joint_unit.or(shared.joint_unit);
+        mapping.position_unit = mapping.position_unit.or(shared.position_unit);
         reader.checker.finish("invalid_columns")?;
         Ok(mapping)
     }
@@ -201,14 +204,19 @@ impl ColumnsBody {
 }
 
 /// Keys that are no columns.
-const SETTINGS: [&str; 6] = [
+const SETTINGS: [&str; 8] = [
     "decimal",
     "separator",
     "header_row",
     "comments",
     "ignore",
     "sheet",
+    "joint_unit",
+    "position_unit",
 ];
+
+/// Units of joint values.
+const ANGLES: [&str; 2] = ["deg", "rad"];
 
 /// Reads the values of a mapping, and collects what is wrong.
 #[derive(Default)]
@@ -257,6 +265,13 @@ impl Reader {
                     Some(sheet) => mapping.sheet = Some(sheet.to_owned()),
                     None => self.wrong(&pointer, "the name of a sheet"),
                 },
+                "joint_unit" => {
+                    mapping.joint_unit = self.unit(value, &pointer, &ANGLES);
+                }
+                "position_unit" => {
+                    mapping.position_unit =
+                        self.unit(value, &pointer, &LENGTHS.map(|(name, _)| name));
+                }
                 "ignore" => match value.as_array().filter(|list| list.len() <= MAX_IGNORED) {
                     Some(list) => {
                         for (index, value) in list.iter().enumerate() {
@@ -269,7 +284,7 @@ impl Reader {
                 _ if !is_meaning(name) => {
                     let detail = format!(
                         "{name:?} is no meaning of a column: q1_deg … (or _rad), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or decimal, \
-                         separator, header_row, comments, ignore, sheet, robot, instrument, join",
+                         separator, header_row, comments, ignore, sheet, joint_unit, position_unit, robot, instrument, join",
                         PLAIN.join(", ")
                     );
                     self.checker.note(&pointer, "unknown_meaning", detail);
@@ -282,6 +297,21 @@ impl Reader {
                 }
             }
         }
+    }
+
+    fn unit(
+        &mut self,
+        value: &Value,
+        pointer: &str,
+        units: &[&'static str],
+    ) -> Option<&'static str> {
+        let found = value
+            .as_str()
+            .and_then(|text| units.iter().find(|unit| **unit == text));
+        if found.is_none() {
+            self.wrong(pointer, &format!("one of {}", units.join(", ")));
+        }
+        found.copied()
     }
 
     fn column(&mut self, value: &Value, pointer: &str) -> Option<ColumnRef> {

@@ -2,7 +2,7 @@
 
 use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, PreviousSession, VerifySource};
-pub use crate::calibration::request::{CorrectionsChoice, FinalFit, Method, Model, Preset};
+pub use crate::calibration::request::{After, CorrectionsChoice, FinalFit, Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
@@ -29,6 +29,8 @@ pub enum Kind {
     Identify,
     /// Scores a parameter set on all points; identifies nothing.
     Verify,
+    /// Says from five to ten configurations, or more, whether the released set still holds; identifies nothing.
+    Check,
 }
 
 impl Kind {
@@ -37,7 +39,13 @@ impl Kind {
         match self {
             Self::Identify => "identify",
             Self::Verify => "verify",
+            Self::Check => "check",
         }
+    }
+
+    /// True if a job of this kind scores a parameter set and identifies nothing.
+    pub fn scores(self) -> bool {
+        self != Self::Identify
     }
 }
 
@@ -50,8 +58,8 @@ pub struct JobRequestBody {
     /// Kind of job.
     #[serde(default)]
     pub kind: Kind,
-    /// `kind: verify`: the parameter set to score; default: the active one, else the nominal robot. `kind: identify`: the one whose
-    /// session to compare with; default: the robot's last from another upload.
+    /// `kind: verify`: the parameter set to score; default: the active one, else the nominal robot. `kind: check`: the one to check; default: the
+    /// active one. `kind: identify`: the one whose session to compare with; default: the robot's last from another upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_id: Option<String>,
     /// Method of identification.
@@ -103,6 +111,9 @@ pub struct JobRequestBody {
     /// Search options.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub options: Option<OptionsBody>,
+    /// `kind: check`: what happened to the robot before; what it may have changed is suspected first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after: Option<After>,
 }
 
 /// Where the verify points come from.
@@ -164,6 +175,7 @@ impl JobRequestBody {
             corrections: None,
             payload: None,
             options: None,
+            after: None,
         }
     }
 
@@ -253,31 +265,39 @@ impl JobRequestBody {
                 "model \"complete\" identifies base and targets itself: leave frames_id out, or ask for model \"paper\"",
             );
         }
-        if self.kind == Kind::Verify {
-            if self.verify.is_some() {
-                unused(
+        if self.kind.scores() {
+            let kind = self.kind.as_str();
+            let given = [
+                (
+                    self.verify.is_some(),
                     "/verify",
-                    "kind \"verify\" scores all points of measurement_set_id: leave verify out",
-                );
-            }
-            if self.parameters.is_some() {
-                unused(
+                    "scores all points of measurement_set_id: leave verify out",
+                ),
+                (
+                    self.parameters.is_some(),
                     "/parameters",
-                    "kind \"verify\" identifies nothing: leave parameters out",
-                );
-            }
-            if self.payload.is_some() {
-                unused(
+                    "identifies nothing: leave parameters out",
+                ),
+                (
+                    self.payload.is_some(),
                     "/payload",
-                    "kind \"verify\" scores the robot with what it carried when it was identified: leave payload out",
-                );
-            }
-            if self.network_id.is_some() {
-                unused(
+                    "scores the robot with what it carried when it was identified: leave payload out",
+                ),
+                (
+                    self.network_id.is_some(),
                     "/network_id",
-                    "kind \"verify\" identifies nothing: leave network_id out",
-                );
+                    "identifies nothing: leave network_id out",
+                ),
+            ];
+            for (_, pointer, detail) in given.iter().filter(|(is_given, ..)| *is_given) {
+                unused(pointer, &format!("kind \"{kind}\" {detail}"));
             }
+        }
+        if self.after.is_some() && self.kind != Kind::Check {
+            unused(
+                "/after",
+                "only kind \"check\" asks what happened before: ask for it, or leave after out",
+            );
         }
         if self.residual_network_id.is_some() && !self.may_train_residual_network() {
             unused(

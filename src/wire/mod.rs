@@ -6,6 +6,7 @@
 pub mod angle;
 pub mod bounds;
 pub mod canonical;
+pub mod check;
 pub mod columns;
 pub mod compensate;
 pub mod corrections;

@@ -1,11 +1,34 @@
 //! Parts of a `multipart/form-data` body (RFC 7578). The body is stored as it came, so it is read from the stored bytes again, without a runtime.
 
 use crate::wire::Invalid;
+use utoipa::ToSchema;
 
 /// Most parts of an upload: two files and a mapping, and one to spare.
 const MAX_PARTS: usize = 4;
 /// Longest headers of a part, bytes.
 const MAX_HEADERS: usize = 4096;
+
+/// The bytes of a file, for the document: a list of numbers would be a list of numbers to generated clients.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+pub struct FileBytes(#[expect(dead_code)] Vec<u8>);
+
+/// The parts of a form, for the document: `robot` and `instrument`, or `table`, and perhaps `columns`.
+#[derive(ToSchema)]
+#[expect(dead_code)]
+pub struct UploadForm {
+    /// The robot's file of two.
+    #[schema(value_type = Option<String>, format = Binary)]
+    robot: Option<Vec<u8>>,
+    /// The instrument's file of two.
+    #[schema(value_type = Option<String>, format = Binary)]
+    instrument: Option<Vec<u8>>,
+    /// The only file.
+    #[schema(value_type = Option<String>, format = Binary)]
+    table: Option<Vec<u8>>,
+    /// What the columns mean: a mapping in JSON.
+    columns: Option<String>,
+}
 
 /// One part.
 #[derive(Clone, Debug, PartialEq, Eq)]

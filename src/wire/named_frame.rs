@@ -1,6 +1,6 @@
 //! Work frames and tools of a robot, kept under a name.
 
-use crate::compensation::{FixturePoint, Unfit, WorkFrame};
+use crate::compensation::{FixturePoint, WorkFrame, WorkFrameError};
 use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
@@ -161,7 +161,7 @@ impl WorkFrameBody {
                 measured_mm: p.measured_mm.into(),
             })
             .collect();
-        WorkFrame::measured(&points, self.std_mm.unwrap_or(0.0)).map_err(|unfit: Unfit| {
+        WorkFrame::measured(&points, self.std_mm.unwrap_or(0.0)).map_err(|unfit: WorkFrameError| {
             Invalid::at("/points", "points_give_no_frame", unfit.to_string())
         })
     }

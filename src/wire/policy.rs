@@ -1,11 +1,36 @@
 //! Release policy of a robot.
 
 use crate::wire::issue::{Checker, Invalid};
+use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// Largest tolerance, mm: calibration does not help a robot with larger errors.
 const MAX_TOLERANCE_MM: f64 = 1_000.0;
+
+/// How a figure is compared with the tolerance: the decision rules of ILAC-G8:09/2019 and JCGM 106:2012, which ISO/IEC 17025 asks to be stated.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum DecisionRule {
+    /// The figure alone must be within the tolerance.
+    SimpleAcceptance,
+    /// The figure plus its expanded uncertainty (95 %) must be.
+    #[default]
+    GuardedAcceptance,
+}
+
+impl DecisionRule {
+    /// Its name in JSON and in the database.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::SimpleAcceptance => "simple_acceptance",
+            Self::GuardedAcceptance => "guarded_acceptance",
+        }
+    }
+}
 
 /// A robot's policy. Gates that always hold are not part of it: errors on verify points improved on nominal and on the active set, no session
 /// in which the set was no better than nominal, an identity that is not contradicted, plausible changes.
@@ -16,6 +41,9 @@ pub struct PolicyBody {
     #[serde(default)]
     #[schema(exclusive_minimum = 0, maximum = 1000)]
     pub tolerance_mm: Option<f64>,
+    /// How the rms on verify points is compared with it. A policy that an older version stored has `simple_acceptance`.
+    #[serde(default)]
+    pub decision_rule: DecisionRule,
     /// Another measuring session must have verified the set.
     #[serde(default)]
     pub independent_session_required: bool,

@@ -1,5 +1,6 @@
 //! The shape of a report.
 
+use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
 use serde::{Deserialize, Serialize};
@@ -87,6 +88,9 @@ pub struct Report {
     /// beyond chance; absent if there was no session to compare with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<Vec<ChangeReport>>,
+    /// Whether the released set still holds; only of jobs of kind check.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub check: Option<CheckReport>,
     /// Strength of the verification.
     pub evidence: Evidence,
     /// Warnings.

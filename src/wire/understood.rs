@@ -67,6 +67,12 @@ pub struct JoinBody {
     /// By time: the robot's clock minus the instrument's, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock_offset_s: Option<f64>,
+    /// True if names were compared without signs, spaces and leading zeros, or numbers with names.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub loose_names: bool,
+    /// True if the instrument's file was written faster than twice a second: of each standstill in it one position is taken.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub instrument_log: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Leftovers,
     /// Rows of the instrument's file without a partner.
@@ -181,6 +187,7 @@ impl UnderstoodBody {
             comments: self.comments,
             sheet: self.sheet.clone(),
             is_complete: true,
+            ..Mapping::default()
         }
     }
 }
@@ -192,6 +199,8 @@ impl From<&Join> for JoinBody {
             n_joined: join.n_joined,
             tolerance_s: join.tolerance_s,
             clock_offset_s: join.clock_offset_s,
+            loose_names: join.loose_names,
+            instrument_log: join.instrument_log,
             leftover_robot: Leftovers::from(&join.leftover_robot[..]),
             leftover_instrument: Leftovers::from(&join.leftover_instrument[..]),
         }
@@ -218,6 +227,9 @@ impl JoinBody {
             by: JoinBy::ALL.into_iter().find(|by| by.as_str() == self.by),
             tolerance_s: self.tolerance_s,
             clock_offset_s: self.clock_offset_s,
+            loose_names: self.loose_names,
+            instrument_log: Some(self.instrument_log),
+            refuse_apart: false,
         }
     }
 }

@@ -35,6 +35,8 @@ pub struct Verification {
     pub before_rms_mm: Option<f64>,
     /// rms of the set on the same points, mm.
     pub after_rms_mm: Option<f64>,
+    /// Expanded uncertainty of `after_rms_mm` (95 %), mm; none if it cannot be stated, or if an older version found this.
+    pub after_expanded_mm: Option<f64>,
     /// Whether the set's errors are smaller than the nominal robot's.
     pub is_better: bool,
     /// Whether the points fit the robot.

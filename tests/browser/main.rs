@@ -13,6 +13,7 @@ mod fleet;
 mod hall;
 mod reach;
 mod trouble;
+mod walk;
 
 use browser::{Browser, Driver, Look, Picture};
 use hall::{Plant, data};
@@ -86,7 +87,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             "row, line, column and what stands there: {fault}"
         );
         browser
-            .picture("upload-fault", Picture::Element("section.card"))
+            .picture("upload-fault", Picture::Element("#calibrate"))
             .await;
 
         browser
@@ -96,7 +97,7 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
             .until_it_says("100 points in 100 configurations")
             .await;
         browser
-            .picture("upload", Picture::Element("section.card"))
+            .picture("upload", Picture::Element("#calibrate"))
             .await;
         browser
             .button("Start calibration")
@@ -266,6 +267,8 @@ fn what_the_service_says_stands_on_the_pages() {
                 .get(&format!("/v1/robots/{robot}/history?limit=1"))
         });
         let detail = history["trend"]["detail"].as_str().unwrap();
+        // as the dashboard says it
+        let detail = detail.replace(" with jobs of kind verify", " by verifications");
         assert_eq!(
             history["trend"]["days_to_limit"],
             Value::Null,
@@ -273,7 +276,8 @@ fn what_the_service_says_stands_on_the_pages() {
         );
         let shown = fact(browser, "Next calibration").await;
         assert!(
-            shown.contains("cannot be said yet") && shown.contains(detail),
+            shown.contains("cannot be said yet")
+                && shown.to_lowercase().contains(&detail.to_lowercase()),
             "{shown}: {detail}"
         );
 
@@ -344,7 +348,7 @@ fn what_the_service_says_stands_on_the_pages() {
             .await
             .unwrap();
         assert!(
-            told.contains("How strong the verification is, no: only points of the same upload"),
+            told.contains("The verification is not strong enough: only points of the same upload"),
             "{told}"
         );
         browser
@@ -362,7 +366,7 @@ fn what_the_service_says_stands_on_the_pages() {
                 .text()
                 .await
                 .unwrap()
-                .contains("How strong the verification is: ")
+                .contains("The verification is not strong enough: ")
         );
         browser.button("Not now").await.click().await.unwrap();
         browser.assert_quiet(&[409]).await;

@@ -21,6 +21,7 @@ mod partial;
 mod planning;
 mod poses;
 mod priors;
+mod quick_check;
 mod real_robots;
 mod repeatability;
 mod robot_models;

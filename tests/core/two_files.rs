@@ -236,3 +236,169 @@ fn a_fault_names_its_file() {
         "{issue:?}"
     );
 }
+
+const LOG: &str = "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n";
+
+/// A robot's file with the points `name(1)` …, each with joint 1 at its number.
+fn log(n: usize, name: impl Fn(usize) -> String) -> String {
+    let rows = (1..=n).map(|i| format!("{},{i},2,3,4,5,6\n", name(i)));
+    LOG.to_owned() + &rows.collect::<String>()
+}
+
+/// An instrument's file with x at ten times the point's number, 100 mm apart in y.
+fn export(header: &str, n: usize, name: impl Fn(usize) -> String) -> String {
+    let rows = (1..=n).map(|i| format!("{},{},{},3\n", name(i), 10 * i, 100 * i));
+    format!("{header},x_mm,y_mm,z_mm\n") + &rows.collect::<String>()
+}
+
+fn belongs(robot: &str, instrument: &str, n: usize) -> JoinedFiles {
+    let body = form(robot.as_bytes(), instrument.as_bytes());
+    let (set, reading) = read(&body, "").unwrap_or_else(|e| panic!("{e:?}\n{instrument}"));
+    assert_eq!(set.points.len(), n);
+    for point in &set.points {
+        let number = point.q_rad[0].to_degrees();
+        assert!((10.0 * number - point.position_mm.x).abs() < ROUNDING * 100.0);
+    }
+    let reading = reading.unwrap();
+    let json = serde_json::to_string(&reading).unwrap();
+    let again = from_upload(BOUNDARY, Some(&json), &body, Frame::Base, 6).unwrap();
+    assert!(again == set);
+    reading.joined.unwrap()
+}
+
+#[test]
+fn one_name_with_positions_far_apart_is_refused() {
+    let p = |i: usize| format!("P{i}");
+    let robot = log(12, p);
+    let twice = |row: &str| export("Name", 12, p) + row;
+    // the same group measured again
+    let body = form(robot.as_bytes(), twice("P3,30.01,300,3\n").as_bytes());
+    assert_eq!(read(&body, "").unwrap().0.points.len(), 13);
+    // a reference with the name of a point, and a second reflector
+    let (code, detail) = refusal(&robot, &twice("P3,5000,2,3\n"), "");
+    assert_eq!(code, "duplicate_name");
+    assert!(detail.contains("lines 4 and 14"), "{detail}");
+    let with_target = twice("P3,5000,2,3\n")
+        .replace("\nP", ",0\nP")
+        .replace("z_mm,0", "z_mm,target");
+    let with_target = with_target.replace("P3,5000,2,3\n", "P3,5000,2,3,1\n");
+    let body = form(robot.as_bytes(), with_target.as_bytes());
+    assert_eq!(read(&body, "").unwrap().0.points.len(), 13, "{with_target}");
+}
+
+#[test]
+fn names_that_differ_in_signs_and_zeros_are_one() {
+    let robot = log(12, |i| format!("P{i}"));
+    for name in ["P_0", "p 00", "P-"] {
+        let found = belongs(&robot, &export("Name", 12, |i| format!("{name}{i}")), 12);
+        assert!(found.join.loose_names, "{name}");
+    }
+    let foreign = export("Target", 12, |i| format!("P{i}"));
+    let foreign = foreign.replace("x_mm,y_mm,z_mm", "X [mm],Y [mm],Z [mm]");
+    let found = belongs(&robot, &foreign, 12);
+    assert!(!found.join.loose_names);
+    assert_eq!(found.instrument.columns[0].means, "name");
+    let found = belongs(&robot, &export("PointID", 11, |i| format!("P{i}")), 11);
+    assert_eq!(found.join.leftover_robot.n, 1);
+    // one file numbers what the other names
+    let numbered = log(12, |i| i.to_string()).replace("Point,", "No.,");
+    let found = belongs(&numbered, &export("Name", 12, |i| format!("{i:03}")), 12);
+    assert!(found.join.loose_names);
+    let (_, detail) = refusal(&robot, &export("Name", 12, |i| format!("Point {i}")), "");
+    assert!(
+        detail.contains("\"P1\", \"P2\"") && detail.contains("\"Point 1\""),
+        "{detail}"
+    );
+    // P1_2 is not P12
+    let parts = log(2, |i| format!("P1_{i}"));
+    let (code, _) = refusal(&parts, &export("Name", 2, |i| format!("P1{i}")), "");
+    assert_eq!(code, "join_unclear");
+}
+
+#[test]
+fn exchanged_and_single_files_are_told_so() {
+    let p = |i: usize| format!("P{i}");
+    let (robot, instrument) = (log(3, p), export("Name", 3, p));
+    for (first, second) in [
+        (&instrument, &robot),
+        (&robot, &robot),
+        (&instrument, &instrument),
+    ] {
+        let (_, detail) = refusal(first, second, "");
+        assert!(detail.contains("exchanged"), "{detail}");
+    }
+    for file in [&robot, &instrument] {
+        let columns = ColumnsBody::default();
+        let upload = Upload {
+            content_type: "text/csv",
+            bytes: file.as_bytes(),
+            columns: &columns,
+            decimal: None,
+            rotation: None,
+            frame: Frame::Base,
+        };
+        let error = from_file(&upload, 6).unwrap_err();
+        assert_eq!(error.issues.len(), 1);
+        assert!(
+            error.issues[0].detail.contains("give both files"),
+            "{error:?}"
+        );
+    }
+}
+
+#[test]
+fn times_of_half_a_day_and_dates_with_slashes_are_read_where_they_have_one_meaning() {
+    let robot = |date: &dyn Fn(usize) -> &'static str| {
+        let rows = (1..=8).map(|i| {
+            format!(
+                "{}1:{:02}:{:02} PM,{i},2,3,4,5,6\n",
+                date(i),
+                7 * i,
+                i * i % 60
+            )
+        });
+        LOG.replace("Point", "Time") + &rows.collect::<String>()
+    };
+    let rows = (1..=8).map(|i| {
+        format!(
+            "13:{:02}:{:02},{},{},3\n",
+            7 * i,
+            i * i % 60,
+            10 * i,
+            100 * i
+        )
+    });
+    let instrument = "Time,x_mm,y_mm,z_mm\n".to_owned() + &rows.collect::<String>();
+    assert_eq!(belongs(&robot(&|_| ""), &instrument, 8).join.by, "time");
+    assert_eq!(
+        belongs(&robot(&|_| "03/04/2026 "), &instrument, 8).join.by,
+        "time"
+    );
+    let two_days = robot(&|i| if i < 5 { "03/04/2026 " } else { "03/05/2026 " });
+    let (code, detail) = refusal(&two_days, &instrument, "");
+    assert_eq!(code, "not_a_time");
+    assert!(detail.contains("slashes"), "{detail}");
+}
+
+#[test]
+fn of_an_instruments_log_the_standstills_count() {
+    // ten times a second: a second of motion, then a standstill, each of another length
+    let (mut robot, mut stream) = (
+        LOG.replace("Point", "time [s]"),
+        "time [s],x_mm,y_mm,z_mm\n".to_owned(),
+    );
+    let mut tenths = 0;
+    for i in 1..=8_i32 {
+        for step in 0..40 + 7 * i % 19 {
+            let part = f64::from(step.min(10)) / 10.0;
+            let at = f64::from(i - 1) + part;
+            let time_s = f64::from(tenths) / 10.0;
+            robot += &format!("{time_s:.1},{at},2,3,4,5,6\n");
+            stream += &format!("{:.1},{},{},3\n", time_s + 500.0, 10.0 * at, 100.0 * at);
+            tenths += 1;
+        }
+    }
+    let found = belongs(&robot, &stream, 8);
+    assert!(found.join.instrument_log);
+    assert_eq!(found.join.leftover_instrument.n, 0);
+}

@@ -4,8 +4,8 @@ use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, anchored_robot, limited, measure, poses, true_robot};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::compensation::{
-    Base, Compensation, FixturePoint, Mode, Status, Tool, ToolError, ToolPoint, Unfit, Wanted,
-    WorkFrame,
+    Base, Compensation, FixturePoint, Mode, Status, Tool, ToolError, ToolGoal, ToolPoint,
+    WorkFrame, WorkFrameError,
 };
 use kincal::identification::KinematicModel;
 use kincal::identification::parameters::rotation_exp;
@@ -122,7 +122,7 @@ fn the_uncertainty_of_a_tool_is_that_of_predictions_and_of_simulated_robots() {
                 estimate
                     .uncertainty
                     .position_std_mm(&estimate.model, &estimate.parameters, &q, 0);
-            let std_mm = error.std_mm(&q, Wanted::Fixed);
+            let std_mm = error.std_mm(&q, ToolGoal::Fixed);
             assert!(
                 (std_mm / by_derivative - 1.0).abs() < 1e-4,
                 "{std_mm} {by_derivative}"
@@ -130,7 +130,7 @@ fn the_uncertainty_of_a_tool_is_that_of_predictions_and_of_simulated_robots() {
             // corrected joint targets of the reflector, in the robot's own base
             let tool = Tool::Target(report.targets_mm[0]);
             let corrected = compensation.correct(&q, &tool, Mode::Position);
-            let std_mm = in_base.std_mm(&corrected.q_controller_rad, Wanted::AsNominal(&q));
+            let std_mm = in_base.std_mm(&corrected.q_controller_rad, ToolGoal::AsNominal(&q));
             stated += std_mm * std_mm;
             let real = Compensation::new(&nominal, &truth.links);
             let p = Point3::from(real.p_anchored_mm(&truth.targets_mm[0]));
@@ -198,9 +198,12 @@ fn points_that_give_no_frame_are_told() {
         measured_mm: Vector3::new(x, y, 10.0),
     };
     let two = [point(0.0, 0.0), point(100.0, 0.0)];
-    assert_eq!(WorkFrame::measured(&two, 0.0), Err(Unfit::TooFew));
+    assert_eq!(WorkFrame::measured(&two, 0.0), Err(WorkFrameError::TooFew));
     let on_a_line = [point(0.0, 0.0), point(100.0, 0.1), point(200.0, 0.0)];
-    assert_eq!(WorkFrame::measured(&on_a_line, 0.0), Err(Unfit::OnALine));
+    assert_eq!(
+        WorkFrame::measured(&on_a_line, 0.0),
+        Err(WorkFrameError::OnALine)
+    );
 }
 
 /// A cell: base error 0.5 mm, a fixture measured with the tracker, a tool with orientation. Twenty robots, ten targets each, scored by the true

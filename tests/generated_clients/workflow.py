@@ -1,6 +1,7 @@
 """The whole workflow by the client that openapi-python-client makes: robot, upload, job, wait, report, release."""
 
 import csv
+import io
 import json
 import os
 import sys
@@ -16,7 +17,9 @@ from kincal_client.models import (
     ReleaseBody,
     RobotBody,
     RobotPatchBody,
+    UploadForm,
 )
+from kincal_client.types import File
 
 
 def need(answer, kind):
@@ -46,6 +49,18 @@ with open(set_file, newline="") as file:
         points.append(point)
 body = MeasurementSetBody.from_dict({"frame": "base", "points": points})
 uploaded = need(create_measurement_set.sync(robot.id, client=client, body=body), "SetSummary")
+
+# the same points as two files, which are joined by the points' names
+joints = "\n".join(f"P{i}," + ",".join(map(str, point["q_deg"])) for i, point in enumerate(points))
+positions = "\n".join(f"P{i}," + ",".join(map(str, point["position_mm"])) for i, point in enumerate(points))
+log = "Point," + ",".join(f"J{joint + 1} [deg]" for joint in range(n)) + "\n" + joints
+form = UploadForm(
+    robot=File(payload=io.BytesIO(log.encode()), file_name="log.csv"),
+    instrument=File(payload=io.BytesIO(b"Name,X [mm],Y [mm],Z [mm]\n" + positions.encode()), file_name="export.csv"),
+)
+joined = create_measurement_set.sync(robot.id, client=client, body=form, idempotency_key="two-files")
+joined = need(joined, "SetSummary")
+assert joined.joined.join.n_joined == len(points), joined
 
 request = {"measurement_set_id": uploaded.id, "method": "least_squares"}
 body = JobRequestBody.from_dict(request)

@@ -113,6 +113,15 @@ struct Users<'a> {
     engineer: Person<'a>,
 }
 
+/// A policy as it is stored: the usual decision rule where it names none.
+fn with_rule(policy: &Value) -> Value {
+    let mut policy = policy.clone();
+    if policy["decision_rule"].is_null() {
+        policy["decision_rule"] = json!("guarded_acceptance");
+    }
+    policy
+}
+
 impl<'a> Users<'a> {
     async fn new(app: &'a TestApp) -> Self {
         Self {
@@ -133,7 +142,7 @@ impl<'a> Users<'a> {
                 .put(&format!("{robot}/policy"), policy)
                 .await
                 .ok(200),
-            *policy
+            with_rule(policy)
         );
         robot
     }

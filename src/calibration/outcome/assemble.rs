@@ -361,6 +361,7 @@ pub fn report(
         corrected: corrected.map(|c| corrected_as_delivered(problem, c)),
         corrections: corrections.map(|c| c.evidence),
         repeatability,
+        quick_check: None,
         network: answer.network,
     };
     report.warnings = verdict::warnings(&report, &problem.request.robot.links, fit);

@@ -144,11 +144,11 @@ fn check_determined(
     parameters: &[Parameter],
 ) -> Result<(), Error> {
     let names = || {
-        parameters
-            .iter()
-            .map(Parameter::name)
-            .collect::<Vec<_>>()
-            .join(", ")
+        let names: Vec<_> = parameters.iter().map(Parameter::name).collect();
+        match names.len().saturating_sub(MAX_NAMED) {
+            0 => names.join(", "),
+            more => format!("{} and {more} more", names[..MAX_NAMED].join(", ")),
+        }
     };
     let n_targets = n_targets(request);
     // one pose for each target shows whether anything is seen at all
@@ -179,6 +179,9 @@ fn check_determined(
     }
     Ok(())
 }
+
+/// Most parameters that a refusal names.
+const MAX_NAMED: usize = 8;
 
 /// Share of new configurations that the identify subset gets.
 fn identify_share(request: &CalibrationRequest) -> f64 {

@@ -3,6 +3,7 @@
 pub mod coverage;
 pub mod errors;
 pub mod fit;
+pub mod quick_check;
 pub mod repeatability;
 pub mod repeated_rows;
 pub mod rescoring;
@@ -11,3 +12,4 @@ pub mod session_fit;
 pub mod verdict;
 pub mod verification_set;
 pub mod verify;
+pub mod what_next;

@@ -43,23 +43,12 @@ impl RobustComparison {
 /// Compares by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
 /// none).
 pub fn robust_comparison(points: &[[f64; 3]]) -> RobustComparison {
-    let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
-    let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
-    // what is wrong with a point is as wrong for either robot; by how much their own errors differ there, counts
-    let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
-    let is_outlier = |point: &&[f64; 3]| {
-        let is_far = point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
-        is_far && (1..3).all(|of| (point[of] - point[0]).abs() <= alike_mm)
-    };
-    let n_outliers = points.iter().filter(is_outlier).count();
-    let n_set_aside = if points.len() >= FEWEST && n_outliers <= points.len().div_ceil(ONE_IN) {
-        n_outliers
-    } else {
-        0
-    };
+    let is_set_aside = set_aside(points);
     let counted: Vec<&[f64; 3]> = points
         .iter()
-        .filter(|point| n_set_aside == 0 || !is_outlier(point))
+        .zip(&is_set_aside)
+        .filter(|(_, aside)| !**aside)
+        .map(|(point, _)| point)
         .collect();
     let rms = |of: usize| {
         (counted
@@ -71,9 +60,42 @@ pub fn robust_comparison(points: &[[f64; 3]]) -> RobustComparison {
     };
     let (links, corrected) = (rms(1), rms(2));
     RobustComparison {
-        n_set_aside,
+        n_set_aside: points.len() - counted.len(),
         before_rms_mm: rms(0),
         after_rms_mm: if corrected > links { corrected } else { links },
+    }
+}
+
+/// Each point's error of the other robot as it counts in `after_rms_mm`, mm; `None` where the point is set aside.
+pub fn after_errors_mm(points: &[[f64; 3]]) -> Vec<Option<f64>> {
+    let is_set_aside = set_aside(points);
+    let sum = |of: usize| -> f64 {
+        let counted = points
+            .iter()
+            .zip(&is_set_aside)
+            .filter(|(_, aside)| !**aside);
+        counted.map(|(point, _)| point[of] * point[of]).sum()
+    };
+    let of = if sum(2) > sum(1) { 2 } else { 1 };
+    let own = |(point, aside): (&[f64; 3], &bool)| (!*aside).then_some(point[of]);
+    points.iter().zip(&is_set_aside).map(own).collect()
+}
+
+/// Which points both robots miss by far, so that they do not count.
+fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
+    let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
+    let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
+    // what is wrong with a point is as wrong for either robot; by how much their own errors differ there, counts
+    let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
+    let is_outlier = |point: &[f64; 3]| {
+        let is_far = point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);
+        is_far && (1..3).all(|of| (point[of] - point[0]).abs() <= alike_mm)
+    };
+    let outliers: Vec<bool> = points.iter().map(is_outlier).collect();
+    let n_outliers = outliers.iter().filter(|outlier| **outlier).count();
+    match points.len() >= FEWEST && n_outliers <= points.len().div_ceil(ONE_IN) {
+        true => outliers,
+        false => vec![false; points.len()],
     }
 }
 

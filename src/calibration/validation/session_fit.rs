@@ -47,6 +47,11 @@ pub fn times_worse(session_mm: f64, identified_mm: f64, links: &[Link]) -> Optio
     (times >= WORSE).then_some(times)
 }
 
+/// The error from which on [`times_worse`] has a word, mm.
+pub fn least_worth_a_word_mm(identified_mm: f64, links: &[Link]) -> f64 {
+    WORSE * identified_mm.max(FINEST * reach_mm(links))
+}
+
 /// How they fit. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with corrections.
 pub fn session_fit(
     errors_mm: &[[f64; 3]],

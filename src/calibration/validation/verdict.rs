@@ -96,7 +96,7 @@ impl Verdict {
             Fit::SetFarOff => (
                 SET_FAR_OFF,
                 format!(
-                    "on these points the calibrated robot misses by {after:.4} mm rms while the nominal robot fits ({before:.4} mm){at_identification}: the \
+                    "on these points the calibrated robot misses by {after:.4} mm rms, the nominal robot by {before:.4} mm{at_identification}: the \
                      robot has changed, or the parameter set holds only near the poses that it was identified from"
                 ),
             ),

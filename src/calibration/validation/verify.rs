@@ -273,6 +273,11 @@ fn base_hidden_because(
     }
 }
 
+/// Whether base and targets are placed anew for the request's points, whatever moved while they were measured.
+pub fn is_placed_anew(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> bool {
+    n_refitted(request, identified) > 0
+}
+
 fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
     let n_targets = request.set.n_targets();
     let is_placed = match identified {
@@ -438,6 +443,7 @@ fn report(
         corrected: scored.corrected.and_then(|robot| robot.corrected),
         corrections: None,
         repeatability: None,
+        quick_check: None,
         network: None,
     }
 }

@@ -155,11 +155,69 @@ pub fn forms() -> Vec<Habit> {
             "wrong_cell_count",
             "decimal comma",
         ),
+        taken(
+            "separators of thousands that can be read in one way",
+            Written {
+                separator: ";",
+                length: |v| {
+                    let text = format!("{:.4}", v.abs());
+                    let (whole, fraction) = text.split_once('.').unwrap();
+                    let sign = if v < 0.0 { "\u{2212}" } else { "" };
+                    match whole.len() {
+                        4 => format!("{sign}{}\u{a0}{},{fraction}", &whole[..1], &whole[1..]),
+                        _ => format!("{sign}{whole},{fraction}"),
+                    }
+                },
+                angle: four_with_comma,
+                ..plain()
+            }
+            .text(),
+        ),
+        taken(
+            "points that separate thousands, before a decimal comma",
+            Written {
+                separator: ";",
+                length: |v| {
+                    let text = format!("{v:.4}");
+                    let (whole, fraction) = text.split_once('.').unwrap();
+                    match whole.trim_start_matches('-').len() {
+                        4 => {
+                            let at = whole.len() - 3;
+                            format!("{}.{},{fraction}", &whole[..at], &whole[at..])
+                        }
+                        _ => format!("{whole},{fraction}"),
+                    }
+                },
+                angle: four_with_comma,
+                ..plain()
+            }
+            .text(),
+        ),
+        refused(
+            "a row of statistics",
+            Written {
+                header: std::iter::once("Point".to_owned())
+                    .chain(own_header())
+                    .collect(),
+                front: |r| vec![format!("P{r}")],
+                ..Written::default()
+            }
+            .text()
+                + "Mean,0,0,0,0,0,0,1,2,3\n",
+            "summary_row",
+            "\"Mean\"",
+        ),
+        refused(
+            "nothing measured in one row",
+            Written::default().text() + "1,2,3,4,5,6,n/a,n/a,n/a\n",
+            "not_a_number",
+            "remove the row",
+        ),
         refused(
             "separators of thousands",
             Written {
                 separator: ";",
-                length: |v| format!("{:.0},{:03}.5", v / 1000.0, 17),
+                length: |v| format!("{:.0},{:02}.5", v / 1000.0, 17),
                 ..plain()
             }
             .text(),

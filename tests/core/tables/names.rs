@@ -130,8 +130,69 @@ pub fn names() -> Vec<Habit> {
             "joints without units",
             named(|j| format!("A{j}"), MM).text(),
             "missing_unit",
-            "\"q1_deg\": \"A1\"",
-            by_header(&header(|j| format!("A{j}"), MM), "deg", "mm"),
+            "\"joint_unit\"",
+            "\"joint_unit\": \"deg\"",
+        ),
+        asked(
+            "units of all columns stated at once",
+            Written {
+                header: header(|j| format!("J{j}"), ["X", "Y", "Z"]),
+                angle: rad,
+                length: |v| (v / 1000.0).to_string(),
+                ..Written::default()
+            }
+            .text(),
+            "missing_unit",
+            "(--joint-unit deg, --joint-unit rad)",
+            "\"joint_unit\": \"rad\", \"position_unit\": \"m\"",
+        ),
+        taken(
+            "the axes of Yaskawa with units",
+            Written {
+                header: ["S", "L", "U", "R", "B", "T"]
+                    .map(|axis| format!("{axis} [deg]"))
+                    .into_iter()
+                    .chain(MM.map(str::to_owned))
+                    .collect(),
+                ..Written::default()
+            }
+            .text(),
+        ),
+        taken(
+            "actual_q of Universal Robots is in radians",
+            Written {
+                header: header(|j| format!("actual_q_{}", j - 1), MM),
+                angle: rad,
+                ..Written::default()
+            }
+            .text(),
+        ),
+        taken(
+            "the unit of lengths above the header",
+            format!(
+                "Format Version,1.23,Take Name,a,Length Units,Meters\n\n{}",
+                Written {
+                    header: header(DEG, ["X", "Y", "Z"]),
+                    length: |v| (v / 1000.0).to_string(),
+                    ..Written::default()
+                }
+                .text()
+            ),
+        ),
+        refused(
+            "the unit of lengths above a quaternion",
+            format!(
+                "Format Version,1.23,Take Name,a,Length Units,Meters\n,,Rotation,Rotation\n{}",
+                named(DEG, ["X", "Y", "Z"]).text()
+            ),
+            "missing_unit",
+            "column X has no unit",
+        ),
+        refused(
+            "nominal positions only, in names with spaces",
+            named(DEG, ["Nominal X [mm]", "Nominal Y [mm]", "Nominal Z [mm]"]).text(),
+            "missing_column",
+            "give both files",
         ),
         asked(
             "radians without a unit",
@@ -154,7 +215,7 @@ pub fn names() -> Vec<Habit> {
             }
             .text(),
             "missing_unit",
-            "column X has no unit",
+            "column S has no unit",
             by_header(&letters, "deg", "mm"),
         ),
         asked(

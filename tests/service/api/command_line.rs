@@ -249,7 +249,7 @@ async fn what_goes_wrong_says_what_to_do_next() {
                 "par_0",
             ],
             2,
-            "give --verify with it",
+            "give --verify or --check with it",
         ),
         (vec!["params", "--gates"], 2, "<ID>"),
         (vec!["key", "revoke"], 2, "--name NAME"),

@@ -231,9 +231,9 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
         code == 2 && stderr.contains("the identified robot's already"),
         "{code}: {stderr}"
     );
-    // joint values may begin with a minus, so options stand before them
+    // joint values may begin with a minus, and options stand behind them
     let postures = ["10,-20,30,0,45,0", "-5,0,0,0,0,0"];
-    let arguments = [&["predict", &first, "--json"][..], &postures].concat();
+    let arguments = [&["predict", &first][..], &postures, &["--json"]].concat();
     let predicted: Value = serde_json::from_str(&out(&app, key, &arguments).await).unwrap();
     assert_eq!(predicted["position_mm"].as_array().unwrap().len(), 2);
     let content = out(&app, key, &["params", &first, "--content"]).await;

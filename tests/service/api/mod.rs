@@ -4,6 +4,7 @@ mod archive;
 mod auth;
 
 mod bounds;
+mod cell_files;
 mod cell_pc;
 mod check_robot;
 mod closed_loop;
@@ -32,6 +33,7 @@ mod patch_robots;
 mod pose_plans;
 mod poses;
 mod problems;
+mod quick_check;
 mod release;
 mod report_page;
 mod residual_networks;

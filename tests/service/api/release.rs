@@ -538,7 +538,7 @@ async fn repeats_of_a_good_session_do_not_displace_a_bad_one() {
 async fn a_policy_is_stored_checked_and_read_back() {
     let app = TestApp::spawn().await;
     let path = format!("{}/policy", app.paper_robot().await);
-    let asks_nothing = json!({"tolerance_mm": null, "independent_session_required": false, "second_person_required": false});
+    let asks_nothing = json!({"tolerance_mm": null, "decision_rule": "guarded_acceptance", "independent_session_required": false, "second_person_required": false});
     assert_eq!(app.get(&path).await.ok(200), asks_nothing);
     let put = async |body: Value| {
         let request = app
@@ -547,7 +547,7 @@ async fn a_policy_is_stored_checked_and_read_back() {
             .body(body.to_string());
         Answer::of(request).await
     };
-    let strict = json!({"tolerance_mm": 0.25, "independent_session_required": true, "second_person_required": true});
+    let strict = json!({"tolerance_mm": 0.25, "decision_rule": "simple_acceptance", "independent_session_required": true, "second_person_required": true});
     assert_eq!(put(strict.clone()).await.ok(200), strict);
     assert_eq!(app.get(&path).await.ok(200), strict);
     for wrong in [0.0, -1.0, 1e6] {

@@ -317,7 +317,7 @@ fn the_command_line_takes_mappings_two_files_and_the_standard_input() {
     let told = String::from_utf8_lossy(&asked.stderr).into_owned();
     assert_eq!(asked.status.code(), Some(2), "{told}");
     assert!(
-        told.contains("column A1 has no unit") && told.contains("--columns"),
+        told.contains("column A1 has no unit") && told.contains("--joint-unit"),
         "{told}"
     );
 }

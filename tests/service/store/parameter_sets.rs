@@ -7,6 +7,7 @@ use kincal::store::{
     ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases,
     measurement_sets, parameter_sets, policies, robots, verifications,
 };
+use kincal::wire::policy::DecisionRule;
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use std::time::Duration;
@@ -387,6 +388,7 @@ fn the_schema_itself_keeps_the_robots_policy() {
         let candidate = a_candidate(store, &set_row).await;
         let strict = PolicyRow {
             tolerance_mm: Some(0.2),
+            decision_rule: Some(DecisionRule::GuardedAcceptance),
             independent_session_required: 1,
             second_person_required: 1,
             version: 0,
@@ -430,6 +432,47 @@ fn the_schema_itself_keeps_the_robots_policy() {
         assert!(error.to_string().contains("policy"), "{error}");
         scored(store, &set_row, &candidate, &good_session()).await;
         write("independent_session", 0.1, "engineer").await.unwrap();
+    });
+}
+
+/// By the guarded rule the uncertainty of a figure counts, and a figure without one is not accepted.
+#[test]
+fn the_schema_itself_counts_the_uncertainty_by_the_guarded_rule() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        for (expanded_mm, rule, is_accepted) in [
+            (Some(0.09), DecisionRule::GuardedAcceptance, true),
+            (Some(0.11), DecisionRule::GuardedAcceptance, false),
+            (None, DecisionRule::GuardedAcceptance, false),
+            (Some(0.11), DecisionRule::SimpleAcceptance, true),
+            (None, DecisionRule::SimpleAcceptance, true),
+        ] {
+            let robot = a_robot(store, "r").await;
+            let set = a_set(store, &robot).await;
+            let candidate = a_candidate(store, &set).await;
+            let policy = PolicyRow {
+                tolerance_mm: Some(0.2),
+                decision_rule: Some(rule),
+                ..PolicyRow::default()
+            };
+            in_transaction(store, async |tx| {
+                policies::put(tx, &robot.id, &policy, "boss").await
+            })
+            .await;
+            let session = Verification {
+                after_expanded_mm: expanded_mm,
+                ..good_session()
+            };
+            scored(store, &set, &candidate, &session).await;
+            let released = sqlx::query(UNCHECKED_UPDATE)
+                .bind(&candidate.id)
+                .bind("independent_session")
+                .bind(0.1)
+                .bind("engineer")
+                .execute(store.readers())
+                .await;
+            assert_eq!(released.is_ok(), is_accepted, "{expanded_mm:?} {rule:?}");
+        }
     });
 }
 
@@ -493,6 +536,7 @@ fn good_session() -> Verification {
         n_points: 50,
         before_rms_mm: Some(1.0),
         after_rms_mm: Some(0.1),
+        after_expanded_mm: Some(0.01),
         is_better: true,
         fit: Fit::Fits,
         evidence: Evidence::IndependentSession,

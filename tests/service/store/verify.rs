@@ -86,6 +86,7 @@ fn as_identified() -> Verification {
         n_points: 50,
         before_rms_mm: Some(1.0),
         after_rms_mm: Some(0.1),
+        after_expanded_mm: Some(0.01),
         is_better: true,
         fit: Fit::SetFarOff,
         evidence: Evidence::SameUpload,
@@ -176,6 +177,7 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
     .await;
     let policy = PolicyRow {
         tolerance_mm: Some(0.1),
+        decision_rule: None,
         independent_session_required: 1,
         second_person_required: 1,
         version: 0,

@@ -54,8 +54,10 @@ impl Suspicion {
     /// What is said where the set is not kept.
     pub fn refusal(&self) -> String {
         format!(
-            "{}. To keep it as it is all the same: ?insist={}, and no release rests on it",
-            self.detail, self.code
+            "{}{} To keep it as it is all the same: ?insist={}, and no release rests on it",
+            self.detail,
+            if self.detail.ends_with('?') { "" } else { "." },
+            self.code
         )
     }
 }

@@ -1,0 +1,388 @@
+//! `kind: "check"`: whether the released set still holds, from a few poses. The points are scored as by a verification; beside that, one test
+//! against what the set's own estimate lets expect, and the changes that it could have seen.
+
+use crate::calibration::method::{After, CheckVerdict};
+use crate::calibration::preparation::observe::observe_to_verify;
+use crate::calibration::quick_check::{
+    CHECK_CANNOT_TELL, CHECK_CHANGED, CheckTest, DetectableChange, LikeliestCause, QuickCheck,
+};
+use crate::calibration::report::{CalibrationReport, DOES_NOT_FIT, Warning};
+use crate::calibration::request::{CalibrationRequest, Estimate};
+use crate::calibration::validation::session_fit::least_worth_a_word_mm;
+use crate::calibration::validation::verdict::{SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
+use crate::calibration::validation::verification_set::n_stations;
+use crate::calibration::validation::verify::{check_verify, is_placed_anew, verify};
+use crate::calibration::validation::what_next::{Found, what_next};
+use crate::calibration::{Error, Monitor, unusable};
+use crate::identification::KinematicModel;
+use crate::identification::changes::{Causes, Change, FALSE_ALARMS};
+use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::objective::Observation;
+use crate::identification::parameters::{Parameter, Quantity};
+use crate::identification::quick_check::{
+    Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
+};
+use crate::identification::start::fit_base_and_targets;
+use crate::kinematics::reach_mm;
+
+/// Fewest configurations of a check.
+pub const FEWEST_CONFIGURATIONS: usize = 5;
+/// The usual number.
+const USUAL_CONFIGURATIONS: usize = 10;
+/// More parameters than these are no explanation.
+const FEW_CAUSES: usize = 3;
+/// Two robots are the same if their targets differ by less than this share of the reach.
+const SAME: f64 = 1e-9;
+
+/// The set that is checked.
+#[derive(Clone, Copy, Debug)]
+pub struct ReleasedSet<'a> {
+    /// Its robot.
+    pub robot: &'a IdentifiedRobot,
+    /// The estimate that was kept with it.
+    pub estimate: Option<&'a Estimate>,
+    /// What happened to the robot before, if somebody said so.
+    pub after: Option<After>,
+}
+
+/// The checks of [`check_released`] that need no fit.
+///
+/// # Errors
+/// As [`check_verify`], and [`Error::Unusable`] with code `under_determined` for too few configurations or several stations.
+pub fn check_quick_check(
+    request: &CalibrationRequest,
+    identified: &KinematicModel,
+) -> Result<(), Error> {
+    let n = request.set.configurations().len();
+    if n < FEWEST_CONFIGURATIONS {
+        let more = FEWEST_CONFIGURATIONS - n;
+        return Err(unusable(
+            "under_determined",
+            format!(
+                "a quick check takes at least {FEWEST_CONFIGURATIONS} arm configurations ({USUAL_CONFIGURATIONS} are usual), and this set has {n}: measure at \
+                 least {more} more, with every joint moving"
+            ),
+        ));
+    }
+    let stations = n_stations(&request.set);
+    if stations > 1 {
+        return Err(unusable(
+            "under_determined",
+            format!(
+                "a quick check takes points from one station of the instrument, and these are from {stations}: upload those of one station, or post a job of \
+                 kind verify"
+            ),
+        ));
+    }
+    check_verify(request, Some(identified))
+}
+
+/// Checks the released set: [`verify`], with the verdict in `quick_check`.
+///
+/// # Errors
+/// As [`check_quick_check`], and [`Error::Cancelled`].
+pub fn check_released(
+    request: &CalibrationRequest,
+    released: &ReleasedSet<'_>,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
+    check_quick_check(request, &released.robot.plain)?;
+    let mut report = verify(request, Some(released.robot), monitor)?;
+    let found = judged(request, released, &report);
+    let code = match found.verdict {
+        CheckVerdict::Holds => None,
+        CheckVerdict::Changed => Some(CHECK_CHANGED),
+        CheckVerdict::CannotTell => Some(CHECK_CANNOT_TELL),
+    };
+    report.method_reason = format!("nothing was identified: {}", found.reason);
+    let warning = code.map(|code| Warning {
+        code,
+        detail: format!("{}. Next: {}", found.reason, found.next),
+        rows: vec![],
+    });
+    report.warnings.splice(0..0, warning);
+    report.quick_check = Some(found);
+    Ok(report)
+}
+
+/// What the points are, for the test: the model, and its observations.
+struct Points {
+    model: KinematicModel,
+    observations: Vec<Observation>,
+    is_placed_anew: bool,
+}
+
+/// Positions alone, with the targets counted as in the model. `None` where the estimate is not that of the released set.
+fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate) -> Option<Points> {
+    let observed = observe_to_verify(request).all;
+    let mut observations: Vec<Observation> =
+        observed.iter().map(Observation::position_alone).collect();
+    let nearest = SAME * reach_mm(&plain.links);
+    let is_same = plain.links.len() == kept.model.links.len()
+        && observations.iter().all(|o| {
+            let flange = |model: &KinematicModel| {
+                let bare = KinematicModel::nominal(&model.links, 1);
+                bare.position(&o.q_rad, 0)
+            };
+            (flange(plain) - flange(&kept.model)).norm() <= nearest
+        });
+    if !is_same {
+        return None;
+    }
+    if is_placed_anew(request, Some(plain)) {
+        let n_targets = request.set.n_targets();
+        return Some(Points {
+            model: fit_base_and_targets(&plain.links, &observations, n_targets),
+            observations,
+            is_placed_anew: true,
+        });
+    }
+    for observation in &mut observations {
+        // targets that moved while the set was measured stand there once for each segment
+        let own = plain.targets_mm.get(observation.target)?;
+        let mut kept = kept.model.targets_mm.iter();
+        observation.target = kept.position(|target| (target - own).norm() <= nearest)?;
+    }
+    Some(Points {
+        model: kept.model.clone(),
+        observations,
+        is_placed_anew: false,
+    })
+}
+
+/// The test and what it rests on; or why there is none.
+fn tested(
+    request: &CalibrationRequest,
+    released: &ReleasedSet<'_>,
+) -> Result<(Checked, bool), String> {
+    let Some(kept) = released.estimate else {
+        return Err(
+            "no uncertainty was kept with the set (an older version made it, priors were stated, or none could be stated)"
+                .into(),
+        );
+    };
+    let points = points(request, &released.robot.plain, kept)
+        .ok_or("the uncertainty that was kept is not that of these links and targets")?;
+    let stated = request.set.points.iter();
+    let poses = Poses {
+        before: kept,
+        model: &points.model,
+        observations: &points.observations,
+        configurations: &observe_to_verify(request).all_clusters(),
+        stated_std_mm: &stated
+            .map(|point| point.position_std_mm().unwrap_or(0.0))
+            .collect::<Vec<_>>(),
+        is_placed_anew: points.is_placed_anew,
+    };
+    let checked = quick_check(&poses).map_err(|why| match why {
+        Untestable::NothingLeft => "base and reflector take up every equation of these poses",
+        Untestable::NoiseUnknown => "the set's own session had too few points to tell its noise",
+        Untestable::Singular => "the equations cannot be solved",
+    })?;
+    Ok((checked, points.is_placed_anew))
+}
+
+fn judged(
+    request: &CalibrationRequest,
+    released: &ReleasedSet<'_>,
+    report: &CalibrationReport,
+) -> QuickCheck {
+    let has = |code| report.warnings.iter().any(|w| w.code == code);
+    let tested = tested(request, released);
+    let verified_rms_mm = request.held_out.map(|held_out| held_out.identified_rms_mm);
+    let rms_mm = report.verify.map_or(0.0, |verify| verify.worse().rms_mm);
+    let checked = tested.as_ref().ok().map(|(checked, _)| checked);
+    let is_placed_anew = tested.as_ref().is_ok_and(|(_, anew)| *anew);
+    let detectable = checked.map_or(vec![], detectable);
+    let limit_mm =
+        verified_rms_mm.map(|verified| least_worth_a_word_mm(verified, &request.robot.links));
+    let times = |change: &DetectableChange| Some(change.tool_mm? / limit_mm?);
+    let is_blind = |change: &&DetectableChange| times(change).is_some_and(|times| times > 1.0);
+    let blind: Vec<&DetectableChange> = detectable.iter().filter(is_blind).collect();
+    let is_hidden = |change: &&DetectableChange| change.change.is_none() && change.unit == "deg";
+    let hidden: Vec<&DetectableChange> = detectable.iter().filter(is_hidden).collect();
+    let is_far = has(DOES_NOT_FIT) || has(SET_FAR_OFF);
+    let alarms = checked.is_some_and(|checked| checked.probability < LEVEL);
+    let verdict = if is_far || alarms {
+        CheckVerdict::Changed
+    } else if tested.is_err() || !blind.is_empty() || has(WORSE_THAN_IDENTIFIED) {
+        CheckVerdict::CannotTell
+    } else {
+        CheckVerdict::Holds
+    };
+    let likeliest = match (verdict, checked) {
+        (CheckVerdict::Changed, Some(checked)) => likeliest(checked, released.after),
+        _ => vec![],
+    };
+    let configurations = request.set.configurations();
+    let next = what_next(&Found {
+        verdict,
+        after: released.after,
+        likeliest: &likeliest,
+        blind: &blind,
+        hidden: &hidden,
+        times_blind: blind.iter().filter_map(|c| times(c)).fold(1.0, f64::max),
+        n_configurations: configurations.len(),
+        largest_configuration: checked
+            .and_then(|checked| configurations.get(checked.largest_configuration).copied()),
+        n_links: request.robot.links.len(),
+        n_targets: request.set.n_targets(),
+        is_placed_anew,
+        is_tested: tested.is_ok(),
+    });
+    let reason = reason(&Said {
+        verdict,
+        tested: tested.as_ref().map(|_| ()).map_err(String::as_str),
+        is_far,
+        rms_mm,
+        verified_rms_mm,
+        checked,
+        likeliest: &likeliest,
+        blind: &blind,
+    });
+    QuickCheck {
+        verdict,
+        reason,
+        after: released.after,
+        n_configurations: configurations.len(),
+        level: LEVEL,
+        power: POWER,
+        rms_mm,
+        verified_rms_mm,
+        test: checked.map(|checked| CheckTest {
+            statistic: checked.statistic,
+            n_combinations: checked.n_combinations,
+            freedom: checked.freedom,
+            probability: checked.probability,
+            expected_rms_mm: checked.expected_mm,
+        }),
+        likeliest,
+        next,
+        detectable,
+    }
+}
+
+fn detectable(checked: &Checked) -> Vec<DetectableChange> {
+    let of_joint = |(joint, found): (usize, &Detectable)| DetectableChange {
+        name: Parameter::Link(joint, Quantity::ThetaOffset).name(),
+        unit: "deg",
+        change: found.change.map(f64::to_degrees),
+        tool_mm: found.tool_mm,
+    };
+    let shift = |name: String, found: &Detectable| DetectableChange {
+        name,
+        unit: "mm",
+        change: found.change,
+        tool_mm: found.tool_mm,
+    };
+    let joints = checked.joints.iter().enumerate().map(of_joint);
+    let targets = checked.targets.iter().enumerate();
+    let targets = targets.map(|(t, found)| shift(format!("target_{t}"), found));
+    joints
+        .chain([shift("base".into(), &checked.base)])
+        .chain(targets)
+        .collect()
+}
+
+/// The first group of causes of which few explain the points; else what all of them say.
+fn likeliest(checked: &Checked, after: Option<After>) -> Vec<LikeliestCause> {
+    let is_zero = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
+    let of_zeros = || checked.causes(is_zero);
+    let of_zeros_and_placement = || checked.causes(|p| is_zero(p) || !p.is_link());
+    let explains =
+        |causes: &Causes| causes.changes.len() <= FEW_CAUSES && causes.leaves >= FALSE_ALARMS;
+    let zeros_first = matches!(after, Some(After::Mastering | After::Motor));
+    let found = Some(of_zeros())
+        .filter(|causes| zeros_first && explains(causes))
+        .or_else(|| Some(of_zeros_and_placement()).filter(explains))
+        .unwrap_or_else(|| checked.causes(|_| true));
+    found.changes.iter().map(named).collect()
+}
+
+fn named(change: &Change) -> LikeliestCause {
+    let is_angle = change.parameters[0].is_angle();
+    let names: Vec<String> = change.parameters.iter().map(Parameter::name).collect();
+    LikeliestCause {
+        name: names.join(" or "),
+        unit: if is_angle { "deg" } else { "mm" },
+        delta: if is_angle {
+            change.delta.to_degrees()
+        } else {
+            change.delta
+        },
+        sigmas: change.sigmas,
+    }
+}
+
+/// What the sentence depends on.
+struct Said<'a> {
+    verdict: CheckVerdict,
+    tested: Result<(), &'a str>,
+    is_far: bool,
+    rms_mm: f64,
+    verified_rms_mm: Option<f64>,
+    checked: Option<&'a Checked>,
+    likeliest: &'a [LikeliestCause],
+    blind: &'a [&'a DetectableChange],
+}
+
+fn reason(said: &Said<'_>) -> String {
+    let rms_mm = said.rms_mm;
+    let verified = said.verified_rms_mm.map_or(String::new(), |verified| {
+        format!(", {verified:.4} mm when it was verified")
+    });
+    let chance = said.checked.map_or(String::new(), |checked| {
+        format!(
+            "; an unchanged robot shows as much with probability {:.2e}",
+            checked.probability
+        )
+    });
+    let errors = format!("{rms_mm:.4} mm rms on the points{verified}{chance}");
+    match said.verdict {
+        CheckVerdict::Holds => format!("the released set still holds: {errors}"),
+        CheckVerdict::Changed if said.is_far => {
+            format!(
+                "the released set no longer holds, these points miss it by far: {errors}{}",
+                causes(said.likeliest)
+            )
+        }
+        CheckVerdict::Changed => {
+            format!(
+                "the released set no longer holds: {errors}{}",
+                causes(said.likeliest)
+            )
+        }
+        CheckVerdict::CannotTell => match said.tested {
+            Err(why) => {
+                format!("it cannot be told whether the released set holds: {why} ({errors})")
+            }
+            Ok(()) if !said.blind.is_empty() => {
+                let names: Vec<&str> = said.blind.iter().map(|c| c.name.as_str()).collect();
+                format!(
+                    "the points fit the released set, but these poses might have missed a change that matters of {}: {errors}",
+                    names.join(", ")
+                )
+            }
+            Ok(()) => format!(
+                "it cannot be told whether the released set holds: it is several times worse than when it was verified, within what its own uncertainty lets \
+                 expect ({errors})"
+            ),
+        },
+    }
+}
+
+fn causes(likeliest: &[LikeliestCause]) -> String {
+    let of = |cause: &LikeliestCause| {
+        let unit = if cause.unit == "deg" { "°" } else { " mm" };
+        format!(
+            "{} by {:.4}{unit} ({:.1} σ)",
+            cause.name, cause.delta, cause.sigmas
+        )
+    };
+    let all: Vec<String> = likeliest.iter().take(FEW_CAUSES).map(of).collect();
+    match all.as_slice() {
+        [] => String::new(),
+        [only] => format!(". Likeliest cause: {only}"),
+        several => format!(". Likeliest causes, together: {}", several.join(", ")),
+    }
+}

@@ -1,0 +1,171 @@
+//! What to measure after a quick check, in words with numbers of poses.
+
+use crate::calibration::method::{After, CheckVerdict};
+use crate::calibration::quick_check::{DetectableChange, LikeliestCause};
+
+/// Four equations for each number that is identified, three equations a pose; in steps of five poses, and never fewer than ten.
+const EQUATIONS_PER_NUMBER: usize = 4;
+const STEP: usize = 5;
+const FEWEST: usize = 10;
+/// More poses than these are a calibration, not a check.
+const MOST_OF_CHECK: usize = 40;
+/// Numbers of a base and of one target.
+const BASE: usize = 6;
+const TARGET: usize = 3;
+/// Numbers of a link.
+const LINK: usize = 5;
+
+/// What the words depend on.
+pub struct Found<'a> {
+    /// The verdict.
+    pub verdict: CheckVerdict,
+    /// What happened before.
+    pub after: Option<After>,
+    /// The likeliest cause first.
+    pub likeliest: &'a [LikeliestCause],
+    /// What the poses could not have seen though they should.
+    pub blind: &'a [&'a DetectableChange],
+    /// Joints whose zeros these poses do not show.
+    pub hidden: &'a [&'a DetectableChange],
+    /// Largest change of the tool that the poses may have missed, over what matters; 1 or more where they are blind.
+    pub times_blind: f64,
+    /// Configurations that were measured.
+    pub n_configurations: usize,
+    /// The configuration that has the largest part of the statistic.
+    pub largest_configuration: Option<&'a str>,
+    /// Links and targets.
+    pub n_links: usize,
+    /// See `n_links`.
+    pub n_targets: usize,
+    /// Whether base and targets were placed anew.
+    pub is_placed_anew: bool,
+    /// Whether the set has a stated uncertainty to test with.
+    pub is_tested: bool,
+}
+
+/// Poses from which so many numbers are identified, beside base and targets where they are unknown.
+pub fn poses_for(n_numbers: usize) -> usize {
+    let needed = (EQUATIONS_PER_NUMBER * n_numbers).div_ceil(3);
+    needed.div_ceil(STEP).max(FEWEST / STEP) * STEP
+}
+
+/// What to measure next.
+pub fn what_next(found: &Found<'_>) -> String {
+    let said = match found.verdict {
+        CheckVerdict::Holds => holds(found),
+        CheckVerdict::CannotTell => cannot_tell(found),
+        CheckVerdict::Changed => changed(found),
+    };
+    match found.hidden {
+        [] => said,
+        hidden if !found.is_placed_anew => format!(
+            "{said}. These poses do not show {}: only a reflector further from the joint's axis does",
+            names(hidden)
+        ),
+        hidden => format!(
+            "{said}. In the instrument's frame, base and reflector are placed anew, and no pose shows {}: to check these too, measure {FEWEST} poses in the \
+             base frame (frame=base)",
+            names(hidden)
+        ),
+    }
+}
+
+fn names(changes: &[&DetectableChange]) -> String {
+    let names: Vec<&str> = changes.iter().map(|change| change.name.as_str()).collect();
+    names.join(", ")
+}
+
+/// Numbers of base and targets where they have to be identified too.
+fn placement(found: &Found<'_>) -> usize {
+    match found.is_placed_anew {
+        true => BASE + TARGET * found.n_targets,
+        false => 0,
+    }
+}
+
+fn full(found: &Found<'_>) -> String {
+    let n = poses_for(LINK * found.n_links + BASE + TARGET * found.n_targets);
+    format!("calibrate anew from {n} poses over the whole workspace (`kincal plan` chooses them)")
+}
+
+fn holds(found: &Found<'_>) -> String {
+    match found.after {
+        None => "nothing: repeat the check when the next one is due",
+        Some(After::Collision) => {
+            "nothing: the collision has left no change that these poses could have seen. Repeat the check after some days of work, for a part that works \
+             loose"
+        }
+        Some(After::Mastering) => {
+            "nothing: the joints are where they were before, as far as stated here"
+        }
+        Some(After::Motor) => {
+            "nothing: the joint is where it was before, as far as stated here. Repeat the check once the new part has run in"
+        }
+    }
+    .into()
+}
+
+fn cannot_tell(found: &Found<'_>) -> String {
+    if !found.is_tested {
+        return format!(
+            "{}, and release the result: it has a stated uncertainty, with which later checks can be told",
+            full(found)
+        );
+    }
+    // what can be seen falls with the root of the number of poses
+    let times = found.times_blind.max(1.0);
+    let n = (found.n_configurations as f64 * times * times).ceil() as usize;
+    let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;
+    if n > MOST_OF_CHECK {
+        return format!(
+            "poses like these would take {n}: measure other ones, {FEWEST} in which the joints of {} move by 90° and more, in the base frame if there is one; or {}",
+            names(found.blind),
+            full(found)
+        );
+    }
+    format!(
+        "measure about {n} poses in all, in which the joints of {} move by 90° and more",
+        names(found.blind)
+    )
+}
+
+fn changed(found: &Found<'_>) -> String {
+    let first = match found.after {
+        Some(After::Collision) => {
+            "First look whether tool, reflector and mastering marks are where they should be. Then: "
+        }
+        Some(After::Mastering) => "First look whether every joint was mastered at its mark. Then: ",
+        Some(After::Motor) => {
+            "First master the joint whose motor was exchanged, if nobody did. Then: "
+        }
+        None => "",
+    };
+    let again = found.largest_configuration.map_or(String::new(), |label| {
+        format!(
+            ". The largest part of it is of configuration {label}: measure that one again, a broken beam looks the same"
+        )
+    });
+    let [cause] = found.likeliest else {
+        return format!("{first}{}{again}", full(found));
+    };
+    let step = if cause.name.starts_with("base") {
+        format!(
+            "set the base frame up anew, or look whether instrument or robot was moved, and check again with {FEWEST} poses"
+        )
+    } else if cause.name.starts_with("target") {
+        format!(
+            "look whether the reflector sits where it did, and check again with {FEWEST} poses. If the tool was changed, calibrate it from {} poses with the \
+             wrist turned",
+            poses_for(TARGET + placement(found))
+        )
+    } else {
+        let one = cause.name.split(' ').next().unwrap_or(&cause.name);
+        format!(
+            "measure {} poses over the workspace and identify {one} alone (`parameters: {{\"identify\": [\"{one}\"], \"rest\": \"parameter_set\"}}`); if the \
+             result does not verify, {}",
+            poses_for(1 + placement(found)),
+            full(found)
+        )
+    };
+    format!("{first}{step}{again}")
+}

@@ -1,0 +1,210 @@
+//! Options that say what the columns of a file mean: a mapping without writing JSON.
+
+use super::files::read;
+use super::usage::Usage;
+use crate::wire::columns::ColumnsBody;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+
+/// What the columns of a file mean, where their names do not say it.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ColumnOptions {
+    /// Unit of joint values whose columns name none.
+    #[arg(long, env = "KINCAL_JOINT_UNIT", value_name = "UNIT", value_parser = ["deg", "rad"])]
+    pub joint_unit: Option<String>,
+    /// Unit of positions whose columns name none.
+    #[arg(long, env = "KINCAL_POSITION_UNIT", value_name = "UNIT", value_parser = ["mm", "m", "cm", "um", "in"])]
+    pub position_unit: Option<String>,
+    /// What a column means: q1_deg="J1", x_mm=5, name="Target"; the header's text or the number counted from 1. Once per column. Of two files,
+    /// robot.name=… and instrument.name=… say which.
+    #[arg(long, env = "KINCAL_COLUMN", value_name = "MEANING=COLUMN", value_parser = column)]
+    pub column: Vec<(String, Value)>,
+    /// A column to leave aside although its name is known. Once per column.
+    #[arg(long, env = "KINCAL_IGNORE", value_name = "COLUMN")]
+    pub ignore: Vec<String>,
+    /// What pairs the rows of two files.
+    #[arg(long, env = "KINCAL_JOIN", value_name = "BY", value_parser = ["name", "number", "time", "order"])]
+    pub join: Option<String>,
+    /// The robot's clock minus the instrument's, if the files are joined by time [default: found from the times].
+    #[arg(
+        long,
+        env = "KINCAL_CLOCK_OFFSET_S",
+        value_name = "SECONDS",
+        allow_negative_numbers = true
+    )]
+    pub clock_offset_s: Option<f64>,
+    /// How far apart the times of a pair may be [default: found from the times].
+    #[arg(long, env = "KINCAL_JOIN_TOLERANCE_S", value_name = "SECONDS")]
+    pub join_tolerance_s: Option<f64>,
+    /// Line of the header, counted from 1, or `none` if all lines are data.
+    #[arg(long, env = "KINCAL_HEADER_ROW", value_name = "LINE", value_parser = header_row)]
+    pub header_row: Option<Value>,
+    /// What separates the columns.
+    #[arg(long, env = "KINCAL_SEPARATOR", value_name = "SEPARATOR", value_parser = [",", ";", "|", "tab", "spaces"])]
+    pub separator: Option<String>,
+    /// Sheet of a workbook that has several.
+    #[arg(long, env = "KINCAL_SHEET", value_name = "NAME")]
+    pub sheet: Option<String>,
+    /// The decimal mark, if the numbers of the file do not tell it.
+    #[arg(long, env = "KINCAL_DECIMAL", value_name = "MARK", value_parser = ["comma", "point"])]
+    pub decimal: Option<String>,
+    /// Whether lines that begin with #, %, ! or // are comments.
+    #[arg(long, env = "KINCAL_COMMENTS", value_name = "true|false")]
+    pub comments: Option<bool>,
+    /// All of this as a file with a JSON object, {"q1_deg": "J1 [deg]", "x_mm": "X (mm)"} (docs/measurement-files.md). Options add to it.
+    #[arg(long, env = "KINCAL_COLUMNS", value_name = "FILE")]
+    pub columns: Option<PathBuf>,
+}
+
+fn column(text: &str) -> Result<(String, Value), String> {
+    let Some((means, column)) = text.split_once('=').map(|(a, b)| (a.trim(), b.trim())) else {
+        return Err("MEANING=COLUMN, such as q1_deg=\"J1\" or x_mm=5".into());
+    };
+    let column = column
+        .strip_prefix('"')
+        .and_then(|text| text.strip_suffix('"'))
+        .unwrap_or(column);
+    let value = column
+        .parse::<u64>()
+        .map_or_else(|_| json!(column), |number| json!(number));
+    Ok((means.to_owned(), value))
+}
+
+fn header_row(text: &str) -> Result<Value, String> {
+    match text {
+        "none" => Ok(json!(false)),
+        _ => text
+            .parse::<u64>()
+            .map(|line| json!(line))
+            .map_err(|_| "a line, counted from 1, or none".into()),
+    }
+}
+
+impl ColumnOptions {
+    /// The mapping that the file and the options state.
+    pub fn body(&self) -> anyhow::Result<ColumnsBody> {
+        let mut all = match &self.columns {
+            None => Map::new(),
+            Some(path) => named_columns(path)?.0,
+        };
+        for (means, column) in &self.column {
+            let (file, means) = means.split_once('.').unwrap_or(("", means));
+            match file {
+                "" => all.insert(means.into(), column.clone()),
+                _ => object(&mut all, file).insert(means.into(), column.clone()),
+            };
+        }
+        let settings = [
+            (
+                "joint_unit",
+                self.joint_unit.as_ref().map(|unit| json!(unit)),
+            ),
+            (
+                "position_unit",
+                self.position_unit.as_ref().map(|unit| json!(unit)),
+            ),
+            ("header_row", self.header_row.clone()),
+            (
+                "separator",
+                self.separator.as_ref().map(|separator| json!(separator)),
+            ),
+            (
+                "decimal",
+                self.decimal.as_ref().map(|decimal| json!(decimal)),
+            ),
+            ("sheet", self.sheet.as_ref().map(|sheet| json!(sheet))),
+            ("comments", self.comments.map(|comments| json!(comments))),
+            (
+                "ignore",
+                (!self.ignore.is_empty()).then(|| json!(self.ignore)),
+            ),
+        ];
+        for (name, value) in settings {
+            all.extend(value.map(|value| (name.to_owned(), value)));
+        }
+        let join = [
+            ("by", self.join.as_ref().map(|by| json!(by))),
+            (
+                "clock_offset_s",
+                self.clock_offset_s.map(|offset_s| json!(offset_s)),
+            ),
+            (
+                "tolerance_s",
+                self.join_tolerance_s.map(|tolerance_s| json!(tolerance_s)),
+            ),
+        ];
+        for (name, value) in join {
+            if let Some(value) = value {
+                object(&mut all, "join").insert(name.into(), value);
+            }
+        }
+        let body = ColumnsBody(all);
+        body.check().map_err(|invalid| {
+            let faults: Vec<String> = invalid
+                .issues
+                .iter()
+                .map(|issue| issue.in_words())
+                .collect();
+            Usage(faults.join("\n"))
+        })?;
+        Ok(body)
+    }
+}
+
+fn object<'m>(all: &'m mut Map<String, Value>, name: &str) -> &'m mut Map<String, Value> {
+    let value = all.entry(name).or_insert_with(|| json!({}));
+    if !value.is_object() {
+        *value = json!({});
+    }
+    match value {
+        Value::Object(object) => object,
+        _ => unreachable!("it was made an object"),
+    }
+}
+
+fn named_columns(path: &Path) -> anyhow::Result<ColumnsBody> {
+    ColumnsBody::parse(&read(path)?).map_err(|invalid| {
+        let faults: Vec<String> = invalid
+            .issues
+            .iter()
+            .map(|issue| format!("\n  {}", issue.in_words()))
+            .collect();
+        Usage(format!(
+            "{} cannot be used:{}",
+            path.display(),
+            faults.concat()
+        ))
+        .into()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ColumnOptions, column};
+    use serde_json::json;
+
+    #[test]
+    fn options_are_a_mapping() {
+        let options = ColumnOptions {
+            joint_unit: Some("deg".into()),
+            column: ["x_mm=5", "robot.name=\"P Name\"", "instrument.name=Target"]
+                .map(|text| column(text).unwrap())
+                .to_vec(),
+            join: Some("name".into()),
+            clock_offset_s: Some(-1.5),
+            ..ColumnOptions::default()
+        };
+        let meant = json!({"x_mm": 5, "robot": {"name": "P Name"}, "instrument": {"name": "Target"}, "joint_unit": "deg",
+            "join": {"by": "name", "clock_offset_s": -1.5}});
+        assert_eq!(
+            serde_json::to_value(options.body().unwrap()).unwrap(),
+            meant
+        );
+        let wrong = ColumnOptions {
+            column: vec![column("q99_deg=J1").unwrap()],
+            ..ColumnOptions::default()
+        };
+        assert!(wrong.body().is_err());
+        assert!(column("J1").is_err());
+    }
+}

@@ -1,0 +1,233 @@
+//! `kincal columns`: how a file would be read, and mappings that are kept with a robot.
+
+use super::client::{Client, ServerArguments};
+use super::column_options::ColumnOptions;
+use super::files;
+use super::list::columns;
+use super::measured::{TableOptions, read_measured};
+use super::runtime::block_on;
+use super::terminal::{Output, plain, raw};
+use super::usage::Usage;
+use crate::wire::issue::Issue;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Most mappings that are listed.
+const MAX_ROWS: usize = 100;
+
+/// What the columns of a robot's files mean.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: ColumnsCommand,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum ColumnsCommand {
+    /// List the mappings that are kept with a robot.
+    List(ListArguments),
+    /// Show a mapping.
+    Show(ShowArguments),
+    /// Keep a mapping under a name, for `kincal submit --kept NAME`.
+    Keep(Box<KeepArguments>),
+    /// Look at how a file, or two files, would be read; nothing is stored.
+    Preview(Box<PreviewArguments>),
+}
+
+/// The robot.
+#[derive(Debug, clap::Args)]
+struct ListArguments {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// The robot and a mapping's name.
+#[derive(Debug, clap::Args)]
+struct ShowArguments {
+    #[command(flatten)]
+    robot: ListArguments,
+    /// The mapping's name.
+    #[arg(value_name = "NAME")]
+    name: String,
+}
+
+/// A mapping to keep.
+#[derive(Debug, clap::Args)]
+struct KeepArguments {
+    #[command(flatten)]
+    shown: ShowArguments,
+    #[command(flatten)]
+    columns: ColumnOptions,
+}
+
+/// Files to look at.
+#[derive(Debug, clap::Args)]
+struct PreviewArguments {
+    #[command(flatten)]
+    robot: ListArguments,
+    /// The set's file, or the robot's of two; `-` reads the standard input.
+    #[arg(value_name = "SET.csv")]
+    set: PathBuf,
+    #[command(flatten)]
+    table: TableOptions,
+}
+
+/// Runs one of the commands.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    match &arguments.command {
+        ColumnsCommand::List(arguments) => list(arguments),
+        ColumnsCommand::Show(arguments) => {
+            let found = block_on(async {
+                let (client, path) = named(arguments).await?;
+                client.get(&path).await
+            })?;
+            print(&arguments.robot.output, &found)
+        }
+        ColumnsCommand::Keep(arguments) => keep(arguments),
+        ColumnsCommand::Preview(arguments) => preview(arguments),
+    }
+}
+
+/// The client, and the path of a mapping.
+async fn named(arguments: &ShowArguments) -> anyhow::Result<(Client, String)> {
+    let client = arguments.robot.server.client()?;
+    let robot = client.robot_id(&arguments.robot.robot).await?;
+    let mut url = reqwest::Url::parse("http://path/")?;
+    if let Ok(mut parts) = url.path_segments_mut() {
+        parts.extend(["v1", "robots", &robot, "columns", &arguments.name]);
+    }
+    Ok((client, url.path().to_owned()))
+}
+
+/// A mapping on standard output: JSON in both cases, which `--columns FILE` reads again.
+fn print(output: &Output, found: &Value) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(&found["columns"])?;
+    output.print(found, || plain(&text))
+}
+
+fn list(arguments: &ListArguments) -> anyhow::Result<()> {
+    let answer = block_on(async {
+        let client = arguments.server.client()?;
+        let robot = client.robot_id(&arguments.robot).await?;
+        client
+            .get(&format!("/v1/robots/{robot}/columns?limit={MAX_ROWS}"))
+            .await
+    })?;
+    if arguments.output.json {
+        say!("{}", serde_json::to_string_pretty(&answer)?);
+        return Ok(());
+    }
+    let items = answer["items"].as_array().into_iter().flatten();
+    let rows: Vec<Vec<String>> = items
+        .map(|item| {
+            vec![
+                plain(item["name"].as_str().unwrap_or_default()),
+                plain(item["created_at"].as_str().unwrap_or_default()),
+                plain(&item["columns"].to_string()),
+            ]
+        })
+        .collect();
+    if rows.is_empty() {
+        say!(
+            "no mapping is kept with this robot; next: kincal columns keep ROBOT NAME --joint-unit deg …"
+        );
+        return Ok(());
+    }
+    raw(columns(&["name", "created_at", "columns"], &rows));
+    Ok(())
+}
+
+fn keep(arguments: &KeepArguments) -> anyhow::Result<()> {
+    let body = arguments.columns.body()?;
+    if body.0.is_empty() {
+        let text = "nothing to keep: say what the columns mean, by --joint-unit, --position-unit, --column MEANING=COLUMN or --columns FILE";
+        return Err(Usage(text.into()).into());
+    }
+    let kept = block_on(async {
+        let (client, path) = named(&arguments.shown).await?;
+        let body = serde_json::to_vec(&body)?;
+        client.send(reqwest::Method::PUT, &path, body).await
+    })?;
+    let name = &arguments.shown.name;
+    arguments.shown.robot.output.print(&kept, || {
+        format!("{name} is kept; next: kincal submit --robot ROBOT SET.csv --kept {name:?}")
+    })
+}
+
+fn preview(arguments: &PreviewArguments) -> anyhow::Result<()> {
+    let files = read_measured(&arguments.set, &arguments.table)?;
+    let answer = block_on(async {
+        let client = arguments.robot.server.client()?;
+        let robot = client.robot_id(&arguments.robot.robot).await?;
+        let mut query = vec![];
+        query.extend(files.decimal.map(|_| ("decimal", "comma".to_owned())));
+        if !files.columns.0.is_empty() {
+            query.push(("columns", serde_json::to_string(&files.columns)?));
+        }
+        let query = reqwest::Url::parse_with_params("http://query/", query)?;
+        let path = format!(
+            "/v1/robots/{robot}/measurement-sets/preview?{}",
+            query.query().unwrap_or_default()
+        );
+        client.create(&path, &files.content_type, files.bytes).await
+    })?;
+    arguments.robot.output.print(&answer, || shown(&answer))
+}
+
+/// First rows that are shown of a file.
+const ROWS_SHOWN: usize = 5;
+
+fn shown(answer: &Value) -> String {
+    let mut text = String::new();
+    for file in answer["files"].as_array().into_iter().flatten() {
+        let cells = |row: &Value| -> Vec<String> {
+            let cells = row.as_array().into_iter().flatten();
+            cells
+                .map(|cell| plain(cell.as_str().unwrap_or_default()))
+                .collect()
+        };
+        let width = cells(&file["header"]).len();
+        let cells = |row: &Value| {
+            let mut cells = cells(row);
+            cells.resize(width, String::new());
+            cells
+        };
+        let header = cells(&file["header"]);
+        let used = file["understood"]["columns"]
+            .as_array()
+            .cloned()
+            .unwrap_or_default();
+        let means = |number: usize| {
+            let column = used.iter().find(|column| column["number"] == json!(number));
+            column.map_or("–".into(), |column| match column["unit"].as_str() {
+                Some(unit) => format!("{}_{unit}", column["means"].as_str().unwrap_or_default()),
+                None => column["means"].as_str().unwrap_or_default().to_owned(),
+            })
+        };
+        let meanings: Vec<String> = (1..=header.len()).map(means).collect();
+        let names: Vec<&str> = header.iter().map(String::as_str).collect();
+        let rows = file["rows"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .take(ROWS_SHOWN)
+            .map(cells);
+        let rows: Vec<Vec<String>> = std::iter::once(meanings).chain(rows).collect();
+        text += &format!(
+            "{} file\n{}\n",
+            file["part"].as_str().unwrap_or_default(),
+            columns(&names, &rows)
+        );
+    }
+    let errors: Vec<Issue> = serde_json::from_value(answer["errors"].clone()).unwrap_or_default();
+    match errors.is_empty() {
+        true => text += &format!("it can be read: {} points", answer["n_points"]),
+        false => text += &format!("it cannot be read yet:{}", files::faults(&errors, None)),
+    }
+    text
+}

@@ -1,0 +1,86 @@
+//! Numbers as spreadsheets and reports write them: with a minus sign of its own, and with separators of thousands that can be read in one way only.
+
+use std::borrow::Cow;
+
+/// Characters that separate thousands and nothing else: spaces of several widths and apostrophes.
+const GROUP_MARKS: [char; 6] = [' ', '\u{a0}', '\u{2009}', '\u{202f}', '\'', '\u{2019}'];
+
+/// A cell with `-` for the minus sign U+2212, and without separators of thousands where `decimal` stands behind them or they are no decimal mark.
+/// Cells that are written otherwise stay as they are.
+pub(super) fn plain(cell: &str, decimal: char) -> Cow<'_, str> {
+    let cell = match cell.strip_prefix('\u{2212}') {
+        Some(rest) => Cow::Owned(format!("-{rest}")),
+        None => Cow::Borrowed(cell),
+    };
+    let other = if decimal == ',' { '.' } else { ',' };
+    let (whole, fraction) = match cell.split_once(decimal) {
+        Some((whole, fraction)) => (whole, Some(fraction)),
+        None => (&*cell, None),
+    };
+    let mark = whole
+        .chars()
+        .find(|c| GROUP_MARKS.contains(c) || *c == other && fraction.is_some());
+    let Some(mark) = mark.filter(|mark| is_grouped(whole, *mark)) else {
+        return cell;
+    };
+    let whole = whole.replace(mark, "");
+    Cow::Owned(match fraction {
+        Some(fraction) => format!("{whole}{decimal}{fraction}"),
+        None => whole,
+    })
+}
+
+/// The decimal mark of a number that has both marks, `1.234,5` or `1,234.5`.
+pub(super) fn decimal_of_both(cell: &str) -> Option<char> {
+    let decimal = match (cell.rfind('.')?, cell.rfind(',')?) {
+        (point, comma) if point > comma => '.',
+        _ => ',',
+    };
+    let other = if decimal == ',' { '.' } else { ',' };
+    (!plain(cell, decimal).contains(other)).then_some(decimal)
+}
+
+/// `1 234 567`: one to three digits, then groups of three.
+fn is_grouped(whole: &str, mark: char) -> bool {
+    let digits = whole.trim_start_matches(['+', '-']);
+    let mut groups = digits.split(mark);
+    let is = |group: &str, sizes: std::ops::RangeInclusive<usize>| {
+        sizes.contains(&group.len()) && group.bytes().all(|byte| byte.is_ascii_digit())
+    };
+    let first = groups.next().unwrap_or_default();
+    is(first, 1..=3) && !first.starts_with('0') && groups.all(|group| is(group, 3..=3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{decimal_of_both, plain};
+
+    #[test]
+    fn thousands_that_can_be_read_in_one_way_are_read() {
+        for (cell, decimal, meant) in [
+            ("\u{2212}12.5", '.', "-12.5"),
+            ("2\u{a0}589,259", ',', "2589,259"),
+            ("-1 234 567.5", '.', "-1234567.5"),
+            ("1'234.5", '.', "1234.5"),
+            ("2.589,259", ',', "2589,259"),
+            ("1,234.5", '.', "1234.5"),
+        ] {
+            assert_eq!(plain(cell, decimal), meant, "{cell}");
+        }
+        for (cell, decimal) in [
+            ("1.234", ','),
+            ("1,234", '.'),
+            ("12 34.5", '.'),
+            ("0,017.5", '.'),
+            ("1,2345.6", '.'),
+            ("27 30", '.'),
+            ("1.2.3", '.'),
+        ] {
+            assert_eq!(plain(cell, decimal), cell, "{cell}");
+        }
+        assert_eq!(decimal_of_both("1.234,5"), Some(','));
+        assert_eq!(decimal_of_both("1,234.5"), Some('.'));
+        assert_eq!(decimal_of_both("1,23.5"), None);
+        assert_eq!(decimal_of_both("1.5"), None);
+    }
+}

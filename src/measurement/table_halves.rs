@@ -1,0 +1,36 @@
+//! Joint values and positions in files of their own: what is said where one of the two is missing, or they are exchanged.
+
+use crate::measurement::column_mapping::Needs;
+use crate::measurement::column_names::{Known, Unit, recognise};
+
+/// Where the other half may be, of a file that has all joint values or all positions and nothing else of what it needs. `names` are its columns, each
+/// with the unit below it.
+pub(super) fn other_half(
+    names: &[(&str, Option<Unit>)],
+    n_joints: usize,
+    needs: Needs,
+) -> Option<&'static str> {
+    let count = |is_wanted: fn(&Known) -> bool| {
+        let known = names.iter().map(|(name, below)| recognise(name, *below));
+        known.filter(is_wanted).count()
+    };
+    let found_joints = count(|known| matches!(known, Known::Joint(..)));
+    let found_axes = count(|known| matches!(known, Known::Position(..)));
+    match (needs, found_joints, found_axes) {
+        (Needs::Joints, 0, 3..) => Some(
+            "it has positions and no joint values: are the two files exchanged? The robot's is the first, the instrument's the second",
+        ),
+        (Needs::Positions, joints, 0) if joints >= n_joints => Some(
+            "it has joint values and no positions: are the two files exchanged? The robot's is the first, the instrument's the second",
+        ),
+        (Needs::Points, joints, 0) if joints >= n_joints => Some(
+            "the file has joint values and no positions that are known: if the instrument wrote them into a file of its own, give both files, the \
+             robot's first; if they are in this one, say where by ?columns={\"x_mm\": …} (--column x_mm=COLUMN …)",
+        ),
+        (Needs::Points, 0, 3..) => Some(
+            "the file has positions and no joint values that are known: if the robot wrote them into a file of its own, give both files, the robot's \
+             first; if they are in this one, say where by ?columns={\"q1_deg\": …} (--column q1_deg=COLUMN …)",
+        ),
+        _ => None,
+    }
+}

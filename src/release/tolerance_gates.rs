@@ -1,0 +1,139 @@
+//! The gates that compare with the tolerance of the robot's policy.
+
+use crate::release::facts::Facts;
+use crate::release::guard_band::{FEWEST_CONFIGURATIONS, Within, within};
+use crate::wire::policy::DecisionRule;
+use crate::wire::release::Gate;
+use crate::wire::verification::Verification;
+
+/// The predicted uncertainty of the tool must be within the tolerance.
+pub fn uncertainty(facts: &Facts<'_>) -> Gate {
+    let name = "uncertainty_within_tolerance";
+    let why = &facts.report.tool_uncertainty_absent_because;
+    let why = why.as_deref().unwrap_or("the report has none");
+    match (
+        facts.identification.uncertainty_mm,
+        facts.policy.tolerance_mm,
+    ) {
+        (Some(found), Some(tolerance)) => {
+            let detail = format!(
+                "predicted uncertainty of the tool over the workspace: at most {found:.4} mm, the tolerance is {tolerance} mm"
+            );
+            Gate::new(name, found <= tolerance, detail)
+        }
+        (None, Some(tolerance)) => Gate::new(
+            name,
+            false,
+            format!("no uncertainty is stated, and the tolerance is {tolerance} mm: {why}"),
+        ),
+        (found, None) => {
+            let details = found.map_or_else(
+                || format!("is not stated: {why}"),
+                |found| format!("is {found:.4} mm"),
+            );
+            Gate::new(
+                name,
+                true,
+                format!("the robot's policy has no tolerance; the uncertainty {details}"),
+            )
+            .warned(found.is_none())
+        }
+    }
+}
+
+/// A figure that is compared with the tolerance.
+struct Figure<'a> {
+    /// The points that it is of.
+    of: String,
+    rms_mm: f64,
+    expanded_mm: Option<f64>,
+    found: &'a Verification,
+}
+
+/// The measured errors must be within the tolerance too: on the held-out points and in every session that fits the robot, measured anew or not. By
+/// the guarded rule their uncertainty counts, and a figure without one is not accepted. The schema's triggers enforce this too.
+pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
+    let name = "verify_errors_within_tolerance";
+    let rule = facts.policy.decision_rule;
+    let Some(tolerance) = facts.policy.tolerance_mm else {
+        return Gate::new(name, true, "the robot's policy has no tolerance");
+    };
+    let figure = |of: String, found| Figure {
+        of,
+        rms_mm: found_mm(found),
+        expanded_mm: found.after_expanded_mm,
+        found,
+    };
+    let sessions = facts.counted_sessions().map(|session| {
+        figure(
+            format!("in the session of job {}", session.job_id),
+            &session.verification,
+        )
+    });
+    let own = Some(facts.identification).filter(|found| found.n_points > 0);
+    let own = own.map(|found| figure("on the points held out".into(), found));
+    let judged = |figure: &Figure<'_>| within(figure.rms_mm, figure.expanded_mm, tolerance, rule);
+    let severity = |figure: &Figure<'_>| match judged(figure) {
+        Within::Yes => 0,
+        Within::InGuardBand => 1,
+        Within::Unknown => 2,
+        Within::No => 3,
+    };
+    let upper_mm = |figure: &Figure<'_>| figure.rms_mm + figure.expanded_mm.unwrap_or(0.0);
+    let worst = own.into_iter().chain(sessions).max_by(|a, b| {
+        let by_size = upper_mm(a).total_cmp(&upper_mm(b));
+        severity(a).cmp(&severity(b)).then(by_size)
+    });
+    let Some(worst) = worst else {
+        return Gate::new(
+            name,
+            false,
+            format!(
+                "no points were verified on, and the tolerance is {tolerance} mm ({})",
+                rule.as_str()
+            ),
+        );
+    };
+    let within = judged(&worst);
+    Gate::new(
+        name,
+        within == Within::Yes,
+        in_words(&worst, within, tolerance, rule),
+    )
+}
+
+/// An error that is not known is beyond every tolerance.
+fn found_mm(found: &Verification) -> f64 {
+    found.after_rms_mm.unwrap_or(f64::INFINITY)
+}
+
+fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64, rule: DecisionRule) -> String {
+    let interval = figure.expanded_mm.map_or(
+        " with an uncertainty that is not stated".into(),
+        |expanded| format!(" ± {expanded:.4} mm (expanded uncertainty, 95 %)"),
+    );
+    let compared = match rule {
+        DecisionRule::SimpleAcceptance => "the figure alone counts",
+        DecisionRule::GuardedAcceptance => "figure and uncertainty together must be within it",
+    };
+    let said = format!(
+        "largest rms on verify points, {}: {:.4} mm{interval}; the tolerance is {tolerance} mm, rule {}: {compared}",
+        figure.of,
+        figure.rms_mm,
+        rule.as_str()
+    );
+    match within {
+        Within::Yes | Within::No => said,
+        Within::InGuardBand => format!(
+            "{said}. It lies in the guard band: verify on more configurations, so that the uncertainty becomes smaller"
+        ),
+        Within::Unknown if figure.found.n_points < FEWEST_CONFIGURATIONS => format!(
+            "{said}. {} points are too few to state one: verify on at least {FEWEST_CONFIGURATIONS} configurations",
+            figure.found.n_points
+        ),
+        Within::Unknown => format!(
+            "{said}. There are fewer than {FEWEST_CONFIGURATIONS} configurations, or placing base and targets takes up too much of them, or an older version \
+             found this: verify on more configurations, and identify anew what an older version identified; or set decision_rule simple_acceptance"
+        ),
+    }
+}

@@ -1,0 +1,49 @@
+//! The answer of a quick check.
+
+use super::text::{error, number};
+use crate::wire::check::{CheckReport, CheckVerdict, DetectableReport};
+use crate::wire::report_shape::Report;
+use maud::{Markup, html};
+
+/// Verdict, what the poses could have seen, and what to measure next; nothing of other jobs.
+pub fn quick_check(report: &Report) -> Markup {
+    html! { @if let Some(check) = &report.check { (section(check)) } }
+}
+
+fn section(check: &CheckReport) -> Markup {
+    let verdict = match check.verdict {
+        CheckVerdict::Holds => "The released set still holds.",
+        CheckVerdict::Changed => "The released set no longer holds.",
+        CheckVerdict::CannotTell => "These poses cannot tell whether the released set holds.",
+    };
+    html! {
+        section {
+            h2 { "Quick check" }
+            p { strong { (verdict) } " " (check.reason) "." }
+            p { strong { "Next: " } (check.next) "." }
+            @if !check.detectable.is_empty() {
+                p {
+                    "The smallest change of each kind, alone, that these poses find in " (number(100.0 * check.power)) " of 100 cases. One of "
+                    (number(1.0 / check.level)) " unchanged robots is called changed."
+                }
+                table {
+                    thead { tr { th { "What" } th { "Smallest change" } th { "Moves the tool by, mm" } } }
+                    tbody { @for row in &check.detectable { (line(row)) } }
+                }
+            }
+        }
+    }
+}
+
+fn line(row: &DetectableReport) -> Markup {
+    let unit = if row.unit == "deg" { "°" } else { " mm" };
+    html! {
+        tr {
+            td { (row.name) }
+            @match (row.change, row.tool_mm) {
+                (Some(change), Some(tool_mm)) => { td { (number(change)) (unit) } td { (error(tool_mm)) } },
+                _ => { td { "not seen by these poses" } td {} },
+            }
+        }
+    }
+}

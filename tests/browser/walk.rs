@@ -1,0 +1,198 @@
+//! The way of somebody who has never calibrated a robot: what the pages say next, and what they ask only once.
+
+use crate::browser::{Browser, Driver};
+use crate::hall::{Plant, data};
+use crate::{in_browser, sign_in};
+use serde_json::json;
+
+#[test]
+fn an_empty_page_leads_to_a_robot_of_the_library_and_to_its_first_poses() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let key = hall.key(&["read", "upload"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("There is no robot yet").await;
+        browser
+            .run("[...document.querySelectorAll('summary')].find((s) => s.innerText.startsWith('Choose from')).click()")
+            .await;
+        browser
+            .until("document.querySelector('#robot-model-search')")
+            .await;
+        browser
+            .run("const s = document.querySelector('#robot-model-search'); s.value = 'ur10e'; s.dispatchEvent(new Event('input'))")
+            .await;
+        browser
+            .until("document.querySelectorAll('#robot-model option').length === 1")
+            .await;
+        browser.button("Look at it").await.click().await.unwrap();
+        browser
+            .until("document.querySelector('#robot-stored-serial')")
+            .await;
+        browser
+            .run("document.querySelector('#robot-stored-serial').value = 'SN-77'")
+            .await;
+        browser.button("Add robot").await.click().await.unwrap();
+        browser.until_it_says("serial number SN-77").await;
+        browser.until_it_says("What to do next").await;
+        assert_eq!(browser.accessibility().await, Vec::<String>::new());
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+#[test]
+fn a_verification_says_what_to_do_next_and_so_does_the_set_afterwards() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 15", "ER20-0135");
+    let first = hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let second = hall.set(&robot, "followup_unchanged.csv", "second");
+    let request = json!({"kind": "verify", "measurement_set_id": second, "parameter_set_id": first["parameter_set_id"]});
+    let verification = hall.server.finished(&hall.server.job(&robot, &request));
+    let key = hall.key(&["read", "upload", "identify", "release"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("result to review").await;
+        let page = |job: &serde_json::Value| format!("/#/jobs/{}", job["id"].as_str().unwrap());
+        browser.go(&page(&verification)).await;
+        browser
+            .until_it_says("The set holds on this session. It can be released on its page.")
+            .await;
+        browser.go(&page(&first)).await;
+        browser
+            .until_it_says("The fit holds on another session. It can be released below.")
+            .await;
+        // The way to the release ends at its button.
+        browser
+            .button("To the release")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser
+            .until("document.activeElement.innerText === 'Release …'")
+            .await;
+        // The robot's page says the same evidence.
+        browser.go(&format!("/#/robots/{robot}")).await;
+        browser.until_it_says("a later session verified it").await;
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+#[test]
+fn what_columns_mean_is_asked_once() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 16", "ER20-0136");
+    let text = std::fs::read_to_string(data("first_noisy.csv")).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let renamed = header
+        .replace("_deg", "")
+        .replace('q', "J")
+        .replace("_mm", "");
+    assert_ne!(renamed, header);
+    let odd = format!("{renamed}\n{rows}");
+    let key = hall.key(&["read", "upload", "identify"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("not calibrated").await;
+        browser.go(&format!("/#/robots/{robot}")).await;
+        browser
+            .until_it_says("This robot has not been calibrated yet")
+            .await;
+        browser.drop_file(".drop", "odd.csv", &odd).await;
+        browser.until_it_says("Say once what the columns are").await;
+        let said = browser.text().await;
+        assert!(
+            !said.contains("?columns") && !said.contains("--columns"),
+            "words for programs: {said}"
+        );
+        browser.button("Read it so").await.click().await.unwrap();
+        browser.until_it_says("odd: 100 points").await;
+        // The postures of such a file are shown, too.
+        browser.until_it_says("Are these your poses?").await;
+        browser.drop_file(".drop", "again.csv", &odd).await;
+        browser.until_it_says("again: 100 points").await;
+        browser.assert_quiet(&[422]).await;
+    });
+}
+
+#[test]
+fn archived_robots_are_found_and_jobs_are_counted_by_the_service() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 17", "ER20-0137");
+    let scrapped = hall.robot("Cell 18, scrapped", "ER20-0138");
+    hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let reason = json!({"reason": "scrapped"}).to_string().into_bytes();
+    let path = format!("/v1/robots/{scrapped}/archive");
+    let (status, answer) = hall.server.post(&path, "application/json", reason);
+    assert_eq!(status, 200, "{answer}");
+    let key = hall.key(&["read"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("result to review").await;
+        assert!(!browser.text().await.contains("scrapped"));
+        browser
+            .run("[...document.querySelectorAll('.chip')].find((b) => b.innerText.startsWith('Archived')).click()")
+            .await;
+        browser.until_it_says("Cell 18, scrapped").await;
+        browser.go(&format!("/#/robots/{scrapped}")).await;
+        browser.until_it_says("This robot was archived").await;
+        browser.go("/#/jobs").await;
+        browser.until_it_says("1 of 1 jobs").await;
+        browser
+            .run("const s = document.querySelector('#job-status'); s.value = 'failed'; s.dispatchEvent(new Event('change'))")
+            .await;
+        browser.until_it_says("No such job.").await;
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+#[test]
+fn a_plan_is_downloaded_with_a_row_for_each_pose() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 19", "ER20-0139");
+    let key = hall.key(&["admin"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("not calibrated").await;
+        browser.go(&format!("/#/robots/{robot}/plan")).await;
+        browser.button("Plan").await.click().await.unwrap();
+        browser.until_it_says("Joint values").await;
+        // The last poses repeat the first ones, and say so.
+        browser.until_it_says("pose 3").await;
+        let folder = hall.folder.path().join("downloads");
+        browser.download_to(&folder).await;
+        browser
+            .button("Download as CSV")
+            .await
+            .click()
+            .await
+            .unwrap();
+        let file = folder.join("poses.csv");
+        browser.until_there_is(&file).await;
+        let lines = std::fs::read_to_string(&file).unwrap().lines().count();
+        assert_eq!(lines, 1 + 30, "a header and a row for each pose");
+        browser.assert_quiet(&[]).await;
+    });
+}
