@@ -80,6 +80,8 @@ FAULTS = [
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
         ("let anchor = anchor_in(base, &model, &nominal.links);",
          "let _ = base; let anchor = anchor(&model.links, &nominal.links);")], "src/compensation"),
+    Fault("no final fit, no question", "service", "a_narrow_cloud_is_refused_without_a_final_fit", [
+        ("let is_open = facts.report.tool_uncertainty_absent_because.is_some();", "let is_open = false;")], "src/release"),
     Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = true;")], "src/release"),
     Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [
@@ -117,6 +119,8 @@ FAULTS = [
         ("create unique index parameter_set_one_released", "create index parameter_set_one_released")], "migrations/sqlite"),
     Fault("a release in spite of a failed gate", "service", "in_spite_of_a_failed_gate", [
         ("or coalesce(new.release_n_failed, 1) <> 0", "")], "migrations/sqlite"),
+    Fault("the newest document by the clock", "service", "mappings_of_columns_keep_their_order", [
+        ("and kind = $2 and name = $3 order by version desc limit 1", "and kind = $2 and name = $3 order by id desc limit 1")], "src/store"),
     Fault("a rollback by the clock", "service", "follows_what_a_release_superseded", [
         ("""order by case when id = (select a.supersedes_id from parameter_set a where a.robot_id = $1 and a.status = 'released') then 0 else 1 end,
             release_seq desc""", "order by released_at_ms desc")], "src/store"),
