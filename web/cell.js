@@ -37,6 +37,14 @@ export function quaternion(kind, values) {
   return { none: () => [1, 0, 0, 0], abc: byZyx, wpr: ([w, p, r]) => byZyx([r, p, w]), vector: byVector, quaternion: (q) => q }[kind](values);
 }
 
+/** The quaternion of a rotation matrix, w not negative: the longest row of 4·q·qᵀ, to unit length. */
+function ofMatrix([[a, b, c], [d, e, f], [g, h, i]]) {
+  const rows = [[1 + a + e + i, h - f, c - g, d - b], [h - f, 1 + a - e - i, b + d, c + g], [c - g, b + d, 1 - a + e - i, f + h], [d - b, c + g, f + h, 1 - a - e + i]];
+  const longest = rows.reduce((best, row, k) => (row[k] > best.size ? { row, size: row[k] } : best), { row: rows[0], size: rows[0][0] }).row;
+  const by = Math.hypot(...longest) * (longest[0] < 0 ? -1 : 1);
+  return longest.map((v) => v / by);
+}
+
 const numberInput = (name, label) => el("input", { type: "number", step: "any", "aria-label": label, placeholder: name });
 
 /** Three lengths and a rotation, as a controller has them. */
@@ -46,15 +54,19 @@ function poseFields(id, legend) {
   const angles = el("span.controls", {});
   const inputs = () => [...angles.querySelectorAll("input")];
   kind.addEventListener("change", () => fill(angles, ROTATIONS.find(([value]) => value === kind.value)[2].map((name) => numberInput(name, `Rotation ${name}`))));
-  const values = (all) => all.map((input) => Number(input.value));
+  const values = (all) => all.map((input) => {
+    if (input.value === "") throw { title: "A number is missing", detail: `${input.getAttribute("aria-label")} is empty. Enter 0 where it is 0.` };
+    return Number(input.value);
+  });
+  const isTyped = () => [...lengths, ...inputs()].some((input) => input.value !== "");
   const pose = () => ({ translation_mm: values(lengths), ...kind.value === "none" ? {} : { quaternion: quaternion(kind.value, values(inputs())) } });
-  return [el("fieldset", {}, el("legend", {}, legend), el("div.controls", {}, lengths)), el("div", {}, el("label", { for: kind.id }, "Rotation"), kind, angles), pose];
+  return [el("fieldset", {}, el("legend", {}, legend), el("div.controls", {}, lengths)), el("div", {}, el("label", { for: kind.id }, "Rotation"), kind, angles), pose, isTyped];
 }
 
 /** Tools and work frames, folded. `changed` is called when one was stored. */
 export function cellCard(robot, { frames, tools }, sets, may, changed) {
   const at = ({ translation_mm: p }) => p.map((v) => fixed(v, 2)).join(", ");
-  const turned = ({ quaternion: q }) => q.map((v) => fixed(v, 5)).join(", ");
+  const turned = ({ rotation }) => ofMatrix(rotation).map((v) => fixed(v, 5)).join(", ");
   const of = (set) => sets.find((s) => s.id === set)?.name ?? "a measurement set";
   const shared = (pose) => [["Origin, mm", (row) => at(pose(row))], ["Quaternion w, x, y, z", (row) => turned(pose(row))]];
   return el("section.card", {}, el("details", { id: "cell" }, el("summary", {}, `Work frames (${frames.length}) and tools (${tools.length}) of the cell`),
@@ -67,22 +79,19 @@ export function cellCard(robot, { frames, tools }, sets, may, changed) {
 function toolForm(robot, changed) {
   const name = el("input", { id: "tool-name", required: true, maxlength: 200 });
   const [lengths, rotation, pose] = poseFields("tool", "Tool centre point in the flange frame, mm");
-  return stored("Store a tool", [el("div", {}, el("label", { for: "tool-name" }, "Name"), name), lengths, rotation], (out) => put(`/v1/robots/${robot.id}/tools/${encodeURIComponent(name.value)}`, pose()).then(changed, (error) => fill(out, problem(error))));
+  return stored("Store a tool", [el("div", {}, el("label", { for: "tool-name" }, "Name"), name), lengths, rotation], async () => changed(await put(`/v1/robots/${robot.id}/tools/${encodeURIComponent(name.value)}`, pose())));
 }
 
 function frameForm(robot, sets, changed) {
   const name = el("input", { id: "frame-name", required: true, maxlength: 200 });
-  const [lengths, rotation, pose] = poseFields("frame", "Origin, mm; or a file of measured points below");
+  const [lengths, rotation, pose, isTyped] = poseFields("frame", "Origin, mm; or a file of measured points below");
   const file = el("input", { id: "frame-file", type: "file", accept: ".csv,text/csv" });
   const set = el("select", { id: "frame-set" }, el("option", { value: "" }, "the robot's base frame"), sets.map((s) => el("option", { value: s.id }, `the measuring frame of ${s.name ?? s.id}`)));
-  const keep = async (out) => {
-    try {
-      const where = file.files.length > 0 ? { points: fixturePoints(await file.files[0].text()) } : pose();
-      const reference = set.value === "" ? {} : { reference: "measuring", measurement_set_id: set.value };
-      changed(await put(`/v1/robots/${robot.id}/work-frames/${encodeURIComponent(name.value)}`, { ...reference, ...where }));
-    } catch (error) {
-      fill(out, problem(error));
-    }
+  const keep = async () => {
+    if (file.files.length > 0 && isTyped()) throw { title: "Typed and measured", detail: "A work frame is either typed or fitted to a file of points: empty one of them." };
+    const where = file.files.length > 0 ? { points: fixturePoints(await file.files[0].text()) } : pose();
+    const reference = set.value === "" ? {} : { reference: "measuring", measurement_set_id: set.value };
+    await changed(await put(`/v1/robots/${robot.id}/work-frames/${encodeURIComponent(name.value)}`, { ...reference, ...where }));
   };
   return stored("Store a work frame", [el("div", {}, el("label", { for: "frame-name" }, "Name"), name), el("div", {}, el("label", { for: "frame-set" }, "Its numbers are given in"), set), lengths, rotation,
     el("div", {}, el("label", { for: "frame-file" }, "Three or more measured points: a CSV with nominal_x_mm nominal_y_mm nominal_z_mm (as drawn) and x_mm y_mm z_mm (as measured)"), file)], keep);
@@ -91,8 +100,15 @@ function frameForm(robot, sets, changed) {
 /** A form whose button stores something. */
 function stored(words, fields, keep) {
   const out = el("div", { "aria-live": "polite" });
-  const submit = (event) => { event.preventDefault(); return keep(out); };
-  return el("form", { submit }, el("h3", {}, words), el("div.fields", {}, fields), out, el("p", {}, el("button", { type: "submit" }, words)));
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      await keep();
+    } catch (error) {
+      if (error.name !== "AbortError") fill(out, problem(error));
+    }
+  };
+  return el("form", { submit }, el("h2", {}, words), el("div.fields", {}, fields), out, el("p", {}, el("button", { type: "submit" }, words)));
 }
 
 /** Points of a fixture, from a CSV file. */

@@ -20,28 +20,45 @@ export async function correctPage({ main, signal, may }, id) {
   document.title = `kincal: correct a program of ${robot.name}`;
   const usable = [...sets.filter((set) => set.status === "released"), ...sets.filter((set) => !["released", "withdrawn"].includes(set.status))];
   const out = el("div", { "aria-live": "polite" });
-  const content = el("div", {});
-  const draw = (of) => fill(content, usable.length === 0 ? el("p.empty", {}, "This robot has no parameter set yet.") : form(robot, usable, of, out), cellCard(robot, of, measured, may, changed));
+  const place = el("div", {});
+  const { node, offer } = form(robot, usable, out);
+  const draw = (of) => {
+    offer(of);
+    fill(place, cellCard(robot, of, measured, may, changed));
+  };
   const changed = async ({ name }) => {
     draw(await cellOf(id, signal));
-    document.getElementById("cell").open = true;
+    const card = place.querySelector("details");
+    card.open = true;
+    card.querySelector("summary").focus();
     say(`${name} is stored`);
   };
   draw(cell);
   fill(main, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Correct a program"),
     el("p.quiet", {}, "For targets that were programmed offline. Targets that were taught at the robot contain its errors already and stay as they are."),
-    content, out);
+    usable.length === 0 ? el("p.empty", {}, "This robot has no parameter set yet.") : node, place, out);
 }
 
-function form(robot, sets, cell, out) {
+/** The form, and a function that offers the cell's work frames and tools in it. */
+function form(robot, sets, out) {
   const pick = (name, label, options) => {
     const select = el("select", { id: name }, options.map(([value, words]) => el("option", { value }, words)));
     return [select, el("div", {}, el("label", { for: name }, label), select)];
   };
   const [set, setField] = pick("correct-set", "Parameters", sets.map((s) => [s.id, `${s.status === "released" ? "active set" : s.status}, identified ${when(s.created_at)}`]));
   const [mode, modeField] = pick("correct-mode", "What is corrected", [["pose", "position and orientation of the tool"], ["position", "its position only"]]);
-  const [frame, frameField] = pick("correct-frame", "Frame of Cartesian targets", [["base", "robot's base"], ["measuring", "measuring frame"], ...cell.frames.map(({ name }) => [name, `work frame ${name}`])]);
-  const [named, namedField] = pick("correct-tool", "Tool", [["", "the measured reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
+  const [frame, frameField] = pick("correct-frame", "Frame of Cartesian targets", []);
+  const [named, namedField] = pick("correct-tool", "Tool", []);
+  const options = (select, all) => {
+    const before = select.value;
+    fill(select, all.map(([value, words]) => el("option", { value, selected: value === before }, words)));
+  };
+  let known = { frames: [], tools: [] };
+  const offer = (cell) => {
+    known = cell;
+    options(frame, [["base", "robot's base"], ["measuring", "measuring frame"], ...cell.frames.map(({ name }) => [name, `work frame ${name}`])]);
+    options(named, [["", "the measured reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
+  };
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
   const file = el("input", { id: "correct-file", type: "file", accept: ".csv,text/csv", required: true });
   const submit = async (event) => {
@@ -53,13 +70,16 @@ function form(robot, sets, cell, out) {
       const at = tool.map((input) => input.value);
       const typed = at.some((v) => v !== "") && { tool: { translation_mm: at.map(Number) } };
       const request = { mode: mode.value, ...typed, ...named.value && { tool_name: named.value }, ...program.targets && { frame: frame.value } };
-      fill(out, corrected(program, await compensate(set.value, program, request), file.files[0].name));
+      const isMeasuring = frame.value === "measuring" || known.frames.some(({ name, reference }) => name === frame.value && reference === "measuring");
+      const posesIn = isMeasuring ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
+      fill(out, corrected(program, await compensate(set.value, program, request), file.files[0].name, posesIn));
     } catch (error) {
       fill(out, problem(error));
     }
   };
-  return el("form.card", { submit }, el("div.fields", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
+  const node = el("form.card", { submit }, el("div.fields", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
     el("label", { for: "correct-file" }, `A CSV with q1_deg … q${robot.links.length}_deg (or _rad). With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+  return { node, offer };
 }
 
 /** The targets of a file, and what is needed to write it again. */
@@ -109,7 +129,7 @@ const FINE = ["ok"];
 const STATES = { ok: "corrected", near_singular: "near a singularity", not_reached: "not reached", joint_limit: "at a joint limit" };
 const stateOf = (status) => STATES[status] ?? status.replaceAll("_", " ");
 
-function corrected(program, answer, name) {
+function corrected(program, answer, name, posesIn) {
   const odd = answer.status.map((status, i) => [status, i]).filter(([status]) => !FINE.includes(status));
   const outside = answer.extrapolated.filter(Boolean).length;
   // what needs somebody is listed first, and named
@@ -123,7 +143,7 @@ function corrected(program, answer, name) {
   answer.warnings.map(warning),
   odd.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, odd.length === 1 ? "One target is not fully corrected. " : `${odd.length} targets are not fully corrected. `), `The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. Rows ${rows}.`)),
   el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name) }, "Download as CSV"))),
-    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its change. Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
+    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
 }
 
 function save({ header, rows, places, separator, position, quaternion }, answer, name) {

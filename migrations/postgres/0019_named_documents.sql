@@ -1,5 +1,7 @@
 -- What a robot has under a name: mappings of columns, work frames and tools. A document is never changed. The highest version of a name is in force: a
 -- counter, because the clock may be set back. Mappings of columns were in a table of their own, the newest by the clock.
+-- a node of an older version must not store a mapping between the copy and the drop
+lock table column_mapping in access exclusive mode;
 create table named_document (
     id            text   not null primary key,
     robot_id      text   not null references robot (id),

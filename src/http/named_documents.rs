@@ -76,10 +76,6 @@ pub async fn newest(
     kind: NamedDocumentKind,
     name: &str,
 ) -> Result<NamedDocumentRow, Error> {
-    // nothing has a name that cannot be stored
-    if name.contains('\0') {
-        return Err(Error::NotFound(in_words(kind)));
-    }
     let row = named_documents::newest(&app.store, robot_id, kind, name).await;
     row.map_err(|error| match error {
         store::Error::NotFound => Error::NotFound(in_words(kind)),

@@ -127,12 +127,12 @@ impl NamedDocumentRow {
         }
     }
 
-    /// Mappings of columns are older than versions, and keep the entry that they had.
+    /// Mappings of columns keep the names that their entries had before there were versions; such an entry has none.
     fn as_created(&self) -> Value {
         let sha256 = canonical::sha256_hex(self.content_json.as_bytes());
         if self.is_columns() {
-            json!({"robot_id": self.robot_id, "name": self.name, "created_by": self.created_by, "created_at_ms": self.created_at_ms,
-                "columns_sha256": sha256})
+            json!({"robot_id": self.robot_id, "name": self.name, "version": self.version, "created_by": self.created_by,
+                "created_at_ms": self.created_at_ms, "columns_sha256": sha256})
         } else {
             json!({"robot_id": self.robot_id, "kind": self.kind, "name": self.name, "version": self.version, "created_by": self.created_by,
                 "created_at_ms": self.created_at_ms, "content_sha256": sha256})
@@ -204,6 +204,10 @@ pub async fn newest(
     kind: NamedDocumentKind,
     name: &str,
 ) -> Result<NamedDocumentRow> {
+    // nothing has a name that cannot be stored
+    if name.contains('\0') {
+        return Err(super::Error::NotFound);
+    }
     Ok(sqlx::query_as(NEWEST)
         .bind(robot_id)
         .bind(kind.as_str())

@@ -223,9 +223,9 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
             tool["t_flange_tool"]["translation_mm"],
             json!([0.0, 5.0, 120.0])
         );
-        for k in 0..4 {
-            let [found, expected] = [&tool["t_flange_tool"]["quaternion"], &posture["quaternion"]]
-                .map(|q| q[k].as_f64().unwrap());
+        for (i, k) in (0..3).flat_map(|i| (0..3).map(move |k| (i, k))) {
+            let [found, expected] = [&tool["t_flange_tool"]["rotation"], &posture["rotation"]]
+                .map(|rotation| rotation[i][k].as_f64().unwrap());
             assert!((found - expected).abs() < 1e-6, "{found} {expected}");
         }
         // A fixture that stands 10, 20, 30 mm from the base frame, from four points.

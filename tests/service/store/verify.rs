@@ -244,6 +244,10 @@ const FAULTS: &[(&str, &[&str])] = &[
         "drop trigger named_document_stays; update named_document set version = 2 where kind = 'tool'",
         &["I1", "I9"],
     ),
+    (
+        "drop trigger named_document_stays; update named_document set version = 2 where kind = 'columns'",
+        &["I1", "I9"],
+    ),
     ("delete from named_document where kind = 'columns'", &["I1"]),
     ("delete from named_document where kind = 'tool'", &["I1"]),
     ("drop trigger measurement_set_reading_stays", &["I9"]),
