@@ -75,7 +75,6 @@ function judged(found) {
 function afterVerification(report, robot, verified) {
   if (!verified) return el("p", {}, "The nominal robot was scored. Calibrate with these points to see what can be gained.");
   const link = el("a.button", { href: `#/jobs/${verified.job_id}` }, "To that parameter set");
-  if (report.check) return el("div.actions", {}, link);
   // a verification fits nothing: its points are those of the verify half
   const half = report.verify ?? report.identify;
   const better = half.after.mean_mm < half.before.mean_mm;
