@@ -79,7 +79,9 @@ FAULTS = [
         ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
         ("let anchor = anchor_in(base, &model, &nominal.links);",
-         "let _ = base; let anchor = anchor(&model.links, &nominal.links);")], "src/compensation"),
+         "let _ = base; let anchor = anchor_in(Base::Robot, &model, &nominal.links);")], "src/compensation"),
+    Fault("no final fit, no question", "service", "a_narrow_cloud_is_refused_without_a_final_fit", [
+        ("let is_open = facts.report.tool_uncertainty_absent_because.is_some();", "let is_open = false;")], "src/release"),
     Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = true;")], "src/release"),
     Fault("a rollback across a collision", "service", "a_rollback_to_a_set_from_before_a_collision", [
@@ -117,6 +119,16 @@ FAULTS = [
         ("create unique index parameter_set_one_released", "create index parameter_set_one_released")], "migrations/sqlite"),
     Fault("a release in spite of a failed gate", "service", "in_spite_of_a_failed_gate", [
         ("or coalesce(new.release_n_failed, 1) <> 0", "")], "migrations/sqlite"),
+    Fault("a change that a check found is explained by scoring it again", "service", "a_check_says_whether_the_released_set_holds", [
+        ("where c.kind = 'check' and w.robot_id = $1", "where c.kind = 'none' and w.robot_id = $1")], "src/store"),
+    Fault("old points say that a set holds", "service", "a_check_says_whether_the_released_set_holds", [
+        ("is_measured_anew: another && !since.is_repeat,", "is_measured_anew: true,")], "src/jobs"),
+    Fault("labels are configurations", "core", "fewer_than_five_configurations_are_refused", [
+        ("let other = *number_at.entry(first).or_insert(number);", "let other = *number_at.entry(row).or_insert(number);")], "src/measurement"),
+    Fault("a zero that is not seen holds", "core", "a_zero_that_these_poses_alone_do_not_show", [
+        ("found.change.is_none() && limit_mm", "false && found.change.is_none() && limit_mm")], "src/calibration"),
+    Fault("the newest document by the clock", "service", "mappings_of_columns_keep_their_order", [
+        ("and kind = $2 and name = $3 order by version desc limit 1", "and kind = $2 and name = $3 order by id desc limit 1")], "src/store"),
     Fault("a rollback by the clock", "service", "follows_what_a_release_superseded", [
         ("""order by case when id = (select a.supersedes_id from parameter_set a where a.robot_id = $1 and a.status = 'released') then 0 else 1 end,
             release_seq desc""", "order by released_at_ms desc")], "src/store"),
@@ -285,7 +297,7 @@ FAULTS = [
     Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
         ("DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff", "DESCRIBES_NO_ROBOT: Fit = Fit::DoesNotFit")], "src/release"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
-        ("let n_placed = match refit || n_stations(set) > 1 {", "let n_placed = match n_stations(set) > 1 {")], "src/calibration"),
+        ("let n_placed = n_placed_where(refit, set);", "let n_placed = n_placed_where(refit && false, set);")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [
         ("if (corrected_mm <= links_mm && corrected_rad <= links_rad) || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
     Fault("uncertainty of what did not converge", "core", "did_not_converge", [

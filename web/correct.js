@@ -1,8 +1,9 @@
-// A program corrected in the page: joint targets in, joint targets out, with which the identified robot is where the program wants it.
+// A program corrected in the page: joint or Cartesian targets in, corrected ones out, with which the identified robot is where the program wants it.
 
 import { get, list, post } from "./api.js";
+import { cellCard, cellOf } from "./cell.js";
 import { rowsOf } from "./csv.js";
-import { el, fill, problem, table, warning } from "./dom.js";
+import { el, fill, problem, say, table, warning } from "./dom.js";
 import { error, fixed, mm, signed, when } from "./format.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
@@ -14,16 +15,31 @@ const SHOWN = 40;
 const DEG = 180 / Math.PI;
 
 /** The page. */
-export async function correctPage({ main, signal }, id) {
-  const [robot, sets] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal)]);
+export async function correctPage({ main, signal, may }, id) {
+  const [robot, sets, measured, cell] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal), list(`/v1/robots/${id}/measurement-sets`, 50, signal), cellOf(id, signal)]);
   document.title = `kincal: correct a program of ${robot.name}`;
   const usable = [...sets.filter((set) => set.status === "released"), ...sets.filter((set) => !["released", "withdrawn"].includes(set.status))];
   const out = el("div", { "aria-live": "polite" });
+  const place = el("div", {});
+  const { node, offer } = form(robot, usable, out);
+  const draw = (of) => {
+    offer(of);
+    fill(place, cellCard(robot, of, measured, may, changed));
+  };
+  const changed = async ({ name }) => {
+    draw(await cellOf(id, signal));
+    const card = place.querySelector("details");
+    card.open = true;
+    card.querySelector("summary").focus();
+    say(`${name} is stored`);
+  };
+  draw(cell);
   fill(main, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Correct a program"),
     el("p.quiet", {}, "For targets that were programmed offline. Targets that were taught at the robot contain its errors already and stay as they are."),
-    usable.length === 0 ? el("p.empty", {}, "This robot has no parameter set yet.") : form(robot, usable, out), out);
+    usable.length === 0 ? el("p.empty", {}, "This robot has no parameter set yet.") : node, place, out);
 }
 
+/** The form, and a function that offers the cell's work frames and tools in it. */
 function form(robot, sets, out) {
   const pick = (name, label, options) => {
     const select = el("select", { id: name }, options.map(([value, words]) => el("option", { value }, words)));
@@ -31,6 +47,18 @@ function form(robot, sets, out) {
   };
   const [set, setField] = pick("correct-set", "Parameters", sets.map((s) => [s.id, `${s.status === "released" ? "active set" : s.status}, identified ${when(s.created_at)}`]));
   const [mode, modeField] = pick("correct-mode", "What is corrected", [["pose", "position and orientation of the tool"], ["position", "its position only"]]);
+  const [frame, frameField] = pick("correct-frame", "Frame of Cartesian targets", []);
+  const [named, namedField] = pick("correct-tool", "Tool", []);
+  const options = (select, all) => {
+    const before = select.value;
+    fill(select, all.map(([value, words]) => el("option", { value, selected: value === before }, words)));
+  };
+  let known = { frames: [], tools: [] };
+  const offer = (cell) => {
+    known = cell;
+    options(frame, [["base", "robot's base"], ["measuring", "measuring frame"], ...cell.frames.map(({ name }) => [name, `work frame ${name}`])]);
+    options(named, [["", "the measured reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
+  };
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
   const file = el("input", { id: "correct-file", type: "file", accept: ".csv,text/csv", required: true });
   const submit = async (event) => {
@@ -40,14 +68,18 @@ function form(robot, sets, out) {
     try {
       const program = read(await file.files[0].text(), robot.links.length);
       const at = tool.map((input) => input.value);
-      const request = { mode: mode.value, ...at.some((v) => v !== "") ? { tool: { translation_mm: at.map(Number) } } : {} };
-      fill(out, corrected(program, await compensate(set.value, program.q, request), file.files[0].name));
+      const typed = at.some((v) => v !== "") && { tool: { translation_mm: at.map(Number) } };
+      const request = { mode: mode.value, ...typed, ...named.value && { tool_name: named.value }, ...program.targets && { frame: frame.value } };
+      const isMeasuring = frame.value === "measuring" || known.frames.some(({ name, reference }) => name === frame.value && reference === "measuring");
+      const posesIn = isMeasuring ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
+      fill(out, corrected(program, await compensate(set.value, program, request), file.files[0].name, posesIn));
     } catch (error) {
       fill(out, problem(error));
     }
   };
-  return el("form.card", { submit }, el("div.fields", {}, setField, modeField, el("fieldset", {}, el("legend", {}, "Tool centre point in the flange frame, mm (empty: the measured reflector)"), el("div.controls", {}, tool))),
-    el("label", { for: "correct-file" }, `Joint targets: a CSV with q1_deg … q${robot.links.length}_deg (or _rad); other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+  const node = el("form.card", { submit }, el("div.fields", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
+    el("label", { for: "correct-file" }, `A CSV with q1_deg … q${robot.links.length}_deg (or _rad). With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+  return { node, offer };
 }
 
 /** The targets of a file, and what is needed to write it again. */
@@ -64,16 +96,29 @@ function read(text, n) {
     return value * factor;
   }));
   if (q.length === 0) throw { title: "No targets", detail: "The file has a header row only." };
-  return { header: first.cells, rows: rows.map((row) => row.cells), places, separator, q };
+  const [position, quaternion] = [["x_mm", "y_mm", "z_mm"], ["quat_w", "quat_x", "quat_y", "quat_z"]].map((names) => {
+    const all = names.map((name) => first.cells.findIndex((cell) => cell.toLowerCase() === name));
+    return all.includes(-1) ? null : all;
+  });
+  const values = ({ cells, line }, columns) => columns.map((at) => {
+    const value = Number(separator === "," ? cells[at] : cells[at]?.replace(",", "."));
+    if (!Number.isFinite(value) || (cells[at] ?? "") === "") throw { title: "A target cannot be read", detail: `Line ${line}, column ${first.cells[at]}: "${cells[at] ?? ""}" is no number.` };
+    return value;
+  });
+  const targets = position && rows.map((row, i) => ({ position_mm: values(row, position), ...quaternion && { quaternion: values(row, quaternion) }, q_near_deg: q[i] }));
+  return { header: first.cells, rows: rows.map((row) => row.cells), places, separator, q, targets, position, quaternion };
 }
 
-async function compensate(id, q, request) {
-  const all = { q_deg: [], position_error_before_mm: [], position_error_after_mm: [], status: [], extrapolated: [], warnings: [] };
+/** Fields of an answer with one entry for each target; the last two are not in every answer. */
+const LISTS = ["q_deg", "position_error_before_mm", "position_error_after_mm", "status", "extrapolated", "position_std_mm", "poses"];
+
+async function compensate(id, { q, targets }, request) {
+  const all = Object.fromEntries(LISTS.map((key) => [key, []]));
   for (let from = 0; from < q.length; from += PART) {
-    const part = await post(`/v1/parameter-sets/${id}/compensate`, { ...request, q_deg: q.slice(from, from + PART) });
-    for (const key of Object.keys(all)) if (key !== "warnings") all[key].push(...part[key]);
-    all.warnings = part.warnings ?? [];
-    all.frame = part.frame;
+    const wanted = targets ? { targets: targets.slice(from, from + PART) } : { q_deg: q.slice(from, from + PART) };
+    const part = await post(`/v1/parameter-sets/${id}/compensate`, { ...request, ...wanted });
+    for (const key of LISTS) all[key].push(...part[key] ?? []);
+    Object.assign(all, { warnings: part.warnings ?? [], frame: part.frame });
   }
   return all;
 }
@@ -84,7 +129,7 @@ const FINE = ["ok"];
 const STATES = { ok: "corrected", near_singular: "near a singularity", not_reached: "not reached", joint_limit: "at a joint limit" };
 const stateOf = (status) => STATES[status] ?? status.replaceAll("_", " ");
 
-function corrected(program, answer, name) {
+function corrected(program, answer, name, posesIn) {
   const odd = answer.status.map((status, i) => [status, i]).filter(([status]) => !FINE.includes(status));
   const outside = answer.extrapolated.filter(Boolean).length;
   // what needs somebody is listed first, and named
@@ -93,17 +138,22 @@ function corrected(program, answer, name) {
   const rows = odd.slice(0, 12).map(([, i]) => i).join(", ") + (odd.length > 12 ? ` and ${odd.length - 12} more` : "");
   const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
   return [facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))], ["Largest error after", mm(worst(answer.position_error_after_mm)), `by the identified robot, in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`],
+    answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), "standard uncertainty of the tool's position at the least certain target"],
     ["To look at", odd.length, odd.length > 0 ? [...new Set(odd.map(([status]) => stateOf(status)))].join(", ") : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
   answer.warnings.map(warning),
   odd.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, odd.length === 1 ? "One target is not fully corrected. " : `${odd.length} targets are not fully corrected. `), `The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. Rows ${rows}.`)),
   el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name) }, "Download as CSV"))),
-    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its change. Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
+    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
 }
 
-function save({ header, rows, places, separator }, answer, name) {
+function save({ header, rows, places, separator, position, quaternion }, answer, name) {
   const quoted = (cell) => (/["\n\r]/.test(cell) || cell.includes(separator) ? `"${cell.replaceAll("\"", "\"\"")}"` : cell);
   const number = (value) => (separator === "," ? String(value) : String(value).replace(".", separator === ";" ? "," : "."));
   const lines = rows.map((cells, i) => cells.map((cell, at) => {
+    const pose = answer.poses[i];
+    const [axis, part] = [position, quaternion].map((columns) => (pose && columns ? columns.indexOf(at) : -1));
+    if (axis >= 0) return number(Number(pose.position_mm[axis].toFixed(5)));
+    if (part >= 0) return number(Number(pose.quaternion[part].toFixed(9)));
     const k = places.findIndex((place) => place.at === at);
     return k < 0 ? quoted(cell) : number(Number((answer.q_deg[i][k] / places[k].factor).toFixed(8)));
   }).join(separator));

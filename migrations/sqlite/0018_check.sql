@@ -22,7 +22,7 @@ when new.status = 'released' and old.status <> 'released' and exists (
         or (p.tolerance_mm is not null and (new.release_uncertainty_mm is null or new.release_uncertainty_mm > p.tolerance_mm
             or exists (select 1 from verification v
                 where v.parameter_set_id = new.id and v.fit <> 'does_not_fit'
-        and (v.after_rms_mm > p.tolerance_mm or (p.decision_rule = 'guarded_acceptance' and v.n_points > 0
+        and v.n_points > 0 and (v.after_rms_mm is null or v.after_rms_mm > p.tolerance_mm or (p.decision_rule = 'guarded_acceptance'
             and (v.after_expanded_mm is null or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm)))
         and not (v.fit = 'set_far_off' and v.seq <= (select r.checked_seq from robot r where r.id = new.robot_id)
             and exists (select 1 from verification w where w.parameter_set_id = v.parameter_set_id and w.seq > v.seq and w.kind = 'session'

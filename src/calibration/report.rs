@@ -1,6 +1,6 @@
 //! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
 
-use crate::calibration::quick_check::{CHECK_CANNOT_TELL, CHECK_CHANGED, QuickCheck};
+use crate::calibration::quick_check::QuickCheck;
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::identification::changes::Estimate;
@@ -354,10 +354,9 @@ pub const FEW_VERIFY_POINTS: &str = "few_verify_points";
 pub const FEWEST_TO_PROVE: usize = 5;
 
 impl CalibrationReport {
-    /// Whether its points to verify say anything of the robot: they fit it, and are enough.
+    /// Whether its points to verify say anything for a release: they fit the robot, are enough, and are not those of a quick check.
     pub fn is_evidence(&self) -> bool {
         let mut says_nothing = vec![DOES_NOT_FIT, NO_FIT, FEW_VERIFY_POINTS, SHOWS_LITTLE];
-        says_nothing.extend([CHECK_CHANGED, CHECK_CANNOT_TELL]);
         // a job that identifies has seen its own base: such points then say as much as those held out of the same upload
         if self.identify.n_points == 0 {
             says_nothing.push(BASE_NOT_CHECKED);
@@ -367,7 +366,8 @@ impl CalibrationReport {
         let configurations: BTreeSet<&str> = to_verify
             .map(|point| point.configuration.as_str())
             .collect();
-        configurations.len() >= FEWEST_TO_PROVE
+        self.quick_check.is_none()
+            && configurations.len() >= FEWEST_TO_PROVE
             && self
                 .warnings
                 .iter()

@@ -1,15 +1,16 @@
 //! What the columns of a robot's files mean: mappings that are kept under a name, and a look at a file before it is uploaded.
 
 use crate::http::auth::Caller;
-use crate::http::creation::{Submission, stored_json};
+use crate::http::creation::Submission;
 use crate::http::extract::Id;
 use crate::http::extract::Query;
 use crate::http::limits::RequestClass;
 use crate::http::list_query::NewestListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
-use crate::http::{App, Error, access};
+use crate::http::{App, Error, access, named_documents};
 use crate::operations::preview_table;
-use crate::store::{self, ColumnMappingRow, Tx, column_mappings};
+use crate::store::NamedDocumentRow;
+use crate::store::named_documents::NamedDocumentKind;
 use crate::wire::columns::{ColumnMappingAnswer, ColumnsBody};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::Decimal;
@@ -122,10 +123,7 @@ async fn list(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
-    access::robot(&app, &caller, &robot_id).await?;
-    let found = column_mappings::list(&app.store, &robot_id, &query.request()?).await?;
-    let convert = |row| ColumnMappingAnswer::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
+    named_documents::page(&app, &caller, &robot_id, NamedDocumentKind::Columns, query).await
 }
 
 /// A mapping of columns by its name.
@@ -140,13 +138,7 @@ async fn get(
     path: Path<(String, String)>,
 ) -> Result<Json<ColumnMappingAnswer>, Error> {
     let Named { robot_id, name } = named(path)?;
-    access::robot(&app, &caller, &robot_id).await?;
-    let row = column_mappings::newest(&app.store, &robot_id, &name).await;
-    let row = row.map_err(|error| match error {
-        store::Error::NotFound => Error::NotFound("mapping of columns"),
-        other => other.into(),
-    })?;
-    Ok(Json(ColumnMappingAnswer::try_from(&row)?))
+    named_documents::one(&app, &caller, &robot_id, NamedDocumentKind::Columns, &name).await
 }
 
 /// Keeps a mapping of columns under a name, in place of an earlier one of that name. Sets that were uploaded with the earlier one stay as they are.
@@ -165,22 +157,17 @@ async fn put(
     access::robot(&app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
-    let json = serde_json::to_string(&columns)?;
-    let by = &submission.caller.holder;
-    let effect = async |tx: &mut Tx| {
-        let row = column_mappings::insert(tx, &robot_id, &name, &json, by).await?;
-        stored_json(200, None, &ColumnMappingAnswer::try_from(&row)?)
-    };
-    submission.create(&app.store, effect).await
+    let named = (robot_id.as_str(), NamedDocumentKind::Columns, name.as_str());
+    named_documents::keep::<_, ColumnMappingAnswer>(&app, named, submission, columns).await
 }
 
-impl TryFrom<&ColumnMappingRow> for ColumnMappingAnswer {
+impl TryFrom<&NamedDocumentRow> for ColumnMappingAnswer {
     type Error = Error;
 
-    fn try_from(row: &ColumnMappingRow) -> Result<Self, Error> {
+    fn try_from(row: &NamedDocumentRow) -> Result<Self, Error> {
         Ok(Self {
             name: row.name.clone(),
-            columns: serde_json::from_str(&row.columns_json)?,
+            columns: serde_json::from_str(&row.content_json)?,
             created_at: rfc3339(row.created_at_ms),
         })
     }

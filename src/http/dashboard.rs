@@ -41,6 +41,7 @@ const ASSETS: &[Asset] = assets! {
     "api.js": JAVASCRIPT,
     "app.js": JAVASCRIPT,
     "arm.js": JAVASCRIPT,
+    "cell.js": JAVASCRIPT,
     "charts.js": JAVASCRIPT,
     "check.js": JAVASCRIPT,
     "columns.js": JAVASCRIPT,

@@ -32,6 +32,7 @@ mod list_query;
 mod me;
 mod measurement_sets;
 mod metrics;
+mod named_documents;
 mod named_frames;
 mod networks;
 mod overview;

@@ -1,15 +1,13 @@
 //! Work frames and tools of a robot, kept under a name.
 
 use crate::http::auth::Caller;
-use crate::http::creation::{Submission, stored_json};
+use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
-use crate::http::{App, Error, access};
-use crate::store::named_frames::NewNamedFrame;
-use crate::store::{self, NamedFrameRow, Tx, measurement_sets, named_frames};
-use crate::wire::named_frame::{
-    NamedFrameKind, ToolAnswer, WorkFrameAnswer, WorkFrameBody, check_name,
-};
+use crate::http::{App, Error, access, named_documents};
+use crate::store::named_documents::NamedDocumentKind;
+use crate::store::{NamedDocumentRow, measurement_sets};
+use crate::wire::named_frame::{ToolAnswer, WorkFrameAnswer, WorkFrameBody, check_name};
 use crate::wire::page::Page;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::time::rfc3339;
@@ -17,7 +15,6 @@ use crate::wire::tool::ToolBody;
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::response::Response;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
@@ -42,7 +39,14 @@ async fn list_work_frames(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    page(&app, &caller, &robot_id, NamedFrameKind::WorkFrame, query).await
+    named_documents::page(
+        &app,
+        &caller,
+        &robot_id,
+        NamedDocumentKind::WorkFrame,
+        query,
+    )
+    .await
 }
 
 /// A work frame by its name.
@@ -56,7 +60,14 @@ async fn get_work_frame(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<WorkFrameAnswer>, Error> {
-    one(&app, &caller, &robot_id, NamedFrameKind::WorkFrame, &name).await
+    named_documents::one(
+        &app,
+        &caller,
+        &robot_id,
+        NamedDocumentKind::WorkFrame,
+        &name,
+    )
+    .await
 }
 
 /// Keeps a work frame under a name, in place of an earlier one of that name: typed, or fitted to three or more measured points.
@@ -79,8 +90,12 @@ async fn put_work_frame(
             return Err(Error::NotFound("measurement set of this robot"));
         }
     }
-    let named = (robot_id.as_str(), NamedFrameKind::WorkFrame, name.as_str());
-    keep::<_, WorkFrameAnswer>(&app, named, submission, body).await
+    let named = (
+        robot_id.as_str(),
+        NamedDocumentKind::WorkFrame,
+        name.as_str(),
+    );
+    named_documents::keep::<_, WorkFrameAnswer>(&app, named, submission, body).await
 }
 
 /// A robot's tools, newest first.
@@ -95,7 +110,7 @@ async fn list_tools(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ToolAnswer>>, Error> {
-    page(&app, &caller, &robot_id, NamedFrameKind::Tool, query).await
+    named_documents::page(&app, &caller, &robot_id, NamedDocumentKind::Tool, query).await
 }
 
 /// A tool by its name.
@@ -109,7 +124,7 @@ async fn get_tool(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ToolAnswer>, Error> {
-    one(&app, &caller, &robot_id, NamedFrameKind::Tool, &name).await
+    named_documents::one(&app, &caller, &robot_id, NamedDocumentKind::Tool, &name).await
 }
 
 /// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
@@ -126,39 +141,8 @@ async fn put_tool(
 ) -> Result<Response, Error> {
     let body: ToolBody = begin(&app, &robot_id, &name, &submission).await?;
     body.check()?;
-    let named = (robot_id.as_str(), NamedFrameKind::Tool, name.as_str());
-    keep::<_, ToolAnswer>(&app, named, submission, body).await
-}
-
-async fn page<A>(
-    app: &App,
-    caller: &Caller,
-    robot_id: &str,
-    kind: NamedFrameKind,
-    query: NewestListQuery,
-) -> Result<Json<Page<A>>, Error>
-where
-    A: for<'r> TryFrom<&'r NamedFrameRow, Error = Error>,
-{
-    access::robot(app, caller, robot_id).await?;
-    let found = named_frames::list(&app.store, robot_id, kind, &query.request()?).await?;
-    let convert = |row| A::try_from(&row);
-    Ok(Json(found.page.into_answer(found.total, convert)?))
-}
-
-async fn one<A>(
-    app: &App,
-    caller: &Caller,
-    robot_id: &str,
-    kind: NamedFrameKind,
-    name: &str,
-) -> Result<Json<A>, Error>
-where
-    A: for<'r> TryFrom<&'r NamedFrameRow, Error = Error>,
-{
-    access::robot(app, caller, robot_id).await?;
-    let row = newest(app, robot_id, kind, name).await?;
-    Ok(Json(A::try_from(&row)?))
+    let named = (robot_id.as_str(), NamedDocumentKind::Tool, name.as_str());
+    named_documents::keep::<_, ToolAnswer>(&app, named, submission, body).await
 }
 
 /// The body of a request that puts a work frame or tool of this name, if the caller may see the robot.
@@ -173,74 +157,31 @@ async fn begin<B: DeserializeOwned>(
     submission.json()
 }
 
-/// Stores the checked body of a request under the robot's id, the kind and the name.
-async fn keep<B, A>(
-    app: &App,
-    (robot_id, kind, name): (&str, NamedFrameKind, &str),
-    submission: Submission,
-    body: B,
-) -> Result<Response, Error>
-where
-    B: Serialize,
-    A: for<'r> TryFrom<&'r NamedFrameRow, Error = Error> + Serialize,
-{
-    let new = NewNamedFrame {
-        robot_id,
-        kind,
-        name,
-        content_json: &serde_json::to_string(&body)?,
-        by: &submission.caller.holder,
-    };
-    let effect = async |tx: &mut Tx| {
-        let row = named_frames::insert(tx, new).await?;
-        stored_json(200, None, &A::try_from(&row)?)
-    };
-    submission.create(&app.store, effect).await
-}
-
-async fn newest(
-    app: &App,
-    robot_id: &str,
-    kind: NamedFrameKind,
-    name: &str,
-) -> Result<NamedFrameRow, Error> {
-    // no frame or tool has a name that cannot be kept
-    if check_name(name, MAX_NAME).is_err() {
-        return Err(Error::NotFound("work frame or tool"));
-    }
-    let row = named_frames::newest(&app.store, robot_id, kind, name).await;
-    row.map_err(|error| match (error, kind) {
-        (store::Error::NotFound, NamedFrameKind::WorkFrame) => Error::NotFound("work frame"),
-        (store::Error::NotFound, NamedFrameKind::Tool) => Error::NotFound("tool"),
-        (other, _) => other.into(),
-    })
-}
-
-/// The work frame that holds under a name.
+/// The work frame that is in force under a name.
 pub async fn work_frame(app: &App, robot_id: &str, name: &str) -> Result<WorkFrameBody, Error> {
-    let row = newest(app, robot_id, NamedFrameKind::WorkFrame, name).await?;
+    let row = named_documents::newest(app, robot_id, NamedDocumentKind::WorkFrame, name).await?;
     Ok(serde_json::from_str(&row.content_json)?)
 }
 
-/// The tool that holds under a name.
+/// The tool that is in force under a name.
 pub async fn tool(app: &App, robot_id: &str, name: &str) -> Result<ToolBody, Error> {
-    let row = newest(app, robot_id, NamedFrameKind::Tool, name).await?;
+    let row = named_documents::newest(app, robot_id, NamedDocumentKind::Tool, name).await?;
     Ok(serde_json::from_str(&row.content_json)?)
 }
 
-impl TryFrom<&NamedFrameRow> for WorkFrameAnswer {
+impl TryFrom<&NamedDocumentRow> for WorkFrameAnswer {
     type Error = Error;
 
-    fn try_from(row: &NamedFrameRow) -> Result<Self, Error> {
+    fn try_from(row: &NamedDocumentRow) -> Result<Self, Error> {
         let body: WorkFrameBody = serde_json::from_str(&row.content_json)?;
         Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms))?)
     }
 }
 
-impl TryFrom<&NamedFrameRow> for ToolAnswer {
+impl TryFrom<&NamedDocumentRow> for ToolAnswer {
     type Error = Error;
 
-    fn try_from(row: &NamedFrameRow) -> Result<Self, Error> {
+    fn try_from(row: &NamedDocumentRow) -> Result<Self, Error> {
         let body: ToolBody = serde_json::from_str(&row.content_json)?;
         Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms)))
     }

@@ -2,7 +2,8 @@
 
 use crate::http::creation::Submission;
 use crate::http::{App, Error};
-use crate::store::{self, column_mappings};
+use crate::store;
+use crate::store::named_documents::{self, NamedDocumentKind};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::multipart::is_multipart;
 use crate::wire::{Invalid, json, workbook};
@@ -61,8 +62,9 @@ pub async fn stated_columns(
     if stated.starts_with('{') {
         return Ok(ColumnsBody::parse(stated.as_bytes())?);
     }
-    match column_mappings::newest(&app.store, robot_id, stated).await {
-        Ok(row) => Ok(json::parse(row.columns_json.as_bytes())?),
+    let kind = NamedDocumentKind::Columns;
+    match named_documents::newest(&app.store, robot_id, kind, stated).await {
+        Ok(row) => Ok(json::parse(row.content_json.as_bytes())?),
         Err(store::Error::NotFound) => {
             let detail = format!(
                 "the robot has no mapping of columns called {stated:?}: keep it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"

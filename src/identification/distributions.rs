@@ -79,6 +79,9 @@ fn upper_gamma(a: f64, x: f64) -> f64 {
 
 /// Probability that F with (`numerator`, `denominator`) degrees of freedom is above `value`.
 pub fn f_tail(value: f64, numerator: f64, denominator: f64) -> f64 {
+    if value.is_nan() {
+        return value;
+    }
     incomplete_beta(
         denominator / 2.0,
         numerator / 2.0,

@@ -62,6 +62,8 @@ pub struct Detectable {
     pub change: Option<f64>,
     /// How far that change moves the target, rms over these points, mm.
     pub tool_mm: Option<f64>,
+    /// Where these poses do not show it: how far a turn of [`MOST_TURN_RAD`] moves the target, rms over these points, mm; 0 for shifts.
+    pub unseen_tool_mm: f64,
 }
 
 /// The test, and what it could have seen.
@@ -306,9 +308,14 @@ fn smallest(
     left: &DMatrix<f64>,
     (shift, most): (f64, f64),
 ) -> Detectable {
+    let n_points = raw.nrows() as f64 / 3.0;
     let unseen = Detectable {
         change: None,
         tool_mm: None,
+        unseen_tool_mm: match most.is_finite() {
+            true => raw.norm() * most / n_points.sqrt(),
+            false => 0.0,
+        },
     };
     let direction = match raw.ncols() {
         1 => DVector::from_element(1, 1.0),
@@ -329,10 +336,10 @@ fn smallest(
     if change > most {
         return unseen;
     }
-    let n_points = raw.nrows() as f64 / 3.0;
     Detectable {
         change: Some(change),
         tool_mm: Some((raw * &direction).norm() * change / n_points.sqrt()),
+        unseen_tool_mm: 0.0,
     }
 }
 

@@ -2,11 +2,13 @@
 
 use std::ops::ControlFlow;
 
+use crate::store::verifications::EarlierUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
     ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, jobs,
     measurement_sets, networks, parameter_sets, robot_versions, verifications,
 };
+use crate::wire::job::Kind;
 use crate::wire::verification::Verification;
 
 use crate::wire::Invalid;
@@ -43,7 +45,7 @@ pub struct JobInputs {
     pub earlier: EarlierUploads,
 }
 
-/// Uploads from before the robot's last session that did not fit.
+/// Uploads from before the robot's last session that did not fit; for a check all that the robot had before, the newest ones if they are many.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct EarlierUploads {
     /// Number of that session in the robot's counter; 0 for none.
@@ -226,23 +228,38 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     })
 }
 
-/// Earlier uploads to compare a verification with; empty unless a session of the robot did not fit.
+/// Earlier uploads that the points are compared with: for a check all of them, else those from before the last session that did not fit the robot, if
+/// there was one.
 async fn load_earlier(store: &Store, job: &JobRow) -> Result<EarlierUploads> {
     let check = verifications::check(store, &job.robot_id).await?;
     let mut earlier = EarlierUploads {
         check_seq: check.check_seq,
         ..EarlierUploads::default()
     };
-    if check.check_seq <= check.checked_seq {
+    let robot_id = &job.robot_id;
+    let uploads = if job.kind == Kind::Check {
+        let own = &job.measurement_set_id;
+        let newest = verifications::uploads_before(store, robot_id, own, MAX_EARLIER).await?;
+        let mut n_points = 0;
+        let is_within = |upload: &EarlierUpload| {
+            n_points += upload.n_points;
+            n_points <= MAX_EARLIER_POINTS
+        };
+        newest.into_iter().take_while(is_within).collect()
+    } else if check.check_seq == 0 {
         return Ok(earlier);
-    }
-    let (robot_id, limit) = (&job.robot_id, MAX_EARLIER + 1);
-    let uploads = verifications::earlier_uploads(store, robot_id, check.check_seq, limit).await?;
-    let n_points: i64 = uploads.iter().map(|upload| upload.n_points).sum();
-    if uploads.len() as i64 > MAX_EARLIER || n_points > MAX_EARLIER_POINTS {
-        earlier.exceeds_limits = true;
-        return Ok(earlier);
-    }
+    } else {
+        let (seq, is_session) = (check.check_seq, job.kind == Kind::Verify);
+        let limit = MAX_EARLIER + 1;
+        let uploads = verifications::earlier_uploads(store, robot_id, seq, is_session, limit);
+        let uploads: Vec<EarlierUpload> = uploads.await?;
+        let n_points: i64 = uploads.iter().map(|upload| upload.n_points).sum();
+        if uploads.len() as i64 > MAX_EARLIER || n_points > MAX_EARLIER_POINTS {
+            earlier.exceeds_limits = true;
+            return Ok(earlier);
+        }
+        uploads
+    };
     for upload in uploads {
         earlier
             .sets

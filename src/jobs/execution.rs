@@ -133,24 +133,27 @@ pub(super) fn run_verification(
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = estimate_of_checked(kept, &inputs.robot).map_err(broken)?;
-    let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
-        Some(robot) => {
-            let released = ReleasedSet {
-                robot,
-                estimate: estimate.as_ref(),
-                after: body.after,
-            };
-            calibration::check_released(request, &released, monitor)
-        }
-        None => calibration::verify(request, identified.as_ref(), monitor),
-    };
-    let calibrated = run_timed(&scored, progress)?;
     let identified_from = inputs
         .parameter_set
         .as_ref()
         .map(|input| input.set.parse(request.robot.links.len()).map_err(broken))
         .transpose()?;
     let another = is_another_session(request, identified_from.as_ref());
+    let since = since(inputs, request)?;
+    let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
+        Some(robot) => {
+            let released = ReleasedSet {
+                robot,
+                estimate: estimate.as_ref(),
+                after: body.after,
+                is_measured_anew: another && !since.is_repeat,
+                is_insisted_on: insisted_on(inputs).is_some(),
+            };
+            calibration::check_released(request, &released, monitor)
+        }
+        None => calibration::verify(request, identified.as_ref(), monitor),
+    };
+    let calibrated = run_timed(&scored, progress)?;
     let report = calibrated
         .report(
             &inputs.job.id,
@@ -166,7 +169,7 @@ pub(super) fn run_verification(
         convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
             .map_err(broken)?
             .into(),
-        verification: Some(session_facts(request, &report, since(inputs, request)?)),
+        verification: Some(session_facts(request, &report, since)),
         parameter_set: None,
         network: None,
         residual_network: None,

@@ -103,6 +103,42 @@ impl MeasurementSet {
             .collect()
     }
 
+    /// A number for each label, the same for labels under which the robot stood alike: they are one configuration, whatever the file calls them.
+    pub fn distinct_configurations(&self) -> BTreeMap<&str, usize> {
+        let mut numbers: BTreeMap<&str, usize> = BTreeMap::new();
+        // for each number one of the same configuration that is not higher
+        let mut lower: Vec<usize> = Vec::new();
+        let lowest = |lower: &[usize], mut number: usize| {
+            while lower[number] != number {
+                number = lower[number];
+            }
+            number
+        };
+        let mut firsts = Configurations::default();
+        let mut number_at: BTreeMap<usize, usize> = BTreeMap::new();
+        for (row, point) in self.points.iter().enumerate() {
+            let next = lower.len();
+            let number = *numbers.entry(&point.configuration).or_insert(next);
+            if number == next {
+                lower.push(next);
+            }
+            let first = firsts.first_row_like(&point.q_rad, row);
+            let other = *number_at.entry(first).or_insert(number);
+            let (a, b) = (lowest(&lower, number), lowest(&lower, other));
+            lower[a.max(b)] = a.min(b);
+        }
+        numbers
+            .into_iter()
+            .map(|(label, number)| (label, lowest(&lower, number)))
+            .collect()
+    }
+
+    /// How many different configurations the robot stood in.
+    pub fn n_distinct_configurations(&self) -> usize {
+        let numbers = self.distinct_configurations();
+        numbers.into_values().collect::<BTreeSet<_>>().len()
+    }
+
     /// True if poses were measured, not positions alone.
     pub fn has_poses(&self) -> bool {
         self.points.iter().any(|p| p.rotation.is_some())

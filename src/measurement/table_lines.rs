@@ -38,6 +38,7 @@ pub(super) fn cells(line: &str, separator: Separator) -> Vec<String> {
         }
         _ => line,
     };
+    let line = line.strip_prefix('\u{feff}').unwrap_or(line);
     if !line.contains('"') {
         return unquoted_cells(line, separator.byte().into());
     }

@@ -5,7 +5,8 @@ use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
-    after_errors_mm, repeated_rows, robust_comparison, session_fit, times_worse,
+    after_errors_mm, n_placed, n_placed_where, repeated_rows, robust_comparison, session_fit,
+    times_worse,
 };
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
@@ -168,58 +169,77 @@ pub fn evidence_of(
     }
 }
 
-/// What [`guard_band`](crate::release::guard_band) needs of the points of a figure beside their errors.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Measured {
+/// The points of a figure, beside their errors.
+#[derive(Clone, Copy, Debug)]
+struct Measured<'a> {
+    set: &'a MeasurementSet,
     /// Numbers of base and targets that were fitted to them.
-    pub n_fitted: usize,
-    /// What the instrument states for a coordinate of a point, rms, mm; 0 where it states nothing.
-    pub instrument_std_mm: f64,
+    n_fitted: usize,
 }
 
-impl Measured {
-    /// The points on which an identification was verified. Base and targets are fitted to another set in the instrument's frame alone.
-    pub fn of_identification(request: &CalibrationRequest) -> Self {
+impl<'a> Measured<'a> {
+    /// The points on which an identification was verified.
+    fn of_identification(request: &'a CalibrationRequest) -> Self {
         match &request.verify {
-            VerifySource::Set(set) => Self::of_set(set, set.frame == Frame::Instrument),
-            _ => Self::of_set(&request.set, false),
-        }
-    }
-
-    /// The points of a job that scores a set.
-    pub fn of_session(request: &CalibrationRequest) -> Self {
-        let is_placed_anew = request.set.frame == Frame::Instrument
-            || request.scored_frame == Some(Frame::Instrument);
-        Self::of_set(&request.set, is_placed_anew)
-    }
-
-    fn of_set(set: &MeasurementSet, is_placed_anew: bool) -> Self {
-        let stated = set.points.iter().filter_map(|p| p.position_std_mm());
-        let squares: f64 = stated.map(|std_mm| std_mm * std_mm).sum();
-        Self {
-            n_fitted: if is_placed_anew {
-                6 + 3 * set.n_targets()
-            } else {
-                0
+            VerifySource::Set(set) => Self {
+                set,
+                n_fitted: n_placed(request, set),
             },
-            instrument_std_mm: (squares / set.points.len().max(1) as f64).sqrt(),
+            _ => Self {
+                set: &request.set,
+                n_fitted: 0,
+            },
         }
+    }
+
+    /// The points of a job that scores a set. Base and targets are fitted to them where either side is in the instrument's frame, or where they are
+    /// from several stations.
+    fn of_session(request: &'a CalibrationRequest) -> Self {
+        let set = &request.set;
+        let is_placed_anew =
+            set.frame == Frame::Instrument || request.scored_frame == Some(Frame::Instrument);
+        Self {
+            set,
+            n_fitted: n_placed_where(is_placed_anew, set),
+        }
+    }
+
+    /// What the instrument states for a coordinate of a point, rms, mm; 0 where it states nothing.
+    fn instrument_std_mm(&self) -> f64 {
+        let points = &self.set.points;
+        let stated = points.iter().filter_map(|p| p.position_std_mm());
+        let squares: f64 = stated.map(|std_mm| std_mm * std_mm).sum();
+        (squares / points.len().max(1) as f64).sqrt()
     }
 }
 
-/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm.
-fn after_expanded_mm(report: &Report, subset: Subset, measured: Measured) -> Option<f64> {
-    let points: Vec<&PointReport> = counted(&report.per_point, subset).collect();
-    let errors_mm = after_errors_mm(&errors_mm(&report.per_point, subset));
-    let mut of: BTreeMap<&str, ConfigurationErrors> = BTreeMap::new();
-    for (point, error_mm) in points.into_iter().zip(errors_mm) {
-        let Some(error_mm) = error_mm else { continue };
-        let own = of.entry(&point.configuration).or_default();
-        own.n_points += 1;
-        own.sum_mm2 += error_mm * error_mm;
+/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm: of the links and of those with corrections, whichever reaches
+/// further.
+fn after_expanded_mm(report: &Report, measured: Measured<'_>) -> Option<f64> {
+    let points: Vec<&PointReport> = counted(&report.per_point, Subset::Verify).collect();
+    let errors_mm = errors_mm(&report.per_point, Subset::Verify);
+    let numbers = measured.set.distinct_configurations();
+    let std_mm = measured.instrument_std_mm();
+    let mut largest = (0.0_f64, 0.0_f64);
+    for of in [1, 2] {
+        let alone: Vec<[f64; 3]> = errors_mm
+            .iter()
+            .map(|errors| [errors[0], errors[of], errors[of]])
+            .collect();
+        let mut found: BTreeMap<usize, ConfigurationErrors> = BTreeMap::new();
+        for (point, error_mm) in points.iter().zip(after_errors_mm(&alone)) {
+            let Some(error_mm) = error_mm else { continue };
+            let own = found.entry(*numbers.get(point.configuration.as_str())?);
+            let own = own.or_default();
+            own.n_points += 1;
+            own.sum_mm2 += error_mm * error_mm;
+        }
+        let found: Vec<ConfigurationErrors> = found.into_values().collect();
+        let rms_mm = robust_comparison(&alone).after_rms_mm;
+        let upper_mm = rms_mm + expanded_mm(&found, measured.n_fitted, std_mm)?;
+        largest = (largest.0.max(rms_mm), largest.1.max(upper_mm));
     }
-    let of: Vec<ConfigurationErrors> = of.into_values().collect();
-    expanded_mm(&of, measured.n_fitted, measured.instrument_std_mm)
+    Some(largest.1 - largest.0)
 }
 
 /// Facts of a job that identified a set, from its report. If the set to verify on does not fit the robot, its points are no evidence, and the job
@@ -245,9 +265,7 @@ pub fn identification_facts(
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
         after_expanded_mm: (n_points > 0)
-            .then(|| {
-                after_expanded_mm(report, Subset::Verify, Measured::of_identification(request))
-            })
+            .then(|| after_expanded_mm(report, Measured::of_identification(request)))
             .flatten(),
         is_better: n_points > 0 && comparison.is_better(),
         fit: if is_misfit {
@@ -259,6 +277,7 @@ pub fn identification_facts(
         },
         evidence: match n_points {
             ..MIN_VERIFY_POINTS => Evidence::None,
+            _ if n_verified_configurations(request, report) < FEWEST_TO_PROVE => Evidence::None,
             _ if report.evidence == Evidence::None => Evidence::None,
             _ if is_far_off || has_warning(report, INSISTED) => Evidence::None,
             _ if is_verified_anew && !has_warning(report, BASE_NOT_CHECKED) => {
@@ -270,6 +289,18 @@ pub fn identification_facts(
         check_seq: since.check_seq,
         uncertainty_mm: report.tool_uncertainty_mm.map(|tool| tool.max),
     }
+}
+
+/// Different configurations among the points to verify.
+fn n_verified_configurations(request: &CalibrationRequest, report: &Report) -> usize {
+    let numbers = Measured::of_identification(request).set;
+    let numbers = numbers.distinct_configurations();
+    let points = report.per_point.iter();
+    let points = points.filter(|point| point.subset == Subset::Verify);
+    let of_points: BTreeSet<_> = points
+        .filter_map(|point| numbers.get(point.configuration.as_str()))
+        .collect();
+    of_points.len()
 }
 
 /// The warning that the set to verify on does not fit the robot, for a report of an older version, which lacks it. Such a report also lacks the
@@ -317,14 +348,16 @@ pub fn session_facts(
     } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
     } else if has_warning(report, CHECK_CHANGED) {
-        // whatever the size of the change, it asks for a look at the robot
-        Fit::DoesNotFit
+        // whatever the size of the change, the set no longer holds: it counts as one that is far off
+        Fit::SetFarOff
     } else {
         Fit::Fits
     };
-    let is_small = request.set.configurations().len() < FEWEST_TO_PROVE;
+    let is_small = request.set.n_distinct_configurations() < FEWEST_TO_PROVE;
     // Without the errors at the identification it cannot be decided whether the session fits.
+    // A check can speak against a set. What holds in a few poses is no evidence for a release.
     let counts = request.held_out.is_some()
+        && report.check.is_none()
         && !is_small
         && fit != Fit::DoesNotFit
         && !has_warning(report, INSISTED)
@@ -334,7 +367,7 @@ pub fn session_facts(
         n_points: report.verify.map_or(0, |verify| verify.n_points),
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
-        after_expanded_mm: after_expanded_mm(report, Subset::Verify, Measured::of_session(request)),
+        after_expanded_mm: after_expanded_mm(report, Measured::of_session(request)),
         is_better: comparison.is_better(),
         fit,
         evidence: if counts {

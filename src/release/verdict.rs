@@ -99,6 +99,8 @@ pub fn why_no_evidence(report: &Report) -> &'static str {
         "the robot, its base or its tool has changed since"
     } else if has_warning(report, CHECK_CANNOT_TELL) {
         "these poses cannot tell whether the set still holds"
+    } else if report.check.is_some() {
+        "a quick check can speak against a set, and is no evidence for a release"
     } else if has_warning(report, NO_FIT) {
         "the identified robot does not fit the points"
     } else if has_warning(report, TOO_MANY_OUTLIERS) {

@@ -100,9 +100,9 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     ),
     (
         19,
-        "named_frames",
-        include_str!("../../migrations/sqlite/0019_named_frames.sql"),
-        include_str!("../../migrations/postgres/0019_named_frames.sql"),
+        "named_documents",
+        include_str!("../../migrations/sqlite/0019_named_documents.sql"),
+        include_str!("../../migrations/postgres/0019_named_documents.sql"),
     ),
 ];
 

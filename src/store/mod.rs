@@ -14,7 +14,6 @@ pub mod audit;
 mod audit_chain;
 mod audit_event;
 pub mod backup;
-pub mod column_mappings;
 pub mod copy;
 mod database;
 mod engine;
@@ -29,7 +28,7 @@ pub mod leases;
 mod listing;
 pub mod measurement_sets;
 mod migration;
-pub mod named_frames;
+pub mod named_documents;
 pub mod networks;
 pub mod notices;
 mod open;
@@ -50,7 +49,6 @@ pub use api_keys::{ApiKeyRow, NewApiKey};
 pub use archive::{Archivable, ArchivedRow};
 pub use audit_chain::{AuditEntryId, AuditHead, AuditRow, NoAuditEntryId};
 pub use audit_event::AuditEvent;
-pub use column_mappings::ColumnMappingRow;
 pub use database::{Store, Tx};
 pub use engine::Engine;
 pub use error::{Conflict, Error, Result};
@@ -61,7 +59,7 @@ pub use jobs::{JobRow, NewJob};
 pub use leases::{Expired, Heartbeat, JobResult, Lease};
 pub use listing::{ListRequest, Listed};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
-pub use named_frames::NamedFrameRow;
+pub use named_documents::NamedDocumentRow;
 pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
@@ -99,11 +97,9 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         audit::ALL_QUERIES,
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
-        column_mappings::ALL_QUERIES,
-        &column_mappings::LIST.texts(),
         archive::ALL_QUERIES,
-        named_frames::ALL_QUERIES,
-        &named_frames::LIST.texts(),
+        named_documents::ALL_QUERIES,
+        &named_documents::LIST.texts(),
         estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,

@@ -154,6 +154,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     LATER_SESSIONS,
     N_UNKNOWN,
     EARLIER_UPLOADS,
+    UPLOADS_BEFORE,
     CHECK,
     CHECK_OF_JOB,
     JOB_OF,
@@ -196,7 +197,8 @@ const N_UNKNOWN: &str = "
         and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
-// Uploads from before the session that did not fit, in the order of the audit chain. Uploads of sessions that did not fit are left out. An upload
+// Uploads from before the session that did not fit, in the order of the audit chain. Uploads of sessions that did not fit are left out: a robot that has
+// changed is identified from them. One in which a check found a change is no later session by being scored again ($5). An upload
 // without an entry is older than the chain.
 const EARLIER_UPLOADS: &str = concat!(
     "select m.id as id, m.n_points as n_points from measurement_set m
@@ -205,11 +207,23 @@ const EARLIER_UPLOADS: &str = concat!(
             <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join audit a on a.subject = ",
     scored_set!(),
     " and a.event = $4 where v.robot_id = $1 and v.seq = $2), 0)
-        and m.id not in (select ",
+        and (m.id not in (select ",
     scored_set!(),
     " from verification v join job j on j.id = v.job_id where v.robot_id = $1 and v.fit <> 'fits')
+            or (cast($5 as bigint) = 1 and m.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
+                where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
     order by m.id limit cast($3 as bigint)"
 );
+
+// Uploads that a check is compared with, the newest first: those before its own, and its own if another job has used it.
+const UPLOADS_BEFORE: &str = "
+    select m.id as id, m.n_points as n_points from measurement_set m
+    where m.robot_id = $1 and ((m.id <> $2
+            and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0)
+                < coalesce((select max(a.seq) from audit a where a.subject = $2 and a.event = $4), 0))
+        or (m.id = $2 and exists (select 1 from job j where (j.measurement_set_id = $2 or j.verify_set_id = $2) and j.kind <> 'check'
+            and j.status = 'succeeded')))
+    order by m.id desc limit cast($3 as bigint)";
 
 const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
 
@@ -388,7 +402,7 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
 }
 
 /// The uploads from before the session with number `check_seq`, which did not fit the robot. An upload that repeats one of them was not measured
-/// since.
+/// since. `is_session`: the job scores a set, and identifies none.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -396,11 +410,32 @@ pub async fn earlier_uploads(
     store: &Store,
     robot_id: &str,
     check_seq: i64,
+    is_session: bool,
     limit: i64,
 ) -> Result<Vec<EarlierUpload>> {
     Ok(sqlx::query_as(EARLIER_UPLOADS)
         .bind(robot_id)
         .bind(check_seq)
+        .bind(limit)
+        .bind(AuditEvent::MeasurementSetCreated.as_str())
+        .bind(i64::from(is_session))
+        .fetch_all(store.readers())
+        .await?)
+}
+
+/// Uploads that the points of a check must not repeat: at most `limit`, the newest first.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn uploads_before(
+    store: &Store,
+    robot_id: &str,
+    measurement_set_id: &str,
+    limit: i64,
+) -> Result<Vec<EarlierUpload>> {
+    Ok(sqlx::query_as(UPLOADS_BEFORE)
+        .bind(robot_id)
+        .bind(measurement_set_id)
         .bind(limit)
         .bind(AuditEvent::MeasurementSetCreated.as_str())
         .fetch_all(store.readers())

@@ -16,25 +16,6 @@ pub const MAX_FIXTURE_POINTS: usize = 1000;
 /// Farthest point of a fixture, mm.
 pub(super) const MAX_FIXTURE_MM: f64 = 100_000.0;
 
-/// What is kept under a name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NamedFrameKind {
-    /// A frame in which targets are programmed.
-    WorkFrame,
-    /// A tool centre point with its orientation.
-    Tool,
-}
-
-impl NamedFrameKind {
-    /// Its name in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::WorkFrame => "work_frame",
-            Self::Tool => "tool",
-        }
-    }
-}
-
 /// The frame that a work frame is given in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

@@ -2,7 +2,7 @@
 
 use crate::browser::{Browser, DESKTOP, Driver, Look, Picture, TABLET};
 use crate::hall::Plant;
-use crate::{in_browser, sign_in};
+use crate::{in_browser, in_place, sign_in};
 use serde_json::{Value, json};
 use thirtyfour::Key;
 
@@ -149,4 +149,141 @@ async fn out_of_reach(browser: &Browser) -> Vec<String> {
         .iter()
         .map(|html| html.as_str().unwrap().to_owned())
         .collect()
+}
+
+/// Tools and work frames are kept from the page, and a program of Cartesian targets is corrected with them.
+#[test]
+fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 18", "ER20-0138");
+    hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let q_deg = [10.0, -30.0, 20.0, 15.0, 40.0, 5.0];
+    let body = json!({"q_deg": q_deg}).to_string().into_bytes();
+    let path = format!("/v1/robots/{robot}/posture");
+    let (status, posture) = hall.server.post(&path, "application/json", body);
+    assert_eq!(status, 200, "{posture}");
+    let key = hall.key(&["read", "upload"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("Cell 18").await;
+        browser.go(&format!("/#/robots/{robot}/correct")).await;
+        browser
+            .until_it_says("Work frames (0) and tools (0) of the cell")
+            .await;
+        // The same rotation as three controllers write it; the service's own conversion is the other oracle.
+        for (kind, field) in [
+            ("abc", "kuka_abc_deg"),
+            ("wpr", "fanuc_wpr_deg"),
+            ("vector", "ur_rotation_vector_rad"),
+        ] {
+            let found = browser
+                .run(&format!(
+                    "const {{quaternion}} = await import('/assets/cell.js'); return quaternion('{kind}', {})",
+                    posture[field]
+                ))
+                .await;
+            // q and −q are one rotation
+            let sign = found[0].as_f64().unwrap().signum();
+            for k in 0..4 {
+                let [found, expected] =
+                    [&found, &posture["quaternion"]].map(|q| q[k].as_f64().unwrap());
+                assert!(
+                    (sign * found - expected).abs() < 1e-6,
+                    "{kind}: {found} {expected}"
+                );
+            }
+        }
+        browser
+            .run(&format!(
+                "const cell = document.getElementById('cell'); cell.open = true;
+                 const form = cell.querySelectorAll('form')[0];
+                 form.querySelector('#tool-name').value = 'gripper';
+                 form.querySelectorAll('fieldset input').forEach((input, i) => {{ input.value = [0, 5, 120][i]; }});
+                 const kind = form.querySelector('#tool-rotation');
+                 kind.value = 'abc';
+                 kind.dispatchEvent(new Event('change'));
+                 form.querySelectorAll('span.controls input').forEach((input, i) => {{ input.value = {}[i]; }});",
+                posture["kuka_abc_deg"]
+            ))
+            .await;
+        browser.button("Store a tool").await.click().await.unwrap();
+        browser.until_it_says("tools (1) of the cell").await;
+        let (_, tool) = in_place(|| {
+            hall.server
+                .get(&format!("/v1/robots/{robot}/tools/gripper"))
+        });
+        assert_eq!(
+            tool["t_flange_tool"]["translation_mm"],
+            json!([0.0, 5.0, 120.0])
+        );
+        for (i, k) in (0..3).flat_map(|i| (0..3).map(move |k| (i, k))) {
+            let [found, expected] = [&tool["t_flange_tool"]["rotation"], &posture["rotation"]]
+                .map(|rotation| rotation[i][k].as_f64().unwrap());
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+        // A fixture that stands 10, 20, 30 mm from the base frame, from four points.
+        let points = "nominal_x_mm,nominal_y_mm,nominal_z_mm,x_mm,y_mm,z_mm\n0,0,0,10,20,30\n300,0,0,310,20,30\n0,200,0,10,220,30\n300,200,50,310,220,80\n";
+        give(browser, "#frame-file", "fixture.csv", points).await;
+        browser
+            .run("document.querySelector('#frame-name').value = 'table'")
+            .await;
+        browser
+            .button("Store a work frame")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser.until_it_says("Work frames (1)").await;
+        let (_, frame) = in_place(|| {
+            hall.server
+                .get(&format!("/v1/robots/{robot}/work-frames/table"))
+        });
+        let origin = &frame["t_reference_work"]["translation_mm"];
+        for (k, expected) in [10.0, 20.0, 30.0].into_iter().enumerate() {
+            assert!(
+                (origin[k].as_f64().unwrap() - expected).abs() < 1e-9,
+                "{frame}"
+            );
+        }
+        browser.picture("cell", Picture::Whole).await;
+        // The reflector of this set sits on the flange: the posture, in the fixture's frame.
+        let at = |k: usize| posture["position_mm"][k].as_f64().unwrap() - [10.0, 20.0, 30.0][k];
+        let joints = q_deg.map(|q| q.to_string()).join(",");
+        let program = format!(
+            "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\nweld 1,{joints},{},{},{}\n",
+            at(0),
+            at(1),
+            at(2)
+        );
+        give(browser, "#correct-file", "program.csv", &program).await;
+        browser
+            .run("document.querySelector('#correct-frame').value = 'table'; document.querySelector('#correct-mode').value = 'position'")
+            .await;
+        browser.button("Correct").await.click().await.unwrap();
+        browser.until_it_says("Largest error after").await;
+        let said = browser.text().await;
+        assert!(
+            said.contains("Known to") && said.contains("all targets are corrected"),
+            "{said}"
+        );
+        assert_eq!(browser.accessibility().await, Vec::<String>::new());
+        browser.assert_quiet(&[]).await;
+    });
+}
+
+/// Puts a file into a field for files.
+async fn give(browser: &Browser, css: &str, name: &str, content: &str) {
+    let content = json!(content);
+    let script = format!(
+        "const given = new DataTransfer(); given.items.add(new File([{content}], '{name}', {{type: 'text/csv'}}));
+         document.querySelector('{css}').files = given.files;"
+    );
+    browser.run(&script).await;
 }

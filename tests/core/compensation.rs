@@ -1023,6 +1023,11 @@ fn flange_over_stated() -> (f64, f64) {
             .find(|w| w.code == "pose_not_seen")
             .unwrap_or_else(|| panic!("{:?}", report.warnings));
         let (told_deg, told_mm) = (numbers(&remark.detail)[0], numbers(&remark.detail)[1]);
+        assert!(
+            remark.detail.contains("flange_rotation_std_deg"),
+            "the figure with priors stands beside it: {}",
+            remark.detail
+        );
         let (found, true_one) = (
             Compensation::new(&nominal, &report.links),
             Compensation::new(&nominal, &truth.links),

@@ -71,6 +71,8 @@ impl Case {
             robot: &robot,
             estimate: Some(&self.estimate),
             after,
+            is_measured_anew: true,
+            is_insisted_on: false,
         };
         let report = check_released(&request, &released, &mut |_| ControlFlow::Continue(()))?;
         Ok(report.quick_check.expect("a check answers"))
@@ -220,11 +222,18 @@ fn fewer_than_five_configurations_are_refused_with_the_number_that_is_missing() 
             .iter_mut()
             .for_each(|point| point.configuration.clear());
         assert_eq!(
-            MeasurementSet::new(frame, set.points)
+            MeasurementSet::new(frame, set.points.clone())
                 .configurations()
                 .len(),
             1
         );
+        // whatever the file calls it
+        for (row, point) in set.points.iter_mut().enumerate() {
+            point.configuration = format!("pose {row}");
+        }
+        let labelled = MeasurementSet::new(frame, set.points);
+        assert_eq!(labelled.configurations().len(), 5);
+        assert_eq!(labelled.n_distinct_configurations(), 1);
         let plan = poses(5, &mut case.random);
         assert!(case.checked(&truth, &plan, None).is_ok());
     }
@@ -251,6 +260,26 @@ fn what_the_placement_takes_up_is_not_said_to_be_seen() {
     let check = base.checked(&truth, &plan, None).unwrap();
     assert!(check.detectable.iter().all(|d| d.change.is_some()));
     assert_eq!(check.test.unwrap().n_combinations, 30);
+}
+
+/// With the last joint at rest, another zero of the joint before it is a shift of the reflector, which the placement takes up. Other poses would show
+/// it, so the set is not said to hold.
+#[test]
+fn a_zero_that_these_poses_alone_do_not_show_is_not_said_to_hold() {
+    let mut case = Case::new(Frame::Instrument, 504);
+    let truth = case.truth.clone();
+    let mut plan = poses(12, &mut case.random);
+    for q_rad in &mut plan {
+        q_rad[5] = 0.3;
+    }
+    let check = case.checked(&truth, &plan, None).unwrap();
+    assert!(
+        check.detectable[4].change.is_none(),
+        "{:?}",
+        check.detectable
+    );
+    assert_eq!(check.verdict, CheckVerdict::CannotTell, "{}", check.reason);
+    assert!(check.reason.contains("theta_offset_5"), "{}", check.reason);
 }
 
 /// Central differences of 1e-6 mm and rad against analytic derivatives, and two ways to solve.
@@ -366,6 +395,8 @@ fn without_a_kept_uncertainty_it_cannot_be_told() {
         robot: &robot,
         estimate: None,
         after: None,
+        is_measured_anew: true,
+        is_insisted_on: false,
     };
     let report = check_released(&request, &released, &mut |_| ControlFlow::Continue(())).unwrap();
     let check = report.quick_check.unwrap();
@@ -410,6 +441,8 @@ fn the_points_of_one_configuration_are_not_taken_as_independent() {
             robot: &robot,
             estimate: Some(&kept),
             after: None,
+            is_measured_anew: true,
+            is_insisted_on: false,
         };
         let report =
             check_released(&request, &released, &mut |_| ControlFlow::Continue(())).unwrap();

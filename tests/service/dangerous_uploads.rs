@@ -149,14 +149,19 @@ impl<'a> Users<'a> {
 
     /// Uploads a set and identifies from it. Returns the path of the parameter set, the report, and the codes of all warnings so far.
     async fn identified(&self, robot: &str, csv: &str) -> (String, Value, Vec<String>) {
+        self.identified_with(robot, csv, "all").await
+    }
+
+    /// With `final_fit` as given.
+    async fn identified_with(
+        &self,
+        robot: &str,
+        csv: &str,
+        final_fit: &str,
+    ) -> (String, Value, Vec<String>) {
         let set = self.cell.upload(robot, csv).await;
-        let job = self
-            .cell
-            .job(
-                robot,
-                &json!({"measurement_set_id": set["id"], "method": "least_squares"}),
-            )
-            .await;
+        let request = json!({"measurement_set_id": set["id"], "method": "least_squares", "final_fit": final_fit});
+        let job = self.cell.job(robot, &request).await;
         let report = self
             .cell
             .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
@@ -346,4 +351,44 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
         .map(|g| text(&g["gate"]))
         .collect();
     assert_eq!(warned, ["evidence", "identity"]);
+}
+
+/// Without a final fit there is nothing to compare with the verified fit: the same narrow cloud is refused because its tool is undetermined. A set of
+/// spread poses is not.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_narrow_cloud_is_refused_without_a_final_fit_too() {
+    let (app, _dir) = guarded(1).await;
+    let users = Users::new(&app).await;
+    let normal = json!({"tolerance_mm": null, "independent_session_required": false, "second_person_required": false});
+    let mut all = dangerous();
+    let (_, narrow) = all
+        .pop()
+        .filter(|(what, _)| *what == "narrow cloud")
+        .unwrap();
+    let why = json!({"reason": "no final fit"});
+    let robot = users.robot(&normal).await;
+    let (set, report, _) = users
+        .identified_with(&robot, &narrow, "identify_subset")
+        .await;
+    assert_eq!(report["final"], Value::Null);
+    let refused = users.cell.post(&format!("{set}/release"), &why).await;
+    let refused = refused.problem(409, "release_refused");
+    assert!(
+        failed(&refused).contains(&"final_fit_near_verified"),
+        "{refused}"
+    );
+    assert!(
+        !text(&refused["detail"]).contains("identify_subset"),
+        "{refused}"
+    );
+    let robot = users.robot(&normal).await;
+    let good = csv(&true_robot(1), &spread(2), 11, same);
+    let (set, ..) = users
+        .identified_with(&robot, &good, "identify_subset")
+        .await;
+    users
+        .cell
+        .post(&format!("{set}/release"), &why)
+        .await
+        .ok(200);
 }

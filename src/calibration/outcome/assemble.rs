@@ -377,6 +377,7 @@ pub fn report(
             delivered_model,
             report.uncertainty.as_ref(),
             report.identify.after.rms_mm,
+            report.flange_rotation,
             matches!(direction, LastJoint::NotShown),
         ));
     }

@@ -6,10 +6,10 @@ use crate::calibration::preparation::observe::observe_to_verify;
 use crate::calibration::quick_check::{
     CHECK_CANNOT_TELL, CHECK_CHANGED, CheckTest, DetectableChange, LikeliestCause, QuickCheck,
 };
-use crate::calibration::report::{CalibrationReport, DOES_NOT_FIT, Warning};
+use crate::calibration::report::{BASE_NOT_CHECKED, CalibrationReport, DOES_NOT_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, Estimate};
-use crate::calibration::validation::session_fit::least_worth_a_word_mm;
-use crate::calibration::validation::verdict::{SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
+use crate::calibration::validation::session_fit::{least_worth_a_word_mm, times_worse};
+use crate::calibration::validation::verdict::{NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
 use crate::calibration::validation::verification_set::n_stations;
 use crate::calibration::validation::verify::{check_verify, is_placed_anew, verify};
 use crate::calibration::validation::what_next::{Found, what_next};
@@ -24,11 +24,14 @@ use crate::identification::quick_check::{
 };
 use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::reach_mm;
+use std::cmp::Ordering;
 
 /// Fewest configurations of a check.
 pub const FEWEST_CONFIGURATIONS: usize = 5;
 /// The usual number.
 const USUAL_CONFIGURATIONS: usize = 10;
+/// Most points of a check: the test takes all pairs of their coordinates together, and as many points are a session to verify on.
+pub const MOST_POINTS: usize = 300;
 /// More parameters than these are no explanation.
 const FEW_CAUSES: usize = 3;
 /// Two robots are the same if their targets differ by less than this share of the reach.
@@ -43,17 +46,21 @@ pub struct ReleasedSet<'a> {
     pub estimate: Option<&'a Estimate>,
     /// What happened to the robot before, if somebody said so.
     pub after: Option<After>,
+    /// Whether the points were measured since the robot's other uploads, and do not repeat one of them.
+    pub is_measured_anew: bool,
+    /// Whether the upload was refused and somebody insisted.
+    pub is_insisted_on: bool,
 }
 
 /// The checks of [`check_released`] that need no fit.
 ///
 /// # Errors
-/// As [`check_verify`], and [`Error::Unusable`] with code `under_determined` for too few configurations or several stations.
+/// As [`check_verify`], and [`Error::Unusable`] with code `under_determined` for too few configurations or several stations, and `too_many_points`.
 pub fn check_quick_check(
     request: &CalibrationRequest,
     identified: &KinematicModel,
 ) -> Result<(), Error> {
-    let n = request.set.configurations().len();
+    let n = request.set.n_distinct_configurations();
     if n < FEWEST_CONFIGURATIONS {
         let more = FEWEST_CONFIGURATIONS - n;
         return Err(unusable(
@@ -61,6 +68,15 @@ pub fn check_quick_check(
             format!(
                 "a quick check takes at least {FEWEST_CONFIGURATIONS} arm configurations ({USUAL_CONFIGURATIONS} are usual), and this set has {n}: measure at \
                  least {more} more, with every joint moving"
+            ),
+        ));
+    }
+    let n_points = request.set.points.len();
+    if n_points > MOST_POINTS {
+        return Err(unusable(
+            "too_many_points",
+            format!(
+                "a quick check takes at most {MOST_POINTS} points, and this set has {n_points}: post a job of kind verify, it says more"
             ),
         ));
     }
@@ -150,6 +166,15 @@ fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate)
     })
 }
 
+/// The number of each point's configuration.
+fn clusters(request: &CalibrationRequest) -> Vec<usize> {
+    let numbers = request.set.distinct_configurations();
+    let points = request.set.points.iter();
+    points
+        .map(|point| numbers[point.configuration.as_str()])
+        .collect()
+}
+
 /// The test and what it rests on; or why there is none.
 fn tested(
     request: &CalibrationRequest,
@@ -168,7 +193,7 @@ fn tested(
         before: kept,
         model: &points.model,
         observations: &points.observations,
-        configurations: &observe_to_verify(request).all_clusters(),
+        configurations: &clusters(request),
         stated_std_mm: &stated
             .map(|point| point.position_std_mm().unwrap_or(0.0))
             .collect::<Vec<_>>(),
@@ -197,15 +222,51 @@ fn judged(
     let limit_mm =
         verified_rms_mm.map(|verified| least_worth_a_word_mm(verified, &request.robot.links));
     let times = |change: &DetectableChange| Some(change.tool_mm? / limit_mm?);
-    let is_blind = |change: &&DetectableChange| times(change).is_some_and(|times| times > 1.0);
-    let blind: Vec<&DetectableChange> = detectable.iter().filter(is_blind).collect();
-    let is_hidden = |change: &&DetectableChange| change.change.is_none() && change.unit == "deg";
-    let hidden: Vec<&DetectableChange> = detectable.iter().filter(is_hidden).collect();
+    // a zero that these poses do not show at all, though others would
+    let last = request.robot.links.len().saturating_sub(1);
+    let is_missed = |joint: usize| {
+        let never = is_placed_anew && (joint == 0 || joint == last);
+        let found = checked.and_then(|checked| checked.joints.get(joint));
+        !never
+            && found.is_some_and(|found| {
+                found.change.is_none() && limit_mm.is_some_and(|limit| found.unseen_tool_mm > limit)
+            })
+    };
+    let is_blind = |(place, change): &(usize, &DetectableChange)| {
+        times(change).is_some_and(|times| times > 1.0) || is_missed(*place)
+    };
+    let blind: Vec<&DetectableChange> = detectable
+        .iter()
+        .enumerate()
+        .filter(is_blind)
+        .map(|(_, change)| change)
+        .collect();
+    let is_hidden = |(place, change): &(usize, &DetectableChange)| {
+        change.change.is_none() && change.unit == "deg" && !is_missed(*place)
+    };
+    let hidden: Vec<&DetectableChange> = detectable
+        .iter()
+        .enumerate()
+        .filter(is_hidden)
+        .map(|(_, change)| change)
+        .collect();
     let is_far = has(DOES_NOT_FIT) || has(SET_FAR_OFF);
-    let alarms = checked.is_some_and(|checked| checked.probability < LEVEL);
+    let is_alarm = |p: f64| p.partial_cmp(&LEVEL).is_none_or(Ordering::is_lt);
+    let alarms = checked.is_some_and(|checked| is_alarm(checked.probability));
+    let is_worse = verified_rms_mm
+        .is_some_and(|verified| times_worse(rms_mm, verified, &request.robot.links).is_some());
+    let doubt = Doubt {
+        is_repeat: !released.is_measured_anew,
+        is_insisted_on: released.is_insisted_on,
+        is_verified: verified_rms_mm.is_some(),
+        is_no_better: has(NO_BETTER),
+        is_base_hidden: has(BASE_NOT_CHECKED),
+        is_worse: is_worse || has(WORSE_THAN_IDENTIFIED),
+    }
+    .in_words();
     let verdict = if is_far || alarms {
         CheckVerdict::Changed
-    } else if tested.is_err() || !blind.is_empty() || has(WORSE_THAN_IDENTIFIED) {
+    } else if tested.is_err() || !blind.is_empty() || doubt.is_some() {
         CheckVerdict::CannotTell
     } else {
         CheckVerdict::Holds
@@ -215,6 +276,7 @@ fn judged(
         _ => vec![],
     };
     let configurations = request.set.configurations();
+    let n_configurations = request.set.n_distinct_configurations();
     let next = what_next(&Found {
         verdict,
         after: released.after,
@@ -222,17 +284,23 @@ fn judged(
         blind: &blind,
         hidden: &hidden,
         times_blind: blind.iter().filter_map(|c| times(c)).fold(1.0, f64::max),
-        n_configurations: configurations.len(),
-        largest_configuration: checked
-            .and_then(|checked| configurations.get(checked.largest_configuration).copied()),
+        n_configurations,
+        largest_configuration: checked.and_then(|checked| {
+            let numbers = request.set.distinct_configurations();
+            let is_largest = |label: &&&str| numbers[**label] == checked.largest_configuration;
+            configurations.iter().find(is_largest).copied()
+        }),
         n_links: request.robot.links.len(),
         n_targets: request.set.n_targets(),
         is_placed_anew,
         is_tested: tested.is_ok(),
+        is_repeat: !released.is_measured_anew,
+        is_base_hidden: has(BASE_NOT_CHECKED),
     });
     let reason = reason(&Said {
         verdict,
         tested: tested.as_ref().map(|_| ()).map_err(String::as_str),
+        doubt,
         is_far,
         rms_mm,
         verified_rms_mm,
@@ -244,7 +312,7 @@ fn judged(
         verdict,
         reason,
         after: released.after,
-        n_configurations: configurations.len(),
+        n_configurations,
         level: LEVEL,
         power: POWER,
         rms_mm,
@@ -314,10 +382,54 @@ fn named(change: &Change) -> LikeliestCause {
     }
 }
 
+/// Why points that fit the set do not say that it holds.
+struct Doubt {
+    is_repeat: bool,
+    is_insisted_on: bool,
+    is_verified: bool,
+    is_no_better: bool,
+    is_base_hidden: bool,
+    is_worse: bool,
+}
+
+impl Doubt {
+    /// The first reason; `None` where there is none.
+    fn in_words(&self) -> Option<&'static str> {
+        let reasons = [
+            (
+                self.is_repeat,
+                "these points repeat an earlier upload, so they were not measured since",
+            ),
+            (
+                self.is_insisted_on,
+                "the upload was refused and somebody insisted on it",
+            ),
+            (
+                !self.is_verified,
+                "no points were held out when the set was identified, so nothing says how large an error matters",
+            ),
+            (
+                self.is_no_better,
+                "on these points it is no better than the nominal robot",
+            ),
+            (
+                self.is_worse,
+                "it is several times worse than when it was verified, within what its own uncertainty lets expect",
+            ),
+            (
+                self.is_base_hidden,
+                "the base of the set rests on positions in the base frame, and was placed anew on these points, so a base that moved would not show",
+            ),
+        ];
+        reasons.into_iter().find(|(is, _)| *is).map(|(_, why)| why)
+    }
+}
+
 /// What the sentence depends on.
 struct Said<'a> {
     verdict: CheckVerdict,
     tested: Result<(), &'a str>,
+    doubt: Option<&'static str>,
     is_far: bool,
     rms_mm: f64,
     verified_rms_mm: Option<f64>,
@@ -353,20 +465,19 @@ fn reason(said: &Said<'_>) -> String {
             )
         }
         CheckVerdict::CannotTell => match said.tested {
+            _ if let Some(why) = said.doubt => {
+                format!("it cannot be told whether the released set holds: {why} ({errors})")
+            }
             Err(why) => {
                 format!("it cannot be told whether the released set holds: {why} ({errors})")
             }
-            Ok(()) if !said.blind.is_empty() => {
+            Ok(()) => {
                 let names: Vec<&str> = said.blind.iter().map(|c| c.name.as_str()).collect();
                 format!(
                     "the points fit the released set, but these poses might have missed a change that matters of {}: {errors}",
                     names.join(", ")
                 )
             }
-            Ok(()) => format!(
-                "it cannot be told whether the released set holds: it is several times worse than when it was verified, within what its own uncertainty lets \
-                 expect ({errors})"
-            ),
         },
     }
 }

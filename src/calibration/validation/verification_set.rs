@@ -206,6 +206,20 @@ pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     !same_frame || set.n_targets() > request.set.n_targets() || !is_turned
 }
 
+/// Numbers of bases and targets that are fitted to the points of a set to verify on.
+pub fn n_placed(request: &CalibrationRequest, set: &MeasurementSet) -> usize {
+    n_placed_where(refits(request, set), set)
+}
+
+/// The same where it is known whether base and targets are placed anew; several stations always are.
+pub fn n_placed_where(is_placed_anew: bool, set: &MeasurementSet) -> usize {
+    let stations = n_stations(set);
+    match is_placed_anew || stations > 1 {
+        true => 6 * stations + 3 * set.n_targets(),
+        false => 0,
+    }
+}
+
 /// Whether the positions are in the base frame, so that nothing has to be placed.
 pub fn in_base_frame(request: &CalibrationRequest) -> bool {
     request.set.frame == Frame::Base

@@ -20,7 +20,7 @@ use crate::calibration::validation::session_fit::{
 };
 use crate::calibration::validation::verdict::Verdict;
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
-use crate::calibration::validation::verification_set::{in_base_frame, refits};
+use crate::calibration::validation::verification_set::{in_base_frame, n_placed_where, refits};
 use crate::calibration::warnings::screening::screening_warnings;
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
@@ -108,14 +108,11 @@ pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
     if let Err(error) = check_enough(&observe_to_verify(request).all, set, refit) {
         return Serves::Nothing(error.to_string());
     }
-    let n_placed = match refit || n_stations(set) > 1 {
-        true => 6 * n_stations(set) + 3 * set.n_targets(),
-        false => 0,
-    };
+    let n_placed = n_placed_where(refit, set);
     let n_points = set.points.len();
     let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
     let is_few = few_verify_points(n_points, n_placed).is_some()
-        || set.configurations().len() < FEWEST_TO_PROVE;
+        || set.n_distinct_configurations() < FEWEST_TO_PROVE;
     let of_targets = match set.n_targets() {
         1 => format!("{needed} configurations are"),
         _ => format!("{needed} points from at least {FEWEST_TO_PROVE} configurations are"),

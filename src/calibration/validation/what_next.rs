@@ -41,6 +41,10 @@ pub struct Found<'a> {
     pub is_placed_anew: bool,
     /// Whether the set has a stated uncertainty to test with.
     pub is_tested: bool,
+    /// Whether the points repeat an earlier upload.
+    pub is_repeat: bool,
+    /// Whether the set has a base that these points do not show.
+    pub is_base_hidden: bool,
 }
 
 /// Poses from which so many numbers are identified, beside base and targets where they are unknown.
@@ -63,7 +67,7 @@ pub fn what_next(found: &Found<'_>) -> String {
             names(hidden)
         ),
         hidden => format!(
-            "{said}. In the instrument's frame, base and reflector are placed anew, and no pose shows {}: to check these too, measure {FEWEST} poses in the \
+            "{said}. In the instrument's frame, base and reflector are placed anew, and these poses do not show {}: to check these too, measure {FEWEST} poses in the \
              base frame (frame=base)",
             names(hidden)
         ),
@@ -106,9 +110,35 @@ fn holds(found: &Found<'_>) -> String {
 }
 
 fn cannot_tell(found: &Found<'_>) -> String {
+    if found.is_repeat {
+        return format!("measure {FEWEST} poses now, and check with these");
+    }
     if !found.is_tested {
         return format!(
             "{}, and release the result: it has a stated uncertainty, with which later checks can be told",
+            full(found)
+        );
+    }
+    let joints: Vec<&DetectableChange> = found
+        .blind
+        .iter()
+        .copied()
+        .filter(|change| change.unit == "deg")
+        .collect();
+    let moved = match joints.as_slice() {
+        [] => "spread over the workspace, with the wrist turned".to_owned(),
+        joints => format!(
+            "in which the joints of {} move by 90° and more",
+            names(joints)
+        ),
+    };
+    if found.blind.is_empty() {
+        let frame = match found.is_base_hidden {
+            true => " and in the base frame (frame=base)",
+            false => "",
+        };
+        return format!(
+            "measure {FEWEST} other poses, {moved}{frame}; or {}",
             full(found)
         );
     }
@@ -118,15 +148,11 @@ fn cannot_tell(found: &Found<'_>) -> String {
     let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;
     if n > MOST_OF_CHECK {
         return format!(
-            "poses like these would take {n}: measure other ones, {FEWEST} in which the joints of {} move by 90° and more, in the base frame if there is one; or {}",
-            names(found.blind),
+            "poses like these would take {n}: measure other ones, {FEWEST} {moved}, in the base frame if there is one; or {}",
             full(found)
         );
     }
-    format!(
-        "measure about {n} poses in all, in which the joints of {} move by 90° and more",
-        names(found.blind)
-    )
+    format!("measure about {n} poses in all, {moved}")
 }
 
 fn changed(found: &Found<'_>) -> String {

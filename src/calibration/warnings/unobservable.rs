@@ -2,7 +2,7 @@
 //! do not show; another tool, or a turn of the flange, need not be.
 
 use crate::calibration::problem::Problem;
-use crate::calibration::report::Warning;
+use crate::calibration::report::{FlangeRotation, Warning};
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, apply};
@@ -25,6 +25,8 @@ const FIRST_ORDER: f64 = 1e-3;
 const TOOL_PER_REACH: f64 = 100.0 / 1700.0;
 /// ... so many times what the points scatter by.
 const UNCERTAIN: f64 = 5.0;
+/// The standard deviations are of first order: for larger turns than 20° they say nothing but that the turn is not known.
+const SMALL_TURN_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// How far the flange may be from where the identified robot has it, one standard deviation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,12 +38,14 @@ pub struct AtFlange {
 }
 
 /// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]), or where the points do not show
-/// which way the last joint counts. `scatter_mm` is the rms length of the residuals.
+/// which way the last joint counts. `scatter_mm` is the rms length of the residuals. `with_priors` is how well the flange's rotation is known if what is
+/// known of robots beforehand counts as well.
 pub fn warning(
     problem: &Problem<'_>,
     model: &KinematicModel,
     uncertainty: Option<&Uncertainty>,
     scatter_mm: f64,
+    with_priors: Option<FlangeRotation>,
     may_be_reversed: bool,
 ) -> Option<Warning> {
     let flange = |roots: &[&DMatrix<f64>]| {
@@ -67,12 +71,25 @@ pub fn warning(
         ),
         false => String::new(),
     };
+    let by_positions = match all.turn_rad < SMALL_TURN_RAD {
+        true => format!(
+            "it may be turned by {:.3}° and shifted by {:.3} mm from where the identified robot has it (one standard deviation; what they do not show at \
+             all counts as off by 1 mm or 0.3°)",
+            all.turn_rad.to_degrees(),
+            all.shift_mm
+        ),
+        false => "it may be turned and shifted by any amount".into(),
+    };
+    let with_priors = with_priors.map_or_else(String::new, |known| {
+        format!(
+            ", and with what is known of robots beforehand by {:.2}° (flange_rotation_std_deg)",
+            known.std_rad().to_degrees()
+        )
+    });
     let detail = format!(
-        "the measured positions hardly show how the flange stands: it may be turned by {:.3}° and shifted by {:.3} mm (one standard deviation; what the \
-         positions do not show at all counts as off by 1 mm or 0.3°) from where the identified robot has it. The measured reflector is right all the same; corrected poses, and another tool than that \
-         reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every joint.{reversed}",
-        all.turn_rad.to_degrees(),
-        all.shift_mm
+        "the measured positions hardly show how the flange stands: by them alone {by_positions}{with_priors}. The measured reflector is right all the same; \
+         corrected poses, and another tool than that reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every \
+         joint.{reversed}"
     );
     Some(Warning {
         code: "pose_not_seen",

@@ -28,7 +28,8 @@ pub(super) struct Entry {
 pub(super) const MISSING: &str = "
     select id from (
         select id, created_at_ms from robot union all select id, created_at_ms from measurement_set
-        union all select id, created_at_ms from column_mapping union all select id, created_at_ms from named_frame union all select id, created_at_ms from frames union all select id, created_at_ms from job
+        union all select id, created_at_ms from named_document union all select id, created_at_ms from frames
+        union all select id, created_at_ms from job
         union all select id, created_at_ms from network union all select id, created_at_ms from residual_network
         union all select id, created_at_ms from parameter_set
         union all select id, created_at_ms from api_key) as things

@@ -32,8 +32,7 @@ pub(super) const ANSWERS: &str = "
     order by key_holder, method, path, idempotency_key limit cast($5 as bigint)";
 pub(super) const SUBJECT_SET: &str = "select count(*) from measurement_set where id = $1";
 pub(super) const SUBJECT_FRAMES: &str = "select count(*) from frames where id = $1";
-pub(super) const SUBJECT_COLUMNS: &str = "select count(*) from column_mapping where id = $1";
-pub(super) const SUBJECT_NAMED_FRAME: &str = "select count(*) from named_frame where id = $1";
+pub(super) const SUBJECT_NAMED_DOCUMENT: &str = "select count(*) from named_document where id = $1";
 pub(super) const SUBJECT_ROBOT: &str = "select count(*) from robot where id = $1";
 pub(super) const SUBJECT_JOB: &str = "select count(*) from job where id = $1";
 pub(super) const SUBJECT_PARAMETER_SET: &str = "select count(*) from parameter_set where id = $1";
@@ -177,8 +176,7 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
     let query = match id.split_once('_').map(|(prefix, _)| prefix) {
         Some("set") => SUBJECT_SET,
         Some("frm") => SUBJECT_FRAMES,
-        Some("col") => SUBJECT_COLUMNS,
-        Some("nfr") => SUBJECT_NAMED_FRAME,
+        Some("col" | "doc") => SUBJECT_NAMED_DOCUMENT,
         Some("rob") => SUBJECT_ROBOT,
         Some("job") => SUBJECT_JOB,
         Some("par") => SUBJECT_PARAMETER_SET,

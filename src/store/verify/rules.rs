@@ -9,9 +9,8 @@ use crate::store::jobs::JobWithClient;
 use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
-    ApiKeyRow, ArchivedRow, AuditEvent, ColumnMappingRow, FramesRow, MeasurementSetRow,
-    NamedFrameRow, NetworkRow, ParameterSetStatus, Result, RobotRow, Store, VerificationRow,
-    robot_versions,
+    ApiKeyRow, ArchivedRow, AuditEvent, FramesRow, MeasurementSetRow, NamedDocumentRow, NetworkRow,
+    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, robot_versions,
 };
 use crate::wire::canonical;
 
@@ -40,8 +39,7 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
     each(check, store, chain, |check, row| robot(check, chain, row)).await?;
     robot_versions(check, store, chain).await?;
     each(check, store, chain, |_, _: &MeasurementSetRow| ()).await?;
-    each(check, store, chain, |_, _: &ColumnMappingRow| ()).await?;
-    each(check, store, chain, |_, _: &NamedFrameRow| ()).await?;
+    each(check, store, chain, |_, _: &NamedDocumentRow| ()).await?;
     each(check, store, chain, |_, _: &FramesRow| ()).await?;
     each(check, store, chain, |_, _: &JobWithClient| ()).await?;
     each(check, store, chain, |_, _: &NetworkRow| ()).await?;

@@ -46,8 +46,7 @@ const GUARDS: &[&str] = &[
     "measurement_set_uploader_stays",
     "measurement_set_insisted_stays",
     "measurement_set_reading_stays",
-    "column_mapping_stays",
-    "named_frame_stays",
+    "named_document_stays",
     "robot_stays",
     "job_stays_over",
     "job_report_stays",
@@ -77,6 +76,7 @@ const UNIQUE: &[&str] = &[
     "residual_network(job_id)",
     "idempotency(key_holder,method,path,idempotency_key)",
     "api_key(key_sha256)",
+    "named_document(robot_id,kind,name,version)",
 ];
 
 pub(super) async fn is_sound(store: &Store) -> Result<Check> {

@@ -78,7 +78,24 @@ async fn play(app: &TestApp) {
     let state = |robot: &Value| text(&robot["state"]).to_owned();
     assert_eq!(state(&app.get(&robot).await.ok(200)), "ok");
     let (_, evidence) = failed_gates(app, &parameter_set).await;
-    assert_eq!(evidence, "independent_session", "as a job of kind verify");
+    assert_eq!(
+        evidence, "same_upload",
+        "a check is no evidence for a release"
+    );
+    // the same points again, and a copy of another upload, were not measured since
+    app.run(
+        &robot,
+        &json!({"kind": "verify", "measurement_set_id": fresh, "parameter_set_id": parameter_set}),
+    )
+    .await;
+    let (_, report) = checked(app, &robot, &fresh, json!({"after": "collision"})).await;
+    let check = &report["check"];
+    assert_eq!(check["verdict"], "cannot_tell", "{check}");
+    assert!(
+        text(&check["reason"]).contains("repeat an earlier upload")
+            && text(&check["next"]).contains("measure 10 poses now"),
+        "{check}"
+    );
 
     let collided = upload(
         app,
@@ -106,9 +123,18 @@ async fn play(app: &TestApp) {
     let again = app.post_json(&path, &json!({"reason": "once more"})).await;
     assert_ne!(again.status, 200, "{}", again.text());
 
+    // the same points are no later session by being scored again, and a reason alone does not bring the set back
+    app.run(
+        &robot,
+        &json!({"kind": "verify", "measurement_set_id": collided, "parameter_set_id": parameter_set}),
+    )
+    .await;
+    let (failed, _) = failed_gates(app, &parameter_set).await;
+    assert!(failed.contains(&"check_robot".to_owned()), "{failed:?}");
+
     // the list of jobs knows the kind
     let listed = app.get(&format!("{robot}/jobs?kind=check")).await.ok(200);
-    assert_eq!(listed["total"], 2, "{listed}");
+    assert_eq!(listed["total"], 3, "{listed}");
     assert!(
         listed["items"]
             .as_array()

@@ -1,11 +1,12 @@
 //! Upgrade of a database from commit d61237a, with a clock that was 30 days ahead and a tracker's file read as base frame: `data/d61237a.json`.
 
 use kincal::jobs::backfill::backfill_missing;
+use kincal::store::named_documents::{NamedDocumentKind, NewNamedDocument};
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     Archivable, CheckedState, Conflict, Engine, Error, ListRequest, Release, RobotEdit, Store,
-    StoreLocation, archive, jobs, parameter_sets, report_summaries, robot_versions, robots,
-    verifications,
+    StoreLocation, archive, jobs, named_documents, parameter_sets, report_summaries,
+    robot_versions, robots, verifications,
 };
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::report_summary::ReportSummary;
@@ -33,18 +34,23 @@ const TABLES: [&str; 6] = [
 /// Columns with references to rows that are inserted later.
 const LATER: &str = "parameter_set_input_id";
 
-/// Creates the schema of that commit and inserts its rows.
-async fn create_old_database(engine: Engine, url: &str, made: &Value) {
-    let pool = AnyPool::connect(url).await.unwrap();
+/// Migrates to a version of the schema.
+async fn migrate(engine: Engine, pool: &AnyPool, version: i64) {
     let folder = match engine {
         Engine::Sqlite => "migrations/sqlite",
         Engine::Postgres => "migrations/postgres",
     };
     let steps = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let steps = Migrator::new(steps).await.unwrap();
-    let then = steps.iter().filter(|step| step.version <= VERSION);
-    let then = Migrator::with_migrations(then.cloned().collect());
-    then.run(&pool).await.unwrap();
+    let until = steps.iter().filter(|step| step.version <= version);
+    let until = Migrator::with_migrations(until.cloned().collect());
+    until.run(pool).await.unwrap();
+}
+
+/// Creates the schema of that commit and inserts its rows.
+async fn create_old_database(engine: Engine, url: &str, made: &Value) {
+    let pool = AnyPool::connect(url).await.unwrap();
+    migrate(engine, &pool, VERSION).await;
     sqlx::query("delete from audit_head")
         .execute(&pool)
         .await
@@ -120,7 +126,7 @@ async fn n_summaries_like_their_reports(store: &Store) -> usize {
 }
 
 /// A database of that commit, separate from the test's, which has the current version.
-async fn old_database(database: &TestDatabase, made: &Value) -> StoreLocation {
+async fn old_database(database: &TestDatabase, made: &Value) -> (StoreLocation, String) {
     let engine = database.store.engine();
     let (location, url) = match &database.location {
         StoreLocation::Sqlite { data_dir } => {
@@ -139,7 +145,7 @@ async fn old_database(database: &TestDatabase, made: &Value) -> StoreLocation {
         }
     };
     create_old_database(engine, &url, made).await;
-    location
+    (location, url)
 }
 
 #[test]
@@ -147,7 +153,7 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
     let made: Value = serde_json::from_str(MADE).unwrap();
     let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
     for_each_engine(async |database| {
-        let location = old_database(database, &made).await;
+        let (location, _) = old_database(database, &made).await;
         let store = Store::open(location).await.unwrap();
         assert!(store.schema_version().await.unwrap() > VERSION);
         backfill_missing(&store).await.unwrap();
@@ -229,7 +235,7 @@ fn robots_and_results_of_d61237a_are_edited_and_archived_as_new_ones_are() {
     let id = |scene: &str, name: &str| made["scenes"][scene][name].as_str().unwrap().to_owned();
     let released = made["scenes"]["clock"]["a_b_c"][2].as_str().unwrap();
     for_each_engine(async |database| {
-        let location = old_database(database, &made).await;
+        let (location, _) = old_database(database, &made).await;
         let store = Store::open(location).await.unwrap();
         backfill_missing(&store).await.unwrap();
         let robot = robots::get(&store, &id("clock", "robot_id")).await.unwrap();
@@ -278,6 +284,75 @@ fn robots_and_results_of_d61237a_are_edited_and_archived_as_new_ones_are() {
         assert_eq!(after.total, before.total - 1);
         let everywhere = jobs::search_all(&store, None, &all).await.unwrap();
         assert!(everywhere.total > after.total);
+        for check in verify(&store, &Options::default()).await.unwrap() {
+            assert_eq!(check.violations, [""; 0], "{}", check.id);
+        }
+        store.close().await;
+    });
+}
+
+/// Mappings of columns were in a table of their own until version 18, the newest by its id. Since then a counter says which document is in force:
+/// ids ascend with the clock, and clocks are set back.
+#[test]
+fn mappings_of_columns_keep_their_order_and_what_is_stored_next_is_in_force_whatever_the_clock_says()
+ {
+    let made: Value = serde_json::from_str(MADE).unwrap();
+    for_each_engine(async |database| {
+        let (location, url) = old_database(database, &made).await;
+        let pool = AnyPool::connect(&url).await.unwrap();
+        migrate(database.store.engine(), &pool, 18).await;
+        let robot = made["scenes"]["clock"]["robot_id"].as_str().unwrap();
+        // in the year 2096, the second in the year 2097
+        for (id, name, json) in [
+            ("col_03a1", "export", "{\"first\": 1}"),
+            ("col_03a8", "export", "{\"second\": 1}"),
+            ("col_03a2", "other", "{}"),
+        ] {
+            let sql = "insert into column_mapping (id, robot_id, name, columns_json, created_by, created_at_ms) values ($1, $2, $3, $4, 'key_1', 0)";
+            sqlx::query(sql)
+                .bind(id)
+                .bind(robot.to_owned())
+                .bind(name)
+                .bind(json)
+                .execute(&pool)
+                .await
+                .unwrap();
+        }
+        pool.close().await;
+        let store = Store::open(location).await.unwrap();
+        let newest = async |kind| {
+            let row = named_documents::newest(&store, robot, kind, "export").await;
+            row.map(|row| (row.version, row.content_json)).unwrap()
+        };
+        let columns = NamedDocumentKind::Columns;
+        assert_eq!(newest(columns).await, (2, "{\"second\": 1}".into()));
+        // now, which is earlier than both
+        for kind in [columns, NamedDocumentKind::WorkFrame] {
+            in_transaction(&store, async |tx| {
+                tx.act_as("key_1");
+                let new = NewNamedDocument {
+                    robot_id: robot,
+                    kind,
+                    name: "export",
+                    content_json: "{\"third\": 1}",
+                    by: "key_1",
+                };
+                named_documents::insert(tx, new).await
+            })
+            .await;
+        }
+        assert_eq!(newest(columns).await, (3, "{\"third\": 1}".into()));
+        assert_eq!(newest(NamedDocumentKind::WorkFrame).await.0, 1);
+        let all = ListRequest::default();
+        let listed = named_documents::list(&store, robot, columns, &all).await;
+        let listed = listed.unwrap();
+        let of_names = listed
+            .page
+            .items
+            .iter()
+            .map(|row| (&*row.name, row.version));
+        assert_eq!(of_names.collect::<Vec<_>>(), [("export", 3), ("other", 1)]);
+        assert_eq!(listed.total, 2);
         for check in verify(&store, &Options::default()).await.unwrap() {
             assert_eq!(check.violations, [""; 0], "{}", check.id);
         }

@@ -71,13 +71,12 @@ const KNOWN: &str = "
     job | measurement_set_id | (select max(id) from measurement_set)
     job | request_json | '[]' | request_sha256
     report_summary | summary_json | '[]' | summary
-    column_mapping | columns_json | '[]' | columns_sha256
-    column_mapping | name | 'other'
-    column_mapping | created_by | 'key_9'
-    named_frame | content_json | '[]' | content_sha256
-    named_frame | name | 'other'
-    named_frame | kind | 'work_frame'
-    named_frame | created_by | 'key_9'
+    named_document | content_json | case when kind = 'columns' then '[]' else content_json end | columns_sha256
+    named_document | content_json | case when kind = 'tool' then '[]' else content_json end | content_sha256
+    named_document | name | 'other'
+    named_document | version | version + 1
+    named_document | kind | case when kind = 'tool' then 'work_frame' else kind end
+    named_document | created_by | 'key_9'
     estimate | estimate_json | '[]' | acknowledged
     robot_policy | changed_by | 'key_9'
     robot_policy | tolerance_mm | 9.5
@@ -98,8 +97,7 @@ const NEW: &str = "
     measurement_set | n_targets | 9 | rest_sha256
     measurement_set | warnings_json | '[1]' | rest_sha256
     measurement_set | created_at_ms | created_at_ms + 1 | rest_sha256
-    column_mapping | created_at_ms | 1
-    named_frame | created_at_ms | 1
+    named_document | created_at_ms | 1
     frames | content_type | 'other'
     network | metadata_json | '[]' | metadata_sha256
     network | weights_sha256 | 'ff'

@@ -1,16 +1,14 @@
 //! `verify` reports each planted fault, and nothing in a healthy database.
 
-use kincal::store::named_frames::NewNamedFrame;
+use kincal::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys,
-    column_mappings, frames, leases, named_frames, networks, parameter_sets, policies,
-    verifications,
+    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys, frames,
+    leases, networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
-use kincal::wire::named_frame::NamedFrameKind;
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use sqlx::AssertSqlSafe;
@@ -142,23 +140,20 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
     };
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
     let robot = &set.robot_id;
-    in_transaction(store, async |tx| {
-        tx.act_as("key_0");
-        column_mappings::insert(tx, robot, "n", "{}", "key_0").await
-    })
-    .await;
-    in_transaction(store, async |tx| {
-        tx.act_as("key_0");
-        let new = NewNamedFrame {
-            robot_id: robot,
-            kind: NamedFrameKind::Tool,
-            name: "n",
-            content_json: "{}",
-            by: "key_0",
-        };
-        named_frames::insert(tx, new).await
-    })
-    .await;
+    for kind in [NamedDocumentKind::Columns, NamedDocumentKind::Tool] {
+        in_transaction(store, async |tx| {
+            tx.act_as("key_0");
+            let new = NewNamedDocument {
+                robot_id: robot,
+                kind,
+                name: "n",
+                content_json: "{}",
+                by: "key_0",
+            };
+            named_documents::insert(tx, new).await
+        })
+        .await;
+    }
     let failed = a_running_job(store, set).await;
     in_transaction(store, async |tx| leases::fail(tx, &failed, "{}").await).await;
     let lease = a_running_job(store, set).await;
@@ -241,10 +236,20 @@ const FAULTS: &[(&str, &[&str])] = &[
     ("update api_key set revoked_at_ms = null", &["I1"]),
     ("update robot_policy set second_person_required = 0", &["I1"]),
     ("delete from robot_policy", &["I1"]),
-    ("drop trigger column_mapping_stays; update column_mapping set columns_json = '[]'", &["I1", "I9"]),
-    ("delete from column_mapping", &["I1"]),
-    ("drop trigger named_frame_stays; update named_frame set content_json = '[]'", &["I1", "I9"]),
-    ("delete from named_frame", &["I1"]),
+    (
+        "drop trigger named_document_stays; update named_document set content_json = '[]' where kind = 'columns'",
+        &["I1", "I9"],
+    ),
+    (
+        "drop trigger named_document_stays; update named_document set version = 2 where kind = 'tool'",
+        &["I1", "I9"],
+    ),
+    (
+        "drop trigger named_document_stays; update named_document set version = 2 where kind = 'columns'",
+        &["I1", "I9"],
+    ),
+    ("delete from named_document where kind = 'columns'", &["I1"]),
+    ("delete from named_document where kind = 'tool'", &["I1"]),
     ("drop trigger measurement_set_reading_stays", &["I9"]),
     ("drop trigger frames_stay; update frames set result_json = '[]'", &["I1", "I9"]),
     ("update job set request_json = '{\"seed\":1}' where status = 'succeeded'", &["I1"]),
@@ -352,8 +357,7 @@ fn the_schema_itself_keeps_results_and_frames_as_they_were_found() {
             "update frames set result_json = '[]'",
             "update frames set body = x'00'",
             "update measurement_set set reading_json = '{}'",
-            "update column_mapping set columns_json = '[]'",
-            "update named_frame set content_json = '[]'",
+            "update named_document set content_json = '[]'",
         ] {
             let refused = sqlx::query(AssertSqlSafe(sql_for(store.engine(), sql)))
                 .execute(store.readers())
@@ -380,8 +384,7 @@ fn sql_for(engine: Engine, sql: &str) -> String {
                 "parameter_set",
                 "audit",
                 "frames",
-                "column_mapping",
-                "named_frame",
+                "named_document",
                 "job",
                 "verification",
                 "report_summary",

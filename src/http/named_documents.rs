@@ -1,0 +1,92 @@
+//! What a robot has under a name, whatever it is: a page of them, one, and the next version.
+
+use crate::http::auth::Caller;
+use crate::http::creation::{Submission, stored_json};
+use crate::http::list_query::NewestListQuery;
+use crate::http::{App, Error, access};
+use crate::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
+use crate::store::{self, NamedDocumentRow, Tx};
+use crate::wire::page::Page;
+use axum::Json;
+use axum::response::Response;
+use serde::Serialize;
+
+/// A page of a robot's documents of a kind.
+pub async fn page<A>(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    kind: NamedDocumentKind,
+    query: NewestListQuery,
+) -> Result<Json<Page<A>>, Error>
+where
+    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error>,
+{
+    access::robot(app, caller, robot_id).await?;
+    let found = named_documents::list(&app.store, robot_id, kind, &query.request()?).await?;
+    let convert = |row| A::try_from(&row);
+    Ok(Json(found.page.into_answer(found.total, convert)?))
+}
+
+/// The document that is in force under a name.
+pub async fn one<A>(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    kind: NamedDocumentKind,
+    name: &str,
+) -> Result<Json<A>, Error>
+where
+    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error>,
+{
+    access::robot(app, caller, robot_id).await?;
+    let row = newest(app, robot_id, kind, name).await?;
+    Ok(Json(A::try_from(&row)?))
+}
+
+/// Stores the checked body of a request under the robot's id, the kind and the name.
+pub async fn keep<B, A>(
+    app: &App,
+    (robot_id, kind, name): (&str, NamedDocumentKind, &str),
+    submission: Submission,
+    body: B,
+) -> Result<Response, Error>
+where
+    B: Serialize,
+    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize,
+{
+    let new = NewNamedDocument {
+        robot_id,
+        kind,
+        name,
+        content_json: &serde_json::to_string(&body)?,
+        by: &submission.caller.holder,
+    };
+    let effect = async |tx: &mut Tx| {
+        let row = named_documents::insert(tx, new).await?;
+        stored_json(200, None, &A::try_from(&row)?)
+    };
+    submission.create(&app.store, effect).await
+}
+
+/// The row that is in force under a name.
+pub async fn newest(
+    app: &App,
+    robot_id: &str,
+    kind: NamedDocumentKind,
+    name: &str,
+) -> Result<NamedDocumentRow, Error> {
+    let row = named_documents::newest(&app.store, robot_id, kind, name).await;
+    row.map_err(|error| match error {
+        store::Error::NotFound => Error::NotFound(in_words(kind)),
+        other => other.into(),
+    })
+}
+
+fn in_words(kind: NamedDocumentKind) -> &'static str {
+    match kind {
+        NamedDocumentKind::Columns => "mapping of columns",
+        NamedDocumentKind::WorkFrame => "work frame",
+        NamedDocumentKind::Tool => "tool",
+    }
+}

@@ -1,0 +1,131 @@
+// The cell's work frames and tools: a list of them, and a form that keeps another one under a name.
+
+import { list, put } from "./api.js";
+import { el, fill, problem, table } from "./dom.js";
+import { fixed, mm, when } from "./format.js";
+import { rowsOf } from "./csv.js";
+
+const RAD = Math.PI / 180;
+/** Most of either that are listed. */
+const SHOWN = 200;
+
+/** What a robot has of both. */
+export async function cellOf(id, signal) {
+  const [frames, tools] = await Promise.all(["work-frames", "tools"].map((kind) => list(`/v1/robots/${id}/${kind}`, SHOWN, signal)));
+  return { frames, tools };
+}
+
+/** How controllers write a rotation: [kind, words, names of its numbers]. */
+const ROTATIONS = [
+  ["none", "not turned", []],
+  ["abc", "KUKA A B C, °", ["A", "B", "C"]],
+  ["wpr", "FANUC W P R, °", ["W", "P", "R"]],
+  ["vector", "rotation vector (UR), rad", ["rx", "ry", "rz"]],
+  ["quaternion", "quaternion w x y z (ABB q1 to q4)", ["w", "x", "y", "z"]],
+];
+
+const times = ([a, b, c, d], [w, x, y, z]) => [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w];
+const about = (axis, rad) => [Math.cos(rad / 2), ...[0, 1, 2].map((k) => (k === axis ? Math.sin(rad / 2) : 0))];
+
+/** A rotation as a quaternion w, x, y, z. A, B, C turn about z, the new y and the new x; W, P, R about the fixed x, y and z, which is the same in reverse order. */
+export function quaternion(kind, values) {
+  const byZyx = ([z, y, x]) => times(times(about(2, z * RAD), about(1, y * RAD)), about(0, x * RAD));
+  const byVector = (vector) => {
+    const angle = Math.hypot(...vector);
+    return angle === 0 ? [1, 0, 0, 0] : [Math.cos(angle / 2), ...vector.map((v) => v / angle * Math.sin(angle / 2))];
+  };
+  return { none: () => [1, 0, 0, 0], abc: byZyx, wpr: ([w, p, r]) => byZyx([r, p, w]), vector: byVector, quaternion: (q) => q }[kind](values);
+}
+
+/** The quaternion of a rotation matrix, w not negative: the longest row of 4·q·qᵀ, to unit length. */
+function ofMatrix([[a, b, c], [d, e, f], [g, h, i]]) {
+  const rows = [[1 + a + e + i, h - f, c - g, d - b], [h - f, 1 + a - e - i, b + d, c + g], [c - g, b + d, 1 - a + e - i, f + h], [d - b, c + g, f + h, 1 - a - e + i]];
+  const longest = rows.reduce((best, row, k) => (row[k] > best.size ? { row, size: row[k] } : best), { row: rows[0], size: rows[0][0] }).row;
+  const by = Math.hypot(...longest) * (longest[0] < 0 ? -1 : 1);
+  return longest.map((v) => v / by);
+}
+
+const numberInput = (name, label) => el("input", { type: "number", step: "any", "aria-label": label, placeholder: name });
+
+/** Three lengths and a rotation, as a controller has them. */
+function poseFields(id, legend) {
+  const lengths = ["x", "y", "z"].map((axis) => numberInput(axis, `${axis}, mm`));
+  const kind = el("select", { id: `${id}-rotation` }, ROTATIONS.map(([value, words]) => el("option", { value }, words)));
+  const angles = el("span.controls", {});
+  const inputs = () => [...angles.querySelectorAll("input")];
+  kind.addEventListener("change", () => fill(angles, ROTATIONS.find(([value]) => value === kind.value)[2].map((name) => numberInput(name, `Rotation ${name}`))));
+  const values = (all) => all.map((input) => {
+    if (input.value === "") throw { title: "A number is missing", detail: `${input.getAttribute("aria-label")} is empty. Enter 0 where it is 0.` };
+    return Number(input.value);
+  });
+  const isTyped = () => [...lengths, ...inputs()].some((input) => input.value !== "");
+  const pose = () => ({ translation_mm: values(lengths), ...kind.value === "none" ? {} : { quaternion: quaternion(kind.value, values(inputs())) } });
+  return [el("fieldset", {}, el("legend", {}, legend), el("div.controls", {}, lengths)), el("div", {}, el("label", { for: kind.id }, "Rotation"), kind, angles), pose, isTyped];
+}
+
+/** Tools and work frames, folded. `changed` is called when one was stored. */
+export function cellCard(robot, { frames, tools }, sets, may, changed) {
+  const at = ({ translation_mm: p }) => p.map((v) => fixed(v, 2)).join(", ");
+  const turned = ({ rotation }) => ofMatrix(rotation).map((v) => fixed(v, 5)).join(", ");
+  const of = (set) => sets.find((s) => s.id === set)?.name ?? "a measurement set";
+  const shared = (pose) => [["Origin, mm", (row) => at(pose(row))], ["Quaternion w, x, y, z", (row) => turned(pose(row))]];
+  return el("section.card", {}, el("details", { id: "cell" }, el("summary", {}, `Work frames (${frames.length}) and tools (${tools.length}) of the cell`),
+    table("Work frames, newest first. A frame that was fitted to measured points has residuals.", [["Name", (f) => f.name, "name"], ["Given in", (f) => (f.reference === "base" ? "robot's base" : `measuring frame of ${of(f.measurement_set_id)}`)], ...shared((f) => f.t_reference_work),
+      ["Points", (f) => f.residuals_mm.length || "typed", "n"], ["Residuals, rms", (f) => (f.rms_mm === undefined ? "–" : mm(f.rms_mm)), "n"], ["Origin known to", (f) => (f.origin_std_mm === undefined ? "–" : mm(f.origin_std_mm)), "n"], ["Stored", (f) => when(f.created_at)]], frames, "No work frame is stored."),
+    table("Tools, newest first: the tool centre point in the flange frame.", [["Name", (t) => t.name, "name"], ...shared((t) => t.t_flange_tool), ["Stored", (t) => when(t.created_at)]], tools, "No tool is stored."),
+    may("upload") && [toolForm(robot, changed), frameForm(robot, sets, changed)]));
+}
+
+function toolForm(robot, changed) {
+  const name = el("input", { id: "tool-name", required: true, maxlength: 200 });
+  const [lengths, rotation, pose] = poseFields("tool", "Tool centre point in the flange frame, mm");
+  return stored("Store a tool", [el("div", {}, el("label", { for: "tool-name" }, "Name"), name), lengths, rotation], async () => changed(await put(`/v1/robots/${robot.id}/tools/${encodeURIComponent(name.value)}`, pose())));
+}
+
+function frameForm(robot, sets, changed) {
+  const name = el("input", { id: "frame-name", required: true, maxlength: 200 });
+  const [lengths, rotation, pose, isTyped] = poseFields("frame", "Origin, mm; or a file of measured points below");
+  const file = el("input", { id: "frame-file", type: "file", accept: ".csv,text/csv" });
+  const set = el("select", { id: "frame-set" }, el("option", { value: "" }, "the robot's base frame"), sets.map((s) => el("option", { value: s.id }, `the measuring frame of ${s.name ?? s.id}`)));
+  const keep = async () => {
+    if (file.files.length > 0 && isTyped()) throw { title: "Typed and measured", detail: "A work frame is either typed or fitted to a file of points: empty one of them." };
+    const where = file.files.length > 0 ? { points: fixturePoints(await file.files[0].text()) } : pose();
+    const reference = set.value === "" ? {} : { reference: "measuring", measurement_set_id: set.value };
+    await changed(await put(`/v1/robots/${robot.id}/work-frames/${encodeURIComponent(name.value)}`, { ...reference, ...where }));
+  };
+  return stored("Store a work frame", [el("div", {}, el("label", { for: "frame-name" }, "Name"), name), el("div", {}, el("label", { for: "frame-set" }, "Its numbers are given in"), set), lengths, rotation,
+    el("div", {}, el("label", { for: "frame-file" }, "Three or more measured points: a CSV with nominal_x_mm nominal_y_mm nominal_z_mm (as drawn) and x_mm y_mm z_mm (as measured)"), file)], keep);
+}
+
+/** A form whose button stores something. */
+function stored(words, fields, keep) {
+  const out = el("div", { "aria-live": "polite" });
+  const submit = async (event) => {
+    event.preventDefault();
+    try {
+      await keep();
+    } catch (error) {
+      if (error.name !== "AbortError") fill(out, problem(error));
+    }
+  };
+  return el("form", { submit }, el("h2", {}, words), el("div.fields", {}, fields), out, el("p", {}, el("button", { type: "submit" }, words)));
+}
+
+/** Points of a fixture, from a CSV file. */
+function fixturePoints(text) {
+  const separator = text.split(/\r\n|\n|\r/, 1)[0].includes(";") ? ";" : ",";
+  const [first, ...rows] = rowsOf(text, separator);
+  const column = (name) => {
+    const at = first?.cells.findIndex((cell) => cell.toLowerCase() === name) ?? -1;
+    if (at < 0) throw { title: "A column is missing", detail: `The file has no column ${name}.` };
+    return at;
+  };
+  const axes = ["x", "y", "z"];
+  const [drawn, seen] = ["nominal_", ""].map((before) => axes.map((axis) => column(`${before}${axis}_mm`)));
+  const number = ({ cells, line }, at) => {
+    const value = Number(separator === ";" ? cells[at]?.replace(",", ".") : cells[at]);
+    if (!Number.isFinite(value) || (cells[at] ?? "") === "") throw { title: "A point cannot be read", detail: `Line ${line}, column ${first.cells[at]}: "${cells[at] ?? ""}" is no number.` };
+    return value;
+  };
+  return rows.map((row) => ({ nominal_mm: drawn.map((at) => number(row, at)), measured_mm: seen.map((at) => number(row, at)) }));
+}
