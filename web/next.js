@@ -27,7 +27,7 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified }, {
   const draw = (gates) => {
     const evidence = gates?.evidence ?? report.evidence;
     fill(way, path(report, evidence, parameterSet));
-    fill(words, advice(report, evidence, robot, parameterSet, may), gates && ["candidate", "superseded"].includes(parameterSet.status) && judged(gates));
+    fill(words, advice(report, evidence, robot, parameterSet, may, gates?.releasable === false), gates && ["candidate", "superseded"].includes(parameterSet.status) && judged(gates));
   };
   draw(null);
   // the gates know of verifications that were made since
@@ -52,7 +52,7 @@ function path(report, evidence, { status }) {
   return el("ol.path", {}, steps.map(([name, done, said], i) => el(done ? "li.done-step" : i === now && status !== "withdrawn" ? "li.now" : "li", i === now ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said))));
 }
 
-function advice(report, evidence, robot, parameterSet, may) {
+function advice(report, evidence, robot, parameterSet, may, isRefused) {
   const isVerified = evidence === "independent_session";
   const robotLink = (text, part) => el("a.button", { href: `#/robots/${robot.id}${part ? `/${part}` : ""}` }, text);
   const half = report.verify ?? report.identify;
@@ -61,7 +61,7 @@ function advice(report, evidence, robot, parameterSet, may) {
     el("div.actions", {}, robotLink("Correct a program", "correct"), robotLink("Verify with another session", "upload"))];
   const better = half.after.mean_mm < half.before.mean_mm;
   if (!better) return el("p", {}, "It is no better than the nominal robot. Look at the warnings below, leave out points that do not fit, or measure again.");
-  return [el("p", {}, isVerified ? "The fit holds on another session. It can be released below."
+  return [el("p", {}, isVerified ? `The fit holds on another session. ${isRefused ? "What a release still lacks is below." : "It can be released below."}`
     : `The fit is good: ${mm(half.after.mean_mm)} on average instead of ${mm(half.before.mean_mm)}. Measure some 20 to 30 other poses in a session of their own, and verify it with them: only that shows a wrong tool, base or scale. Then release it.`),
   el("div.actions", {}, !isVerified && robotLink("Verify with another session", "upload"), !isVerified && robotLink("Plan the poses to measure", "plan"), may("release") && el("button", { type: "button", click: () => { const decision = document.querySelector(".decision"); decision?.scrollIntoView({ block: "center" }); decision?.querySelector("button")?.focus({ preventScroll: true }); } }, "To the release"))];
 }
@@ -80,7 +80,8 @@ function afterVerification(report, robot, verified) {
   const better = half.after.mean_mm < half.before.mean_mm;
   if (report.evidence !== "independent_session") return [el("p", {}, "These points are no independent session. Measure other poses at another time, and verify with them."), el("div.actions", {}, link)];
   if (!better) return [el("p", {}, "The set is no better than the nominal robot on this session. Do not release it; calibrate anew with these points."), el("div.actions", {}, link)];
-  return [el("p", {}, { candidate: "The set holds on this session. It can be released on its page.", released: "The released set still holds on this session.", superseded: "The older set holds on this session.", withdrawn: "That set was withdrawn." }[verified.status] ?? ""), el("div.actions", {}, link)];
+  if (report.warnings.some((remark) => remark.code === "worse_than_identified")) return [el("p", {}, "The set is several times worse on this session than when it was identified. Look at the warning below and at the robot, and measure another session: if it agrees, calibrate anew."), el("div.actions", {}, link)];
+  return [el("p", {}, { candidate: "The set holds on this session. Its page says whether a release would be accepted.", released: "The released set still holds on this session.", superseded: "The older set holds on this session.", withdrawn: "That set was withdrawn." }[verified.status] ?? ""), el("div.actions", {}, link)];
 }
 
 /** What to do about a result that is of no use; by one click where one is enough. */

@@ -216,6 +216,7 @@ export const GATES = {
   verify_errors_within_tolerance: "Its errors are within the robot's tolerance",
   archived: "The set and its robot are not archived",
   joint_map_changed: "The robot has the joint map that the set was identified with",
+  source_withdrawn: "What it rests on was withdrawn, and another session shows that it is right",
   withdrawn: "It was not withdrawn",
 };
 
@@ -240,6 +241,7 @@ export const UNMET = {
   verified: "No points were held out to verify",
   verify_errors_improved: "The errors on points to verify did not become smaller",
   verify_errors_within_tolerance: "Its errors are beyond the robot's tolerance",
+  source_withdrawn: "It rests on a set that was withdrawn",
   withdrawn: "It was withdrawn",
 };
 

@@ -5,12 +5,13 @@ use crate::calibration::calibrate::calibrate;
 use crate::calibration::preparation::observe::model_parameters;
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
-use crate::calibration::report::{CalibrationReport, FlangeRotation, Warning};
+use crate::calibration::report::{CalibrationReport, FlangeRotation, NO_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, PreviousSession};
 use crate::calibration::session_comparison::{estimate, kept, list};
 use crate::calibration::solve::corrections;
 use crate::calibration::stages::{quiet, stage, watched};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
+use crate::calibration::warnings::plausibility::JOINT_MAP;
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
 use crate::identification::changes::{Change, Estimate, compare};
@@ -122,6 +123,8 @@ pub fn calibrate_partially(
     let n_links = request.robot.links.len();
     let last_zero = Parameter::Link(n_links - 1, Quantity::ThetaOffset);
     let is_last_zero_free = problem.parameters.contains(&last_zero);
+    let mut warnings = report.warnings.iter();
+    let fits = !warnings.any(|warning| [NO_FIT, JOINT_MAP].contains(&warning.code));
     report.flange_rotation =
         of_held
             .zip(report.flange_rotation)
@@ -136,9 +139,10 @@ pub fn calibrate_partially(
     report
         .warnings
         .retain(|warning| warning.code != orientation::NOT_KNOWN);
-    report
-        .warnings
-        .extend(orientation::warning(report.flange_rotation, n_links));
+    if fits {
+        let warning = orientation::warning(report.flange_rotation, n_links);
+        report.warnings.extend(warning);
+    }
     from_catalogue(&mut report, &problem.parameters, &request.robot.links);
     Ok(report)
 }

@@ -4,9 +4,9 @@ use super::terminal::in_commands;
 use super::usage::Usage;
 use crate::measurement::RotationConvention;
 use crate::measurement::rotation_convention::CONVENTIONS;
+use crate::wire::content_type::{DECIMAL_COMMA, with_rotation};
 use crate::wire::issue::Issue;
 use crate::wire::json;
-use crate::wire::measurement::{DECIMAL_COMMA, with_rotation};
 use serde::de::DeserializeOwned;
 use std::path::Path;
 

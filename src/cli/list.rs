@@ -1,9 +1,10 @@
 //! `kincal robots|sets|jobs|params|networks`: lists what a server has, or shows one item.
 
 use super::client::ServerArguments;
+use super::gates;
 use super::runtime::block_on;
 use super::terminal;
-use super::terminal::{Output, in_commands, plain};
+use super::terminal::{Output, plain};
 pub use super::text_table::columns;
 use crate::wire::page::{ArchivedFilter, Sort};
 use anyhow::Context;
@@ -349,25 +350,13 @@ pub struct ParameterSetArguments {
     output: Output,
 }
 
-/// What each gate of a release of a parameter set would find now.
-#[derive(Debug, clap::Args)]
-pub struct GatesArguments {
-    #[command(flatten)]
-    server: ServerArguments,
-    /// The parameter set, as `kincal params` lists it.
-    #[arg(value_name = "ID")]
-    id: String,
-    #[command(flatten)]
-    output: Output,
-}
-
 /// `kincal params`.
 pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
     let server = &arguments.server;
     let robot = arguments.robot.as_deref().unwrap_or_default();
     if let Some(id) = &arguments.id {
         if arguments.gates {
-            return self::gates(server, id, &arguments.output);
+            return gates::show(server, id, &arguments.output);
         }
         if arguments.content {
             let path = format!("{}/{id}/content", PARAMETER_SETS.one);
@@ -395,50 +384,6 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
         query,
     };
     list_or_show(server, shown, &arguments.output)
-}
-
-/// `kincal gates`.
-pub fn gates_of(arguments: &GatesArguments) -> anyhow::Result<()> {
-    gates(&arguments.server, &arguments.id, &arguments.output)
-}
-
-fn gates(server: &ServerArguments, id: &str, output: &Output) -> anyhow::Result<()> {
-    block_on(async {
-        let found = server
-            .client()?
-            .get(&format!("{}/{id}/gates", PARAMETER_SETS.one))
-            .await?;
-        if output.json {
-            say!("{}", serde_json::to_string_pretty(&found)?);
-        } else {
-            terminal::raw(gate_lines(&found));
-        }
-        if found["releasable"] != true {
-            anyhow::bail!("a release of {id} would be refused");
-        }
-        Ok(())
-    })
-}
-
-fn gate_lines(found: &Value) -> String {
-    let line = |gate: &Value| {
-        let word = match (&gate["passed"], &gate["warning"]) {
-            (Value::Bool(false), _) => "REFUSED",
-            (_, Value::Bool(true)) => "look",
-            _ => "passed",
-        };
-        format!(
-            "{word:<8} {:<30} {}\n",
-            plain(gate["gate"].as_str().unwrap_or_default()),
-            plain(&in_commands(gate["detail"].as_str().unwrap_or_default()))
-        )
-    };
-    found["gates"]
-        .as_array()
-        .into_iter()
-        .flatten()
-        .map(line)
-        .collect()
 }
 
 /// What is listed or shown.

@@ -19,6 +19,7 @@ mod export;
 mod failure;
 mod files;
 mod frames;
+mod gates;
 mod history;
 mod import;
 mod key;
@@ -30,6 +31,7 @@ mod options;
 mod plan;
 mod policy;
 mod predict;
+mod program;
 mod report;
 mod robots;
 mod robots_library;
@@ -116,7 +118,7 @@ enum Command {
     /// Find base and tool frame from sweeps of single joints.
     Frames(frames::Arguments),
     /// Show what each gate of a release would find now; exit code 1 if the release would be refused.
-    Gates(list::GatesArguments),
+    Gates(gates::Arguments),
     /// Show or set what a robot asks of a release.
     Policy(policy::Arguments),
     /// List a robot's work frames, or keep one under a name.
@@ -188,7 +190,7 @@ pub fn main() -> ExitCode {
         Command::Networks(arguments) => list::networks(&arguments),
         Command::Frames(arguments) => frames::run(&arguments),
         Command::Columns(arguments) => columns::run(&arguments),
-        Command::Gates(arguments) => list::gates_of(&arguments),
+        Command::Gates(arguments) => gates::run(&arguments),
         Command::Policy(arguments) => policy::run(&arguments),
         Command::WorkFrames(arguments) => named_frames::work_frames(&arguments),
         Command::Tools(arguments) => named_frames::tools(&arguments),

@@ -1,16 +1,18 @@
-//! `kincal plan`: plans which configurations to measure, offline.
+//! `kincal plan`: plans which configurations to measure, offline or for a robot of a server.
 
 use super::calibrate::read_robot;
+use super::client::ServerArguments;
 use super::files::{NumberFormat, cannot_be_used, fault, parse_json, read};
+use super::runtime::block_on;
 use super::terminal::Output;
 use super::usage::Usage;
-use crate::kinematics::Robot;
 use crate::operations::plan_poses;
 use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::Issue;
 use crate::wire::job::Model;
 use crate::wire::measurement::{Frame, Upload, from_file};
-use crate::wire::pose_plan::PosePlanBody;
+use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
+use anyhow::Context;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -21,19 +23,30 @@ const DEFAULT_CONFIGURATIONS: usize = 50;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Robot file: the body of POST /v1/robots. It should have joint limits; a joint without limits gets -90° to 90°.
-    #[arg(value_name = "ROBOT.json")]
-    robot: PathBuf,
+    /// Instead of it, --robot names a robot of a server.
+    #[arg(value_name = "ROBOT.json", required_unless_present = "robot_on_server")]
+    robot: Option<PathBuf>,
+    /// Plan for this robot of the server: its id, name or serial number.
+    #[arg(
+        long = "robot",
+        id = "robot_on_server",
+        env = "KINCAL_ROBOT",
+        value_name = "ROBOT"
+    )]
+    robot_on_server: Option<String>,
+    #[command(flatten)]
+    server: ServerArguments,
     /// Number of configurations, repeats included [default: that of --request, else 50].
     #[arg(short = 'n', long = "configurations", env = "KINCAL_CONFIGURATIONS")]
     n_configurations: Option<usize>,
     /// A file with the body of POST /v1/robots/{id}/pose-plans: boxes, obstacles, reflector and so on. Options of the command line override it.
     #[arg(long, env = "KINCAL_REQUEST", value_name = "REQUEST.json")]
     request: Option<PathBuf>,
-    /// Sets that were already measured, in the frame given by --frame.
+    /// Sets that were already measured, in the frame given by --frame: files, with --robot ids of the server's sets.
     #[arg(
         long,
         env = "KINCAL_MEASURED",
-        value_name = "SET.csv",
+        value_name = "SET.csv|ID",
         value_delimiter = ','
     )]
     measured: Vec<PathBuf>,
@@ -52,9 +65,17 @@ pub struct Arguments {
     output: Output,
 }
 
+/// A plan, and what it is of.
+struct PlanOf {
+    plan: PosePlanAnswer,
+    /// Name of the robot, as messages show it.
+    robot: String,
+    /// For each joint, whether the robot has limits.
+    has_limits: Vec<bool>,
+}
+
 /// Prints the plan as CSV or JSON on standard output, and its predicted uncertainty on standard error.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let robot = read_robot(&arguments.robot)?;
     let body = body(arguments)?;
     if body.frame.is_none() && !arguments.measured.is_empty() {
         return Err(Usage(
@@ -62,6 +83,55 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         )
         .into());
     }
+    let found = match (&arguments.robot, &arguments.robot_on_server) {
+        (Some(path), _) => offline(arguments, path, &body)?,
+        (None, Some(robot)) => block_on(on_server(arguments, robot, body))?,
+        (None, None) => return Err(Usage("give ROBOT.json, or --robot".into()).into()),
+    };
+    if let Some(warning) = without_limits(&found) {
+        eprintln!("warning: {warning}");
+    }
+    let plan = found.plan;
+    let (planned, random) = (
+        plan.predicted_std_mm.mean,
+        plan.predicted_std_mm_random.mean,
+    );
+    eprintln!(
+        "predicted uncertainty of the tool: {planned:.4} mm on average, {:.4} mm at most; random poses: {random:.4} mm ({:.2} times)",
+        plan.predicted_std_mm.max,
+        random / planned
+    );
+    if arguments.output.json {
+        say!("{}", serde_json::to_string_pretty(&plan)?);
+        return Ok(());
+    }
+    let header: Vec<String> = (1..=found.has_limits.len())
+        .map(|joint| format!("q{joint}_deg"))
+        .collect();
+    say!("configuration,{}", header.join(","));
+    for (i, configuration) in plan.configurations.iter().enumerate() {
+        let values: Vec<String> = configuration
+            .q_deg
+            .iter()
+            .map(|q| format!("{q:.4}"))
+            .collect();
+        // A repeat has the number of its configuration, so that it is never on both sides of a split.
+        say!(
+            "{},{}",
+            configuration.repeats.unwrap_or(i) + 1,
+            values.join(",")
+        );
+    }
+    Ok(())
+}
+
+/// Plans without a server.
+fn offline(arguments: &Arguments, path: &Path, body: &PosePlanBody) -> anyhow::Result<PlanOf> {
+    if !body.measured.is_empty() {
+        let text = "measured names sets of a server: leave it out and give their files with --measured, or name the robot with --robot";
+        return Err(Usage(text.into()).into());
+    }
+    let robot = read_robot(path)?;
     let frame = body.frame.unwrap_or(Frame::Instrument);
     let mut measured = Vec::new();
     for path in &arguments.measured {
@@ -80,7 +150,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             read.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?;
         measured.push(set);
     }
-    let plan = plan_poses(&body, &robot, &measured).map_err(|invalid| {
+    let plan = plan_poses(body, &robot, &measured).map_err(|invalid| {
         let faults: Vec<String> = invalid
             .issues
             .iter()
@@ -88,40 +158,38 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .collect();
         Usage(faults.join("\n"))
     })?;
-    if let Some(warning) = without_limits(&robot, &arguments.robot) {
-        eprintln!("warning: {warning}");
-    }
-    let (planned, random) = (
-        plan.predicted_std_mm.mean,
-        plan.predicted_std_mm_random.mean,
-    );
-    eprintln!(
-        "predicted uncertainty of the tool: {planned:.4} mm on average, {:.4} mm at most; random poses: {random:.4} mm ({:.2} times)",
-        plan.predicted_std_mm.max,
-        random / planned
-    );
-    if arguments.output.json {
-        say!("{}", serde_json::to_string_pretty(&plan)?);
-        return Ok(());
-    }
-    let header: Vec<String> = (1..=robot.links.len())
-        .map(|joint| format!("q{joint}_deg"))
-        .collect();
-    say!("configuration,{}", header.join(","));
-    for (i, configuration) in plan.configurations.iter().enumerate() {
-        let values: Vec<String> = configuration
-            .q_deg
-            .iter()
-            .map(|q| format!("{q:.4}"))
-            .collect();
-        // A repeat has the number of its configuration, so that it is never on both sides of a split.
-        say!(
-            "{},{}",
-            configuration.repeats.unwrap_or(i) + 1,
-            values.join(",")
-        );
-    }
-    Ok(())
+    Ok(PlanOf {
+        plan,
+        robot: path.display().to_string(),
+        has_limits: robot.joint_limits_rad.iter().map(Option::is_some).collect(),
+    })
+}
+
+/// Lets the server plan for one of its robots.
+async fn on_server(
+    arguments: &Arguments,
+    robot: &str,
+    mut body: PosePlanBody,
+) -> anyhow::Result<PlanOf> {
+    let ids = arguments.measured.iter();
+    body.measured.extend(ids.map(|id| id.display().to_string()));
+    let client = arguments.server.client()?;
+    let path = format!("/v1/robots/{}", client.robot_id(robot).await?);
+    let described = client.get(&path).await?;
+    let answer = client
+        .post_json(&format!("{path}/pose-plans"), &serde_json::to_value(&body)?)
+        .await?;
+    let links = described["links"].as_array();
+    Ok(PlanOf {
+        plan: serde_json::from_value(answer)
+            .context("the server's answer is of another version of kincal")?,
+        robot: robot.to_owned(),
+        has_limits: links
+            .into_iter()
+            .flatten()
+            .map(|link| !link["joint_limits_deg"].is_null())
+            .collect(),
+    })
 }
 
 /// The request: its file, overridden by the options of the command line.
@@ -146,12 +214,7 @@ fn request(path: &Path) -> anyhow::Result<PosePlanBody> {
         request["n_configurations"] = json!(DEFAULT_CONFIGURATIONS);
         bytes = serde_json::to_vec(&request)?;
     }
-    let body: PosePlanBody = parse_json(path, &bytes, WHAT)?;
-    if !body.measured.is_empty() {
-        let text = "measured names sets of a server, which is not asked here: leave it out, and give their files with --measured";
-        return Err(Usage(format!("{}: {text}", path.display())).into());
-    }
-    Ok(body)
+    parse_json(path, &bytes, WHAT)
 }
 
 /// An issue of the request, with its file or option.
@@ -166,17 +229,16 @@ fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
 }
 
 /// Warning about joints without limits.
-fn without_limits(robot: &Robot, path: &Path) -> Option<String> {
-    let joints = robot
-        .joint_limits_rad
-        .iter()
-        .enumerate()
-        .filter(|(_, limits)| limits.is_none());
-    let joints: Vec<String> = joints.map(|(i, _)| (i + 1).to_string()).collect();
+fn without_limits(of: &PlanOf) -> Option<String> {
+    let joints = of.has_limits.iter().enumerate();
+    let joints: Vec<String> = joints
+        .filter(|(_, has_limits)| !**has_limits)
+        .map(|(i, _)| (i + 1).to_string())
+        .collect();
     (!joints.is_empty()).then(|| {
         format!(
             "{} has no limits for joint {}: the plan takes -90° to 90° there; give joint_limits_deg with these links",
-            path.display(),
+            of.robot,
             joints.join(", ")
         )
     })

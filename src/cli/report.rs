@@ -1,5 +1,6 @@
 //! `kincal report`: the report of a job.
 
+use super::calibrate::refuse_unusable;
 use super::client::ServerArguments;
 use super::runtime::block_on;
 use super::table;
@@ -28,7 +29,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Prints the report, or writes it as a page.
+/// Prints the report, or writes it as a page. What is printed and cannot be used is an error, so that no script continues with it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/report", arguments.id);
     if let Some(file) = &arguments.html {
@@ -45,5 +46,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let report = block_on(async { arguments.server.client()?.get(&path).await })?;
     let parsed: Report = serde_json::from_value(report.clone())
         .context("the server's report is of another version of kincal")?;
-    arguments.output.print(&report, || table::report(&parsed))
+    arguments.output.print(&report, || table::report(&parsed))?;
+    refuse_unusable(&parsed, Some(&arguments.id))
 }

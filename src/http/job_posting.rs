@@ -95,6 +95,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
         network_input_id: None,
         residual_network_input_id: None,
         parameter_set_input_id: sources.parameter_set.as_ref().map(|row| row.id.clone()),
+        holds_parameter_set: request.holds_parameter_set(),
         kind: request.kind,
         method: request.method,
         request_json: serde_json::to_string(request)?,
@@ -120,7 +121,7 @@ fn choose_residual(
             }
         };
         if fits
-            && is_of_other_uploads(source.trained_on_sha256.as_deref(), sets_sha256)
+            && is_of_other_uploads(&source.trained_on_sha256, sets_sha256)
             && is_independent_of_training(calibration_request, &parse(&source.set)?)
         {
             return Ok(Some(source.id.clone()));

@@ -8,21 +8,20 @@ use crate::release::facts::DESCRIBES_NO_ROBOT;
 use crate::store::jobs as stored;
 use crate::store::{
     MeasurementSetRow, NetworkRow, NetworkWeights, ParameterSetRow, ResidualWeights, RobotRow,
-    frames, measurement_sets, networks, parameter_sets,
+    frames, job_sources, measurement_sets, networks, parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
 use crate::wire::job::{JobRequestBody, Kind, Method, VerifyBody};
 use crate::wire::measurement::Frame;
 use crate::wire::network::NetworkKind;
+use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::safetensors::NetworkMetadata;
 
 /// Most networks that are searched for one with the same parameters, newest first.
 const MAX_NETWORKS: i64 = 8;
 /// Most residual networks that are searched for one that was not trained on these points, newest first. Each is read with its measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
-/// Longest chain of residual networks in which each continues the training of the previous one.
-const LONGEST_CHAIN: usize = 64;
 
 /// Stored rows that a job refers to.
 pub struct Sources {
@@ -52,8 +51,8 @@ pub struct ResidualSource {
     pub weights: Vec<u8>,
     /// The measurement set that it was trained on.
     pub set: MeasurementSetInput,
-    /// Hashes of the uploads that it and its predecessors were trained on; none if the chain is too long.
-    pub trained_on_sha256: Option<Vec<String>>,
+    /// Hashes of the uploads that it and its predecessors were trained on.
+    pub trained_on_sha256: Vec<String>,
 }
 
 /// Reads what a request refers to.
@@ -90,6 +89,9 @@ pub async fn load(
     }
     if let Some(set) = &parameter_set {
         check_parameter_set(set, &robot)?;
+        if request.holds_parameter_set() && set.status == ParameterSetStatus::Withdrawn {
+            return Err(held_is_withdrawn(&set.id));
+        }
     }
     let (networks, residual_networks, scored_frame) = tokio::join!(
         networks(app, &robot, request, &set.row),
@@ -188,6 +190,16 @@ fn no_released_set() -> Error {
     Error::Conflict {
         code: "no_active_parameter_set",
         detail: "a check says whether the released set still holds, and this robot has none: release one, or name a candidate in parameter_set_id".into(),
+        errors: vec![],
+    }
+}
+
+fn held_is_withdrawn(id: &str) -> Error {
+    Error::Conflict {
+        code: "parameter_set_withdrawn",
+        detail: format!(
+            "the parameter set {id} was withdrawn, and what is identified here would keep its values: identify all parameters, or name another set"
+        ),
         errors: vec![],
     }
 }
@@ -313,23 +325,17 @@ async fn residual_networks(
     Ok(sources)
 }
 
-/// Hashes of the uploads that a residual network and its predecessors were trained on; `None` if the chain is too long.
-async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Option<Vec<String>>, Error> {
-    let (mut hashes, mut next) = (Vec::new(), Some(network_id.to_owned()));
-    while let Some(id) = next {
-        if hashes.len() == LONGEST_CHAIN {
-            return Ok(None);
-        }
-        let network = networks::get(&app.store, &id).await?;
-        let job = stored::get(&app.store, &network.job_id).await?;
-        hashes.push(
-            measurement_sets::get(&app.store, &job.measurement_set_id)
-                .await?
-                .sha256,
-        );
-        next = job.residual_network_input_id;
+/// Hashes of the uploads that a residual network rests on: those of its job and of that job's sources.
+async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Vec<String>, Error> {
+    let network = networks::get(&app.store, network_id).await?;
+    let job = stored::get(&app.store, &network.job_id).await?;
+    let mut uploads = job_sources::uploads(&app.store, &job.id).await?;
+    uploads.push(job.measurement_set_id);
+    let mut hashes = Vec::with_capacity(uploads.len());
+    for id in uploads {
+        hashes.push(measurement_sets::get(&app.store, &id).await?.sha256);
     }
-    Ok(Some(hashes))
+    Ok(hashes)
 }
 
 fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {

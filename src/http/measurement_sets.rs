@@ -13,9 +13,10 @@ use crate::http::{App, Error, access};
 use crate::operations::rotation_convention::with_best_convention;
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
+use crate::wire::content_type::{DECIMAL_COMMA, rotation_convention, with_rotation};
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
-    self, DECIMAL_COMMA, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
+    self, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
 };
 use crate::wire::multipart::{FileBytes, UploadForm};
 use crate::wire::page::Page;
@@ -115,11 +116,11 @@ async fn create(
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let mut content_type = content_type(&submission, query.decimal);
     if let Some(name) = &query.rotation {
-        let convention = measurement::rotation_convention(name)?;
+        let convention = rotation_convention(name)?;
         if is_json(&content_type) {
             return Err(rotation_of_json().into());
         }
-        content_type = measurement::with_rotation(&content_type, convention);
+        content_type = with_rotation(&content_type, convention);
     }
     let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;

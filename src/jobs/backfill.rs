@@ -2,7 +2,7 @@
 //! before the server accepts requests.
 
 use crate::jobs::JobInputs;
-use crate::jobs::execution::{request_of, run_verification, since};
+use crate::jobs::execution::{parsed, request_of, run_verification, since};
 use crate::jobs::queue;
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
@@ -96,10 +96,11 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
         .warnings
         .extend(missing_misfit_warning(&request, &report));
     let since = since(inputs, &request).ok()?;
+    let sources = parsed(&inputs.sources, &request).ok()?;
     Some(identification_facts(
         &request,
         &report,
-        is_verified_anew(&request),
+        is_verified_anew(&request, &sources),
         since,
     ))
 }

@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use crate::store::verifications::EarlierUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
-    ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, jobs,
-    measurement_sets, networks, parameter_sets, robot_versions, verifications,
+    ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, job_sources,
+    jobs, measurement_sets, networks, parameter_sets, robot_versions, verifications,
 };
 use crate::wire::job::Kind;
 use crate::wire::verification::Verification;
@@ -41,6 +41,8 @@ pub struct JobInputs {
     pub residual_network: Option<NetworkInput>,
     /// The parameter set to verify, or the robot's last one, with which an identification is compared.
     pub parameter_set: Option<ParameterSetInput>,
+    /// The uploads that held parameters, or the training of the residual network, rest on.
+    pub sources: Vec<MeasurementSetInput>,
     /// Earlier uploads that the points are compared with: points that repeat them do not show that the robot is in order.
     pub earlier: EarlierUploads,
 }
@@ -68,6 +70,8 @@ pub struct ParameterSetInput {
     pub row: ParameterSetRow,
     /// The points that it was identified from.
     pub set: MeasurementSetInput,
+    /// The uploads that the values it holds, or the training of its residual network, rest on.
+    pub sources: Vec<MeasurementSetInput>,
     /// The frames that the identification used.
     pub frames: Option<FramesRow>,
     /// Verification facts of its identification.
@@ -164,7 +168,17 @@ impl JobInputs {
     /// Reads everything that the job names.
     pub async fn load_for(store: &Store, job: JobRow) -> Result<JobInputs> {
         // Reads concurrently; each read takes its own connection.
-        let (robot, set, verify_set, frames, network, residual_network, parameter_set, earlier) = tokio::try_join!(
+        let (
+            robot,
+            set,
+            verify_set,
+            frames,
+            network,
+            residual_network,
+            parameter_set,
+            sources,
+            earlier,
+        ) = tokio::try_join!(
             robot_versions::robot_at(store, &job.robot_id, job.robot_version),
             MeasurementSetInput::read(store, &job.measurement_set_id),
             load(
@@ -181,6 +195,7 @@ impl JobInputs {
             load(job.parameter_set_input_id.as_deref(), |id| {
                 load_parameter_set(store, id)
             }),
+            load_sources(store, &job.id),
             load_earlier(store, &job),
         )?;
         Ok(JobInputs {
@@ -192,6 +207,7 @@ impl JobInputs {
             network,
             residual_network,
             parameter_set,
+            sources,
             earlier,
         })
     }
@@ -222,10 +238,20 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     Ok(ParameterSetInput {
         verification: verifications::of_job(store, &row.job_id).await?,
         estimate_json: estimates::of_parameter_set(store, id).await?,
+        sources: load_sources(store, &row.job_id).await?,
         row,
         set: MeasurementSetInput::read(store, &job.measurement_set_id).await?,
         frames,
     })
+}
+
+/// The uploads of the jobs that a job's result rests on.
+async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetInput>> {
+    let mut sources = Vec::new();
+    for id in job_sources::uploads(store, job_id).await? {
+        sources.push(MeasurementSetInput::read(store, &id).await?);
+    }
+    Ok(sources)
 }
 
 /// Earlier uploads that the points are compared with: for a check all of them, else those from before the last session that did not fit the robot, if

@@ -7,7 +7,7 @@ use crate::calibration::{
 };
 use crate::jobs::estimate::{estimate_json, estimate_of_checked, previous_session};
 use crate::jobs::result_check;
-use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
+use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput};
 use crate::release::facts::{
     MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
 };
@@ -51,7 +51,7 @@ pub fn compute(
         )?,
         None => run_calibration(&request, progress)?,
     };
-    let another = is_verified_anew(&request);
+    let another = is_verified_anew(&request, &parsed(&inputs.sources, &request)?);
     let report = calibrated
         .report(
             &inputs.job.id,
@@ -133,12 +133,11 @@ pub(super) fn run_verification(
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = estimate_of_checked(kept, &inputs.robot).map_err(broken)?;
-    let identified_from = inputs
-        .parameter_set
-        .as_ref()
-        .map(|input| input.set.parse(request.robot.links.len()).map_err(broken))
-        .transpose()?;
-    let another = is_another_session(request, identified_from.as_ref());
+    let identified_from = match &inputs.parameter_set {
+        Some(input) => parsed(std::iter::once(&input.set).chain(&input.sources), request)?,
+        None => vec![],
+    };
+    let another = is_another_session(&request.robot, &request.set, &identified_from);
     let since = since(inputs, request)?;
     let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
         Some(robot) => {
@@ -182,14 +181,23 @@ pub(super) fn since(
     inputs: &JobInputs,
     request: &CalibrationRequest,
 ) -> Result<MeasuredSince, JobFailure> {
-    let earlier = inputs.earlier.sets.iter();
-    let earlier: Vec<MeasurementSet> = earlier
-        .map(|input| input.parse(request.robot.links.len()).map_err(broken))
-        .collect::<Result<_, _>>()?;
+    let earlier = parsed(&inputs.earlier.sets, request)?;
     Ok(MeasuredSince {
         check_seq: inputs.earlier.check_seq,
         is_repeat: inputs.earlier.exceeds_limits || repeats(&request.robot, &earlier, &request.set),
     })
+}
+
+/// The points of uploads of the request's robot.
+pub(super) fn parsed<'a>(
+    uploads: impl IntoIterator<Item = &'a MeasurementSetInput>,
+    request: &CalibrationRequest,
+) -> Result<Vec<MeasurementSet>, JobFailure> {
+    let n_joints = request.robot.links.len();
+    let uploads = uploads.into_iter();
+    uploads
+        .map(|input| input.parse(n_joints).map_err(broken))
+        .collect()
 }
 
 /// A finished calibration: the core's report and the durations of its stages.
@@ -309,11 +317,11 @@ fn run_timed(
     })
 }
 
-/// Code of the suspicion that the uploader of the set, or of the set to verify on, overrode with `insist`.
+/// Code of the suspicion that the uploader of the set, of the set to verify on, or of a set that the result rests on overrode with `insist`.
 fn insisted_on(inputs: &JobInputs) -> Option<&str> {
-    [Some(&inputs.set), inputs.verify_set.as_ref()]
-        .into_iter()
-        .flatten()
+    std::iter::once(&inputs.set)
+        .chain(&inputs.verify_set)
+        .chain(&inputs.sources)
         .find_map(|input| input.row.insisted_on.as_deref())
 }
 

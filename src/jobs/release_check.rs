@@ -7,8 +7,8 @@ use crate::release::facts::ArchivedItem;
 use crate::release::{Comparison, Decision, Facts, UnscoredSession, decide};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
-    PolicyRow, Release, RobotRow, Store, audit, jobs, measurement_sets, parameter_sets, policies,
-    robots,
+    PolicyRow, Release, RobotRow, Store, audit, job_sources, jobs, measurement_sets,
+    parameter_sets, policies, robots,
 };
 use crate::wire::policy::PolicyBody;
 use crate::wire::release::Gate;
@@ -108,8 +108,11 @@ struct GateInputs {
     robot: RobotRow,
     policy: PolicyRow,
     set: MeasurementSetRow,
-    /// Keys that uploaded the points of the identification and, if its job used sweeps, the sweeps. `None` for an unknown key.
+    /// Keys that uploaded the points of the identification, those that its held values rest on and, if its job used sweeps, the sweeps. `None` for
+    /// an unknown key.
     uploaders: Vec<Option<String>>,
+    /// A withdrawn parameter set whose values it holds, or whose residual network it continues.
+    withdrawn_source: Option<String>,
 }
 
 /// Reads the evidence of a release and runs the gates on it. It computes on blocking threads, which hold clones of `permit`.
@@ -128,6 +131,9 @@ pub async fn check(
     let job = jobs::get(store, &row.job_id).await?;
     let set = measurement_sets::get(store, &job.measurement_set_id).await?;
     let mut uploaders = vec![set.uploaded_by.clone()];
+    for id in job_sources::uploads(store, &job.id).await? {
+        uploaders.push(measurement_sets::get(store, &id).await?.uploaded_by);
+    }
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
     }
@@ -147,12 +153,14 @@ pub async fn check(
     };
     let unscored = unscored_session(store, permit, &parsed, robot.checked_seq).await?;
     let (id, approver) = (row.id.clone(), request.approver.clone());
+    let withdrawn_source = job_sources::withdrawn(store, &job.id).await?;
     let inputs = GateInputs {
         request,
         robot,
         policy,
         set,
         uploaders,
+        withdrawn_source,
     };
     let decision = blocking::run(permit, move || {
         run_gates(&parsed, &comparisons, unscored.as_ref(), &inputs)
@@ -234,6 +242,7 @@ fn run_gates(
         policy,
         set,
         uploaders,
+        withdrawn_source,
     } = inputs;
     let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
     let body: RobotBody =
@@ -259,6 +268,7 @@ fn run_gates(
         },
         has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
         is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
+        withdrawn_source: withdrawn_source.as_deref(),
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
         stated_serial_number: set.serial_number.as_deref(),

@@ -5,8 +5,8 @@ use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
-    after_errors_mm, n_placed, n_placed_where, repeated_rows, robust_comparison, session_fit,
-    times_worse,
+    WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where, repeated_rows,
+    robust_comparison, session_fit, times_worse,
 };
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
@@ -93,6 +93,8 @@ pub struct Facts<'a> {
     pub has_other_joint_map: bool,
     /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
+    /// A withdrawn parameter set whose values this one holds, or whose residual network it continues.
+    pub withdrawn_source: Option<&'a str>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,
     /// Serial number of the robot.
@@ -286,6 +288,7 @@ pub fn identification_facts(
             _ => Evidence::SameUpload,
         },
         is_repeat: since.is_repeat,
+        is_worse: false,
         check_seq: since.check_seq,
         uncertainty_mm: report.tool_uncertainty_mm.map(|tool| tool.max),
     }
@@ -376,6 +379,7 @@ pub fn session_facts(
             Evidence::None
         },
         is_repeat: since.is_repeat,
+        is_worse: has_warning(report, WORSE_THAN_IDENTIFIED),
         check_seq: since.check_seq,
         uncertainty_mm: None,
     }

@@ -77,6 +77,13 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
             ),
         );
     }
+    if let Some(id) = facts.withdrawn_source {
+        let detail = format!(
+            "the set rests on {id}, which was withdrawn: another session has to show that this one is right"
+        );
+        let is_shown = facts.evidence() == Evidence::IndependentSession;
+        gates.push(Gate::new("source_withdrawn", is_shown, detail).warned(true));
+    }
     if facts.is_withdrawn {
         gates.insert(
             0,

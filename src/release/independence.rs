@@ -2,6 +2,7 @@
 
 use crate::calibration::request::VerifySource;
 use crate::calibration::{CalibrationRequest, is_anew};
+use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
 
 /// Whether a session cannot show an error of the set's base: the set was identified from positions in the base frame, and those of the session
@@ -10,26 +11,30 @@ pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
     identified_in == Frame::Base && session_in == Frame::Instrument
 }
 
-/// Whether the points to verify come from another session than the fitted ones, and would show a wrong base too. The same points uploaded again
-/// count as the same session.
-pub fn is_verified_anew(request: &CalibrationRequest) -> bool {
+/// Whether the points to verify come from another session than the fitted ones and the `sources` of what was held, and would show a wrong base too.
+/// The same points uploaded again count as the same session.
+pub fn is_verified_anew(request: &CalibrationRequest, sources: &[MeasurementSet]) -> bool {
     let fitted = &request.set;
     matches!(&request.verify, VerifySource::Set(set)
-        if !hides_base(fitted.frame, set.frame) && is_anew(&request.robot, fitted, set))
+        if !hides_base(fitted.frame, set.frame) && is_anew(&request.robot, fitted, set)
+            && is_another_session(&request.robot, set, sources))
 }
 
-/// Whether the points come from another session than those that the scored set was identified from; `None` for the nominal robot.
+/// Whether the points of `session` come from another session than each of those that a set was identified from; there are none for the nominal
+/// robot.
 pub fn is_another_session(
-    request: &CalibrationRequest,
-    identified_from: Option<&MeasurementSet>,
+    robot: &Robot,
+    session: &MeasurementSet,
+    identified_from: &[MeasurementSet],
 ) -> bool {
-    identified_from.is_none_or(|from| is_anew(&request.robot, from, &request.set))
+    let mut identified_from = identified_from.iter();
+    identified_from.all(|from| is_anew(robot, from, session))
 }
 
-/// Whether a network was trained on none of these uploads. `trained_on` has those of its predecessors too; `None` if not all are known.
-pub fn is_of_other_uploads(trained_on: Option<&[String]>, uploads_sha256: &[&str]) -> bool {
+/// Whether a network was trained on none of these uploads. `trained_on` has those of its predecessors too.
+pub fn is_of_other_uploads(trained_on: &[String], uploads_sha256: &[&str]) -> bool {
     let is_other = |sha256: &String| !uploads_sha256.contains(&sha256.as_str());
-    trained_on.is_some_and(|trained_on| trained_on.iter().all(is_other))
+    trained_on.iter().all(is_other)
 }
 
 /// Whether the points that a job fits and verifies were measured anew after those that a network was trained on. Otherwise neither cross-validation

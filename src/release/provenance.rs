@@ -1,7 +1,8 @@
 //! Where a parameter set comes from, and what follows for its use.
 
 use crate::calibration::{
-    MAX_FLANGE_ROTATION_STD_RAD, last_joint_zero_remedy, last_joint_zero_unknown,
+    MAX_FLANGE_ROTATION_STD_RAD, ORIENTATION_NOT_KNOWN, last_joint_zero_remedy,
+    last_joint_zero_unknown,
 };
 use crate::release::verdict::WRONG_ROBOT;
 use crate::wire::angle::to_degrees;
@@ -16,7 +17,8 @@ const POSE_NOT_SEEN: &str = "pose_not_seen";
 pub fn provenance(report: ReportSummary, measuring_frame: Option<Frame>) -> Provenance {
     let mut warnings = report.warnings;
     warnings.retain(|warning| {
-        warning.code == POSE_NOT_SEEN || WRONG_ROBOT.contains(&warning.code.as_str())
+        let code = warning.code.as_str();
+        [POSE_NOT_SEEN, ORIENTATION_NOT_KNOWN].contains(&code) || WRONG_ROBOT.contains(&code)
     });
     Provenance {
         measuring_frame,
@@ -55,6 +57,15 @@ pub fn orientation_unknown(provenance: &Provenance, n_links: usize) -> Option<St
             "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
                  that identified this set: identify it again, or {remedy}"
         )),
+        None if provenance
+            .warnings
+            .iter()
+            .any(|w| w.code == ORIENTATION_NOT_KNOWN) =>
+        {
+            Some(format!(
+                "by how much the flange may be turned could not be computed: {remedy}"
+            ))
+        }
         _ => None,
     }
 }

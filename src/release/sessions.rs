@@ -31,12 +31,14 @@ pub struct UnscoredSession {
     pub has_changed: bool,
 }
 
-/// Whether a session supports a release: its points were measured anew and fit the robot, and the set is better than nominal on them.
+/// Whether a session shows that robot and set are in order: its points were measured anew and fit the robot, and the set is better than nominal on
+/// them and not several times worse than when it was identified.
 pub fn supports(session: &Verification) -> bool {
     session.kind == VerificationKind::Session
         && session.evidence == Evidence::IndependentSession
         && session.fit == Fit::Fits
         && session.is_better
+        && !session.is_worse
 }
 
 impl Session {

@@ -23,6 +23,7 @@ pub const TABLES: &[&str] = &[
     "network",
     "residual_network",
     "parameter_set",
+    "job_source",
     "estimate",
     "verification",
     "archived",

@@ -8,6 +8,7 @@ use super::from_row::from_row;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
 use super::{
     AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
+    job_sources,
 };
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
@@ -121,6 +122,8 @@ pub struct NewJob {
     pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
+    /// Whether parameters keep the values of that set, so that the result rests on its sources.
+    pub holds_parameter_set: bool,
     /// `identify` or `verify`.
     pub kind: Kind,
     /// The requested method.
@@ -330,6 +333,12 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
             .execute(tx.connection())
             .await?;
         row.robot_version = new.robot_version;
+    }
+    let held = new.parameter_set_input_id.as_deref();
+    let held = held.filter(|_| new.holds_parameter_set);
+    let residual = new.residual_network_input_id.as_deref();
+    if held.is_some() || residual.is_some() {
+        job_sources::insert(tx, &id, held, residual).await?;
     }
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)

@@ -217,8 +217,9 @@ const EXPIRE_QUEUED: &str = expired!(
     concat!(spent!(), " < $1 and deaths + ", died!(), " <= $2")
 );
 
-// The workers are dead, so the numbers of their attempts can be used again. The lease is set to 1, because 0 means that the worker gave up.
-const END_ALL: &str = "update job set attempt = attempt - 1, lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
+// The workers are dead. The lease is set to 1, because 0 means that the worker gave up.
+const END_ALL: &str =
+    "update job set lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
 
 /// Number of deaths of a process that computes only this job, before the job is given up. A death is usually not the job's fault and uses up no
 /// attempt. But a job that overflows the stack kills every process that computes it, and must end too. The first death is not counted, because

@@ -46,22 +46,27 @@ pub struct VerificationRow {
     pub evidence: Evidence,
     /// 1: the points repeat an earlier upload.
     pub is_repeat: i64,
+    /// 1: the errors are several times those at the identification.
+    pub is_worse: i64,
     /// The robot's `check_seq` when the job began: the last session that did not fit; 0 for none.
     pub check_seq: i64,
     /// The tool's largest predicted uncertainty over the workspace, mm.
     pub uncertainty_mm: Option<f64>,
 }
 
-from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, after_expanded_mm, is_better, is_repeat, check_seq, uncertainty_mm } parsed { frame, kind, fit, evidence });
+from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, after_expanded_mm, is_better, is_repeat, is_worse, check_seq, uncertainty_mm } parsed { frame, kind, fit, evidence });
 
 impl VerificationRow {
     fn audit_entry(&self) -> Value {
         let mut entry = json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind.as_str(), "seq": self.seq, "n_points": self.n_points,
             "before_rms_mm": self.before_rms_mm, "after_rms_mm": self.after_rms_mm, "is_better": self.is_better, "fit": self.fit.as_str(),
             "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm});
-        // entries of older versions do not have it
+        // entries of older versions have neither
         if let Some(expanded_mm) = self.after_expanded_mm {
             entry["after_expanded_mm"] = json!(expanded_mm);
+        }
+        if self.is_worse == 1 {
+            entry["is_worse"] = json!(1);
         }
         entry
     }
@@ -79,6 +84,7 @@ impl From<&VerificationRow> for Verification {
             fit: row.fit,
             evidence: row.evidence,
             is_repeat: row.is_repeat == 1,
+            is_worse: row.is_worse == 1,
             check_seq: row.check_seq,
             uncertainty_mm: row.uncertainty_mm,
         }
@@ -134,7 +140,7 @@ macro_rules! rows {
     () => {
         "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
              v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.after_expanded_mm as after_expanded_mm, v.is_better as is_better, v.fit as fit,
-             v.evidence as evidence, v.is_repeat as is_repeat, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
+             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
          from verification v join job j on j.id = v.job_id join measurement_set m on m.id = j.measurement_set_id"
     };
 }
@@ -165,12 +171,12 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 // The caller has locked the robot's row, so the counter has no gaps and no duplicates.
 const INSERT: &str = "
     insert into verification (job_id, robot_id, parameter_set_id, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, fit, evidence,
-        is_repeat, check_seq, uncertainty_mm, after_expanded_mm)
+        is_repeat, check_seq, uncertainty_mm, after_expanded_mm, is_worse)
     select j.id, j.robot_id,
         case when $2 = 'session' then j.parameter_set_input_id else (select p.id from parameter_set p where p.job_id = j.id) end,
         $2, (select coalesce(max(v.seq), 0) + 1 from verification v where v.robot_id = j.robot_id), $3,
         nullif($4, cast(-1 as double precision)), nullif($5, cast(-1 as double precision)), $6, $7, $8,
-        $9, $11, nullif($10, cast(-1 as double precision)), nullif($12, cast(-1 as double precision))
+        $9, $11, nullif($10, cast(-1 as double precision)), nullif($12, cast(-1 as double precision)), $13
     from job j where j.id = $1
     on conflict (job_id) do nothing";
 
@@ -284,7 +290,8 @@ pub async fn insert(
         .bind(i64::from(found.is_repeat))
         .bind(number(found.uncertainty_mm))
         .bind(found.check_seq)
-        .bind(number(found.after_expanded_mm));
+        .bind(number(found.after_expanded_mm))
+        .bind(i64::from(found.is_worse));
     if query.execute(tx.connection()).await?.rows_affected() == 0 {
         return Ok(None);
     }

@@ -6,12 +6,12 @@ use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
-use crate::measurement::rotation_convention::CONVENTIONS;
 pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point};
 pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::columns::ColumnsBody;
+use crate::wire::content_type::{declared_decimal, declared_rotation};
 use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
 use crate::wire::robot::MAX_NAME;
@@ -136,47 +136,6 @@ pub struct SetSummary {
     /// When it was archived: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
-}
-
-/// Parameter of a content type that declares decimal commas. It is stored with the upload, so that the stored bytes are parsed the same way again.
-pub const DECIMAL_COMMA: &str = "decimal=comma";
-/// The same for decimal points.
-pub const DECIMAL_POINT: &str = "decimal=point";
-
-/// Decimal mark of a CSV file, from its content type, if that states one.
-pub fn declared_decimal(content_type: &str) -> Option<Decimal> {
-    let mut parameters = content_type.split(';').skip(1);
-    parameters.find_map(|parameter| match parameter.trim() {
-        text if text.eq_ignore_ascii_case(DECIMAL_COMMA) => Some(Decimal::Comma),
-        text if text.eq_ignore_ascii_case(DECIMAL_POINT) => Some(Decimal::Point),
-        _ => None,
-    })
-}
-
-/// Parameter of a content type that declares what the angles of poses mean; stored like [`DECIMAL_COMMA`].
-const ROTATION: &str = "rotation=";
-
-/// A content type that declares a convention of rotations.
-pub fn with_rotation(content_type: &str, convention: RotationConvention) -> String {
-    format!("{content_type}; {ROTATION}{convention}")
-}
-
-/// Convention of rotations, from a CSV file's content type.
-fn declared_rotation(content_type: &str) -> Option<RotationConvention> {
-    let mut parameters = content_type.split(';').skip(1).map(str::trim);
-    parameters.find_map(|parameter| parameter.strip_prefix(ROTATION)?.parse().ok())
-}
-
-/// Parses the name of a convention of rotations.
-///
-/// # Errors
-/// [`Invalid`] with what it may be.
-pub fn rotation_convention(name: &str) -> Result<RotationConvention, Invalid> {
-    name.parse().map_err(|_| {
-        let shown: String = name.chars().take(40).collect();
-        let detail = format!("{shown:?} is no convention of rotations; it is {CONVENTIONS}");
-        Invalid::at("/rotation", "unknown_rotation", detail)
-    })
 }
 
 /// Check of `measured_at`: new uploads must have a time, older stored ones may have any label.

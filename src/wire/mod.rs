@@ -9,6 +9,7 @@ pub mod canonical;
 pub mod check;
 pub mod columns;
 pub mod compensate;
+pub mod content_type;
 pub mod corrections;
 pub mod estimate;
 pub mod export;

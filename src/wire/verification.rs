@@ -46,6 +46,9 @@ pub struct Verification {
     /// Whether the points repeat an upload from before the last session that did not fit, or this could not be decided. For an identification the
     /// fitted points count. Repeated points do not show that the robot is in order.
     pub is_repeat: bool,
+    /// Whether a session's errors are several times those on the points that were held out when the set was identified. Such a session does not show
+    /// that the robot is in order again.
+    pub is_worse: bool,
     /// Number of that session in the robot's counter; 0 for none. If a later session does not fit either before the facts are stored, the points
     /// count as a repeat, because they were not compared with the uploads from before the later session.
     pub check_seq: i64,

@@ -1,6 +1,7 @@
 //! The real binary as a process, used over HTTP like a cell PC does.
 #![allow(dead_code)] // each test binary uses its part
 
+use super::app::TestApp;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -30,6 +31,32 @@ pub fn kincal(arguments: &[&str]) -> Command {
 /// Runs the binary to its end.
 pub fn run(arguments: &[&str]) -> Output {
     kincal(arguments).output().unwrap()
+}
+
+/// What the binary printed and how it ended: exit code, standard output, standard error.
+pub type Printed = (Option<i32>, String, String);
+
+/// Runs the binary with these variables of the environment, without blocking the threads of a server in this process.
+pub async fn run_beside(arguments: &[&str], environment: &[(&str, String)]) -> Printed {
+    let mut command = kincal(arguments);
+    command.envs(environment.iter().map(|(name, value)| (name, value)));
+    let output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs"));
+    let output = output.await.expect("no panic");
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("UTF-8");
+    (
+        output.status.code(),
+        text(output.stdout),
+        text(output.stderr),
+    )
+}
+
+/// Runs the binary against a server of the test, with a key.
+pub async fn run_against(server: &TestApp, key: &str, arguments: &[&str]) -> Printed {
+    let environment = [
+        ("KINCAL_SERVER", server.server.url()),
+        ("KINCAL_KEY", key.to_owned()),
+    ];
+    run_beside(arguments, &environment).await
 }
 
 /// `kincal serve` on a free port over the database in `data_dir`.

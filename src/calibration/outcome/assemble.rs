@@ -381,10 +381,11 @@ pub fn report(
             matches!(direction, LastJoint::NotShown),
         ));
     }
-    report.warnings.extend(orientation::warning(
-        report.flange_rotation,
-        request.robot.links.len(),
-    ));
+    if fits {
+        let n_links = request.robot.links.len();
+        let warning = orientation::warning(report.flange_rotation, n_links);
+        report.warnings.extend(warning);
+    }
     let is_base_frame = request.set.frame == Frame::Base;
     report.warnings.extend(
         is_base_frame

@@ -398,7 +398,7 @@ impl Doubt {
         let reasons = [
             (
                 self.is_repeat,
-                "these points repeat an earlier upload, so they were not measured since",
+                "these points repeat an earlier upload, and nothing shows whether they were measured since: measure other poses",
             ),
             (
                 self.is_insisted_on,

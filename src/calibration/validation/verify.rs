@@ -169,10 +169,9 @@ fn check_enough(
     refit: bool,
 ) -> Result<(), Error> {
     let (n_targets, n_stations) = (set.n_targets(), n_stations(set));
-    let n_refitted = if refit || n_stations > 1 {
-        6 * n_stations + 3 * n_targets + 3 * set.posed_targets().len()
-    } else {
-        0
+    let n_refitted = match n_placed_where(refit, set) {
+        0 => 0,
+        n_placed => n_placed + 3 * set.posed_targets().len(),
     };
     if let Some(target) = (0..n_targets)
         .find(|target| n_refitted > 0 && !observations.iter().any(|o| o.target == *target))

@@ -117,9 +117,20 @@ pub const NOT_KNOWN: &str = "orientation_not_known";
 /// Larger and the orientation counts as not known: 0.5°.
 pub const MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
-/// Told where the orientation is not known.
+/// Told where the orientation is not known, or where it could not be computed how well it is known, of points that fit.
 pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Option<Warning> {
-    let found = flange_rotation.filter(|found| found.std_rad() > MAX_FLANGE_ROTATION_STD_RAD)?;
+    let Some(found) = flange_rotation else {
+        let detail = "by how much the flange may be turned from where the identified robot has it could not be computed. Corrected targets are given \
+                      for the position of a measured reflector alone. Identify all parameters from a reflector off the last axis, or from two";
+        return Some(Warning {
+            code: NOT_KNOWN,
+            detail: detail.into(),
+            rows: vec![],
+        });
+    };
+    if found.std_rad() <= MAX_FLANGE_ROTATION_STD_RAD {
+        return None;
+    }
     let std_deg = found.std_rad().to_degrees();
     let detail = if found.by_positions_rad > MAX_FLANGE_ROTATION_STD_RAD {
         format!(

@@ -176,11 +176,21 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
     }
     body["links"][0]["beta_deg"] = json!(0.0);
     body["links"][0]["joint_limits_deg"] = json!([-170, 170]);
-    let patch = json!({"name": "r", "serial_number": "A-1", "description": "an arm", "mounting": body["mounting"]});
+    let limits = vec![json!([-170, 170]); n];
+    let patch = json!({"joint_limits_deg": limits, "joint_map": body["joint_map"], "name": "r", "serial_number": "A-1", "description": "an arm", "mounting": body["mounting"]});
     let q = vec![10.0; n];
     let payload = json!({"mass_kg": 5, "centre_mm": [0, 0, 50]});
     let point = json!({"q_deg": q, "position_mm": [1000, 100, 800], "configuration": "1", "target": 0, "subset": "identify", "std_mm": 0.05,
         "station": "s", "session": "s", "sequence": 1, "temperature_c": 20, "measured_at": "2026-03-01T08:15:30Z"});
+    let mut pose = point.clone();
+    (pose["quaternion"], pose["std_rotation_deg"]) = (json!([1, 0, 0, 0]), json!(0.01));
+    let fixture =
+        |nominal_mm: [f64; 3]| json!({"nominal_mm": nominal_mm, "measured_mm": nominal_mm});
+    let fixture: Vec<Value> = [[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0]]
+        .map(fixture)
+        .into();
+    let cartesian =
+        json!({"position_mm": [800, 0, 800], "quaternion": [1, 0, 0, 0], "q_near_deg": q});
     let prior = json!({"name": "a_1", "std": 0.1, "mean": 0, "min": -1e6, "max": 1e6});
     let mut job = json!({"measurement_set_id": measured, "seed": 1, "priority": 0, "payload": payload,
         "parameters": {"hold": ["a_2"], "priors": [prior]}, "verify": {"source": "fraction", "fraction": 0.5}});
@@ -215,6 +225,44 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
             format!("{robot}/measurement-sets"),
             "/v1/robots/{robot_id}/measurement-sets",
             json!({"frame": "base", "name": "a set", "points": [point]}),
+        ),
+        post(
+            format!("{robot}/measurement-sets"),
+            "/v1/robots/{robot_id}/measurement-sets",
+            json!({"frame": "base", "points": [pose]}),
+        ),
+        post(
+            format!("{robot}/checked"),
+            "/v1/robots/{robot_id}/checked",
+            json!({"reason": "r"}),
+        ),
+        (
+            Method::PUT,
+            format!("{robot}/work-frames/table"),
+            "/v1/robots/{robot_id}/work-frames/{name}",
+            json!({"points": fixture, "std_mm": 0.05}),
+        ),
+        (
+            Method::PUT,
+            format!("{robot}/work-frames/typed"),
+            "/v1/robots/{robot_id}/work-frames/{name}",
+            json!({"reference": "measuring", "measurement_set_id": measured, "translation_mm": [0, 0, 100], "quaternion": [1, 0, 0, 0]}),
+        ),
+        (
+            Method::PUT,
+            format!("{robot}/tools/gripper"),
+            "/v1/robots/{robot_id}/tools/{name}",
+            json!({"translation_mm": [0, 0, 100], "quaternion": [1, 0, 0, 0]}),
+        ),
+        post(
+            format!("{set}/compensate"),
+            "/v1/parameter-sets/{id}/compensate",
+            json!({"targets": [cartesian], "frame": "base", "target": 0}),
+        ),
+        post(
+            format!("{set}/compensate"),
+            "/v1/parameter-sets/{id}/compensate",
+            json!({"q_deg": [q], "tool_name": "gripper"}),
         ),
         post(
             format!("{robot}/pose-plans"),
@@ -268,6 +316,29 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
         all.push(post(path, template, job));
     }
     all
+}
+
+/// Operations whose JSON body has no schema with bounds: a mapping of columns may have any names, an import takes tables of any kind.
+const FREE_BODIES: [&str; 2] = ["/v1/robots/{robot_id}/columns/{name}", "/v1/robot-imports"];
+
+#[tokio::test]
+async fn every_json_body_of_the_contract_has_an_example_here() {
+    let app = TestApp::with_workers(1).await;
+    let contract = contract();
+    let examples = examples(&app).await;
+    let mut without = Vec::new();
+    for (path, operations) in contract["paths"].as_object().unwrap() {
+        for (method, operation) in operations.as_object().unwrap() {
+            let has_body = !operation["requestBody"]["content"]["application/json"].is_null();
+            let is_here = examples.iter().any(|(known, _, template, _)| {
+                template == path && known.as_str().eq_ignore_ascii_case(method)
+            });
+            if has_body && !is_here && !FREE_BODIES.contains(&path.as_str()) {
+                without.push(format!("{method} {path}"));
+            }
+        }
+    }
+    assert!(without.is_empty(), "{}", without.join(", "));
 }
 
 /// The schema of an operation's JSON body.

@@ -1,26 +1,9 @@
 //! From the cell's own files to a report and a released set, in a terminal and without JSON written by hand.
 
-use crate::app::{TestApp, paper, text};
+use crate::app::{paper, text};
 use crate::people::{Person, guarded};
+use crate::process::run_against;
 use serde_json::Value;
-use std::process::Command;
-
-/// Runs the binary against a server. Returns its exit code, and both outputs together.
-async fn run(app: &TestApp, key: &str, arguments: &[&str]) -> (i32, String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-    command
-        .args(arguments)
-        .env("KINCAL_SERVER", app.server.url())
-        .env("KINCAL_KEY", key);
-    let output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs"));
-    let output = output.await.unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code().unwrap(),
-        text(output.stdout),
-        text(output.stderr),
-    )
-}
 
 /// The paper's set as a robot's log with decimal commas and an instrument's export, both without units.
 fn two_files() -> (String, String) {
@@ -55,13 +38,13 @@ async fn two_files_without_units_lead_to_a_released_set() {
     let robot = person.post("/v1/robots", &body).await.ok(201);
     let robot = text(&robot["id"]).to_owned();
     let out = async |arguments: &[&str]| {
-        let (code, stdout, stderr) = run(&app, key, arguments).await;
-        assert_eq!(code, 0, "{arguments:?}: {stdout}{stderr}");
+        let (code, stdout, stderr) = run_against(&app, key, arguments).await;
+        assert_eq!(code, Some(0), "{arguments:?}: {stdout}{stderr}");
         stdout
     };
     let fails = async |arguments: &[&str]| {
-        let (code, stdout, stderr) = run(&app, key, arguments).await;
-        assert_ne!(code, 0, "{arguments:?}: {stdout}{stderr}");
+        let (code, stdout, stderr) = run_against(&app, key, arguments).await;
+        assert_ne!(code, Some(0), "{arguments:?}: {stdout}{stderr}");
         stderr
     };
 
@@ -135,6 +118,28 @@ async fn two_files_without_units_lead_to_a_released_set() {
     let missing = fails(&["plan", "no such arm"]).await;
     assert!(missing.contains("kincal robots find"), "{missing}");
     out(&["plan", "kuka_kr10_r1100_2", "-n", "20"]).await;
+
+    // the server's robot gives the plan that its file gives, and a set of the server is added to
+    let by_file = out(&["plan", &shown_file, "-n", "12"]).await;
+    let by_name = out(&["plan", "--robot", "Cell 4", "-n", "12"]).await;
+    assert_eq!(by_file, by_name);
+    let listed: Value =
+        serde_json::from_str(&out(&["sets", "--robot", "Cell 4", "--json"]).await).unwrap();
+    let measured = text(&listed["items"][0]["id"]);
+    let frame = text(&listed["items"][0]["frame"]);
+    let added = [
+        "plan",
+        "--robot",
+        "Cell 4",
+        "-n",
+        "12",
+        "--measured",
+        measured,
+    ];
+    let added = out(&[&added[..], &["--frame", frame]].concat()).await;
+    assert!(added.lines().count() == 13 && added != by_name, "{added}");
+    let unknown = fails(&["plan", "--robot", "Cell 5", "-n", "12"]).await;
+    assert!(unknown.contains("Cell 5"), "{unknown}");
 
     let more = [&submit[..], &units, &["--seed", "3", "--wait"]].concat();
     out(&more).await;

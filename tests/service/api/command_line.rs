@@ -1,32 +1,14 @@
 //! The command line: the binary against a real server.
 
 use crate::api::sessions::{csv, rows, seen_by_a_tracker};
-use crate::app::{TestApp, paper, text};
+use crate::app::{paper, text};
 use crate::people::{Person, guarded};
+use crate::process::run_against;
 use crate::simulation::Normal;
 use serde_json::{Value, json};
 use std::io::Read;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Duration;
-
-/// Runs the binary against a server with a key, without blocking the server's threads.
-async fn kincal(app: &TestApp, key: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-    command
-        .args(arguments)
-        .env("KINCAL_SERVER", app.server.url())
-        .env("KINCAL_KEY", key);
-    let output: Output =
-        tokio::task::spawn_blocking(move || command.output().expect("the binary runs"))
-            .await
-            .unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code(),
-        text(output.stdout),
-        text(output.stderr),
-    )
-}
 
 fn data(name: &str) -> String {
     format!("{}/data/paper/{name}", env!("CARGO_MANIFEST_DIR"))
@@ -41,13 +23,13 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     let robot = person.post("/v1/robots", &robot).await.ok(201);
     let key = person.key.as_str();
 
-    let (code, stdout, _) = kincal(&app, key, &["params", "--robot", "ER20-0117"]).await;
+    let (code, stdout, _) = run_against(&app, key, &["params", "--robot", "ER20-0117"]).await;
     assert_eq!(code, Some(0));
     assert!(
         stdout.contains("next: kincal submit"),
         "an empty list says what to do: {stdout}"
     );
-    let (code, stdout, stderr) = kincal(
+    let (code, stdout, stderr) = run_against(
         &app,
         key,
         &[
@@ -64,7 +46,7 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
         stdout.contains("verify (50), after") && stdout.contains("next: kincal release par_"),
         "{stdout}"
     );
-    let (_, offline, _) = kincal(
+    let (_, offline, _) = run_against(
         &app,
         key,
         &["calibrate", &data("robot.json"), &data("first_noisy.csv")],
@@ -85,24 +67,24 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
         text(&sets["items"][0]["job_id"]),
     );
 
-    let (_, listed, _) = kincal(&app, key, &["sets", "--robot", "Cell 4"]).await;
+    let (_, listed, _) = run_against(&app, key, &["sets", "--robot", "Cell 4"]).await;
     assert!(
         listed.contains("  first_noisy  base   100 "),
         "a set is called as its file: {listed}"
     );
-    let (code, table, _) = kincal(&app, key, &["report", job]).await;
+    let (code, table, _) = run_against(&app, key, &["report", job]).await;
     assert_eq!(code, Some(0));
     assert!(
         stdout.contains(table.trim()),
         "the same table as at the end of submit:\n{table}"
     );
-    let (_, report, _) = kincal(&app, key, &["report", job, "--json"]).await;
+    let (_, report, _) = run_against(&app, key, &["report", job, "--json"]).await;
     assert_eq!(
         serde_json::from_str::<Value>(&report).unwrap()["job_id"],
         job
     );
     let page = dir.path().join("report.html");
-    let (code, _, stderr) = kincal(
+    let (code, _, stderr) = run_against(
         &app,
         key,
         &["report", job, "--html", page.to_str().unwrap()],
@@ -116,13 +98,14 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
     );
 
     let (code, released, stderr) =
-        kincal(&app, key, &["release", set, "--reason", "seen", "--json"]).await;
+        run_against(&app, key, &["release", set, "--reason", "seen", "--json"]).await;
     assert_eq!(code, Some(0), "{stderr}");
     assert_eq!(
         serde_json::from_str::<Value>(&released).unwrap()["status"],
         "released"
     );
-    let (code, stdout, _) = kincal(&app, key, &["release", set, "--reason", "seen twice"]).await;
+    let (code, stdout, _) =
+        run_against(&app, key, &["release", set, "--reason", "seen twice"]).await;
     assert_eq!(
         (code, stdout.trim()),
         (
@@ -130,7 +113,7 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
             format!("{set} was released already; nothing changed").as_str()
         )
     );
-    let (code, verified, stderr) = kincal(
+    let (code, verified, stderr) = run_against(
         &app,
         key,
         &[
@@ -155,16 +138,18 @@ async fn from_the_upload_to_the_release_and_back_in_a_terminal() {
             && !verified.contains("on the same points"),
         "{verified}"
     );
-    let (code, stdout, _) = kincal(&app, key, &["withdraw", set, "--reason", "seen again"]).await;
+    let (code, stdout, _) =
+        run_against(&app, key, &["withdraw", set, "--reason", "seen again"]).await;
     assert_eq!(code, Some(0));
     assert!(stdout.contains("is withdrawn"), "{stdout}");
-    let (code, _, stderr) = kincal(&app, key, &["release", set, "--reason", "after all"]).await;
+    let (code, _, stderr) =
+        run_against(&app, key, &["release", set, "--reason", "after all"]).await;
     assert_eq!(code, Some(1), "a gate is a failure, not a wrong usage");
     assert!(
         stderr.contains("release_refused") && stderr.contains("the set was withdrawn"),
         "{stderr}"
     );
-    let (code, stdout, _) = kincal(&app, key, &["cancel", job]).await;
+    let (code, stdout, _) = run_against(&app, key, &["cancel", job]).await;
     assert_eq!(
         (code, stdout.trim()),
         (Some(0), format!("{job} is succeeded").as_str()),
@@ -264,11 +249,11 @@ async fn what_goes_wrong_says_what_to_do_next() {
             "there is no database in /nowhere/at/all",
         ),
     ] {
-        let (found, _, stderr) = kincal(&app, key, &arguments).await;
+        let (found, _, stderr) = run_against(&app, key, &arguments).await;
         assert_eq!(found, Some(code), "{arguments:?}: {stderr}");
         assert!(stderr.contains(expected), "{arguments:?}: {stderr}");
     }
-    let (code, _, stderr) = kincal(&app, "kincal_wrong", &["robots"]).await;
+    let (code, _, stderr) = run_against(&app, "kincal_wrong", &["robots"]).await;
     assert_eq!(code, Some(1));
     assert!(
         stderr.contains("next: give the key with --key or in KINCAL_KEY"),
@@ -349,7 +334,7 @@ async fn a_terminal_sees_how_far_a_job_is_and_a_file_does_not() {
             && !seen.contains("next: kincal release"),
         "{seen}"
     );
-    let (code, stdout, stderr) = kincal(&app, &person.key, &arguments).await;
+    let (code, stdout, stderr) = run_against(&app, &person.key, &arguments).await;
     assert_eq!(code, Some(0), "{stderr}");
     assert!(
         !stdout.contains(['█', '░'])
@@ -611,7 +596,7 @@ async fn remedies_in_a_terminal_are_commands_and_options() {
     let (misplaced, file) = (misplaced.to_str().unwrap(), data("robot.json"));
     let mut all = String::new();
     let mut run_cli = async |arguments: &[&str]| {
-        let (_, stdout, stderr) = kincal(&app, &person.key, arguments).await;
+        let (_, stdout, stderr) = run_against(&app, &person.key, arguments).await;
         all += &stdout;
         all += &stderr;
         stdout + &stderr

@@ -2,31 +2,15 @@
 
 use crate::app::{TestApp, paper, text};
 use crate::people::{Person, guarded};
+use crate::process::run_against;
 use kincal::http::auth::REQUIRED_SCOPES;
 use serde_json::{Value, json};
 use std::process::Command;
 
-/// Runs the binary against a server. Returns its exit code, standard output and standard error.
-async fn run(app: &TestApp, key: &str, arguments: &[&str]) -> (i32, String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-    command
-        .args(arguments)
-        .env("KINCAL_SERVER", app.server.url())
-        .env("KINCAL_KEY", key);
-    let output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs"));
-    let output = output.await.unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code().unwrap(),
-        text(output.stdout),
-        text(output.stderr),
-    )
-}
-
 /// Standard output of a command that succeeds.
 async fn out(app: &TestApp, key: &str, arguments: &[&str]) -> String {
-    let (code, stdout, stderr) = run(app, key, arguments).await;
-    assert_eq!(code, 0, "{arguments:?}: {stdout}{stderr}");
+    let (code, stdout, stderr) = run_against(app, key, arguments).await;
+    assert_eq!(code, Some(0), "{arguments:?}: {stdout}{stderr}");
     stdout
 }
 
@@ -104,14 +88,14 @@ async fn a_robot_is_edited_put_away_and_taken_back_by_its_name() {
     let total = async |arguments: &[&str]| json_of(&app, key, arguments).await["total"].clone();
     assert_eq!(total(&["robots"]).await, 0);
     assert_eq!(total(&["robots", "list", "--archived", "true"]).await, 1);
-    let (code, _, stderr) = run(
+    let (code, _, stderr) = run_against(
         &app,
         key,
         &["submit", "--robot", "Cell 4", &data("first.csv")],
     )
     .await;
     assert!(
-        code != 0 && stderr.contains("kincal restore rob_"),
+        code != Some(0) && stderr.contains("kincal restore rob_"),
         "{stderr}"
     );
     json_of(&app, key, &["robots", "restore", "Cell 4"]).await;
@@ -136,10 +120,10 @@ async fn a_robot_is_edited_put_away_and_taken_back_by_its_name() {
             "list",
         ),
     ] {
-        let (code, _, stderr) = run(&app, key, &arguments).await;
+        let (code, _, stderr) = run_against(&app, key, &arguments).await;
         assert!(
-            code == 2 && stderr.contains(expected),
-            "{arguments:?}: {code} {stderr}"
+            code == Some(2) && stderr.contains(expected),
+            "{arguments:?}: {code:?} {stderr}"
         );
     }
 }
@@ -226,10 +210,10 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
     .await;
     assert!(std::fs::read_to_string(&urdf).unwrap().contains("<robot"));
     // that is the identified robot's description, and not the one that the cell has
-    let (code, _, stderr) = run(&app, key, &["export", &first, "--patch", file]).await;
+    let (code, _, stderr) = run_against(&app, key, &["export", &first, "--patch", file]).await;
     assert!(
-        code == 2 && stderr.contains("the identified robot's already"),
-        "{code}: {stderr}"
+        code == Some(2) && stderr.contains("the identified robot's already"),
+        "{code:?}: {stderr}"
     );
     // joint values may begin with a minus, and options stand behind them
     let postures = ["10,-20,30,0,45,0", "-5,0,0,0,0,0"];
@@ -273,8 +257,8 @@ async fn from_the_upload_to_the_rollback_every_command_answers_as_json() {
     assert_eq!(json(&sets).await["total"], 3);
     out(&app, key, &["restore", &set, &jobs]).await;
     assert_eq!(json(&["jobs"]).await["total"], 2);
-    let (code, _, stderr) = run(&app, key, &["archive", &first]).await;
-    assert!(code == 1 && stderr.contains("history"), "{stderr}");
+    let (code, _, stderr) = run_against(&app, key, &["archive", &first]).await;
+    assert!(code == Some(1) && stderr.contains("history"), "{stderr}");
 
     let swarm = json!({"measurement_set_id": set, "method": "pso", "options": {"n_particles": 10, "n_iterations": 5}});
     person.job(&format!("/v1/robots/{robot}"), &swarm).await;

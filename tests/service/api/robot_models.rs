@@ -2,10 +2,10 @@
 
 use crate::app::{Answer, TestApp, text};
 use crate::people::{guarded, key, with_key};
+use crate::process::{Printed, run_beside};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use reqwest::Method;
 use serde_json::{Value, json};
-use std::process::{Command, Output};
 
 /// The answers have all digits of a float.
 const SAME: f64 = 1e-9;
@@ -330,21 +330,11 @@ async fn tables_in_json_are_the_tables_in_csv() {
     }
 }
 
-async fn kincal(app: Option<&TestApp>, arguments: &[&str]) -> (Option<i32>, String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-    command.args(arguments);
-    if let Some(app) = app {
-        command.env("KINCAL_SERVER", app.server.url());
+async fn kincal(app: Option<&TestApp>, arguments: &[&str]) -> Printed {
+    match app {
+        Some(app) => run_beside(arguments, &[("KINCAL_SERVER", app.server.url())]).await,
+        None => run_beside(arguments, &[]).await,
     }
-    let output: Output = tokio::task::spawn_blocking(move || command.output().unwrap())
-        .await
-        .unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code(),
-        text(output.stdout),
-        text(output.stderr),
-    )
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,8 +2,8 @@
 
 use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{Person, guarded};
+use crate::process::{Printed, run_beside};
 use serde_json::{Value, json};
-use std::process::Command;
 
 /// One of the paper's files with each row changed.
 pub fn changed(name: &str, change: impl Fn(&mut [f64], &mut [f64])) -> String {
@@ -250,21 +250,9 @@ async fn a_job_whose_points_do_not_fit_leaves_no_network() {
 }
 
 /// Runs the binary; exit code, standard output, standard error.
-pub async fn kincal(
-    arguments: Vec<String>,
-    environment: Vec<(&'static str, String)>,
-) -> (Option<i32>, String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_kincal"));
-    command.args(arguments).envs(environment);
-    let output = tokio::task::spawn_blocking(move || command.output().expect("the binary runs"))
-        .await
-        .unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (
-        output.status.code(),
-        text(output.stdout),
-        text(output.stderr),
-    )
+pub async fn kincal(arguments: Vec<String>, environment: Vec<(&'static str, String)>) -> Printed {
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    run_beside(&arguments, &environment).await
 }
 
 #[tokio::test(flavor = "multi_thread")]

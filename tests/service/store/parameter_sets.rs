@@ -541,6 +541,7 @@ fn good_session() -> Verification {
         fit: Fit::Fits,
         evidence: Evidence::IndependentSession,
         is_repeat: false,
+        is_worse: false,
         check_seq: 0,
         uncertainty_mm: None,
     }

@@ -89,6 +89,7 @@ fn as_identified() -> Verification {
         fit: Fit::SetFarOff,
         evidence: Evidence::SameUpload,
         is_repeat: false,
+        is_worse: false,
         check_seq: 0,
         uncertainty_mm: Some(0.1),
     }

@@ -1,0 +1,38 @@
+-- The jobs that a job's result rests on, and theirs: it holds parameters that they identified, or continues to train their residual network. What
+-- speaks against their uploads speaks against its parameter set.
+create table job_source (
+    job_id        text not null references job (id),
+    source_job_id text not null references job (id),
+    primary key (job_id, source_job_id)
+);
+insert into job_source (job_id, source_job_id)
+with recursive direct (job_id, source_job_id) as (
+    select j.id, p.job_id from job j join parameter_set p on p.id = j.parameter_set_input_id
+    where j.kind = 'identify' and json_extract(j.request_json, '$.parameters.rest') = 'parameter_set'
+    union select j.id, r.job_id from job j join residual_network r on r.id = j.residual_network_input_id
+), rests (job_id, source_job_id) as (
+    select job_id, source_job_id from direct
+    union select rests.job_id, direct.source_job_id from rests join direct on direct.job_id = rests.source_job_id
+)
+select job_id, source_job_id from rests;
+create trigger job_source_stays before update on job_source
+begin
+    select raise(abort, 'the sources of a job never change');
+end;
+create trigger job_source_is_kept before delete on job_source
+begin
+    select raise(abort, 'the sources of a job are never deleted');
+end;
+
+create trigger parameter_set_sources before update on parameter_set
+when new.status = 'released' and old.status <> 'released' and exists (
+    select 1 from job_source s join job j on j.id = s.source_job_id join measurement_set m on m.id = j.measurement_set_id
+    left join robot_policy p on p.robot_id = new.robot_id
+    where s.job_id = new.job_id
+        and (m.insisted_on is not null or (p.second_person_required = 1 and coalesce(m.uploaded_by, new.released_by) = new.released_by)))
+begin
+    select raise(abort, 'the uploads that the set rests on do not allow this release');
+end;
+
+-- 1: the errors of a session are several times those on the points that were held out when the set was identified.
+alter table verification add column is_worse bigint not null default 0 check (is_worse in (0, 1));
