@@ -2,12 +2,13 @@
 """Plants faults in a copy of the tree and runs the tests that have to catch them.
 
     tests/planted_faults.py --check             every fault finds its place in the tree as it is: a second, part of .ci/run
-    tests/planted_faults.py                     all faults, an hour or two: this runs by night
+    tests/planted_faults.py                     all faults, about an hour on two cores: this runs by night
     tests/planted_faults.py fence "no scope"    those whose name contains one of these texts
 
-First the tests run without a fault and have to pass. A fault that no test catches fails this script. A build takes minutes, so faults are planted in
-batches, each fault in two batches, and its tests have to fail in both. No two faults share both, and no two with the same tests share one. KINCAL_PLANT_DIR keeps the copy and its
-target directory for the next run; a copy of target/ there saves building the dependencies.
+A build takes minutes, so all faults are built at once. In the copy, a function with a fault has both bodies, and the variable KINCAL_PLANTED says
+which one runs. First the tests run without a fault and have to pass. Then each fault is switched on alone, and its tests have to fail: a fault
+that no test catches fails this script. The few faults that cannot be switched, such as those in a macro, take a build each. KINCAL_PLANT_DIR keeps
+the copy and its target directory for the next run; a copy of target/ there saves building the dependencies.
 
 A fault is a text to find and a text to put in its place. It is looked for in all of src/ (or in the folder that the fault names), and has to be
 found exactly once. Spaces, line breaks and trailing commas do not count, so it survives rustfmt and moves between files.
@@ -289,7 +290,7 @@ FAULTS = [
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
     Fault("an orientation that nobody knows is released", "service", "poses_are_refused_if_the_flange", [
-        ("(std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)", "(std_deg > 1e9).then_some(std_deg)")], "src/release"),
+        ("(std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then(|| {", "(std_deg > 1e9).then(|| {")], "src/release"),
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
         ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [
@@ -366,7 +367,6 @@ class Runner:
         self.copy = Path(directory) / "tree"
         self.env = {**os.environ, "CARGO_TARGET_DIR": str(Path(directory) / "target"), "RUST_BACKTRACE": "0"}
         self.output = ""
-        self.executable = ""
 
     def refresh(self):
         """Copies what git knows and what differs, so that a second run builds only what changed."""
@@ -383,9 +383,9 @@ class Runner:
                 if path.is_file() and path.relative_to(self.copy).as_posix() not in known:
                     path.unlink()
 
-    def command(self, timeout_s, command):
+    def command(self, timeout_s, command, env=()):
         try:
-            done = subprocess.run(command, cwd=self.copy, env=self.env, timeout=timeout_s, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            done = subprocess.run(command, cwd=self.copy, env={**self.env, **dict(env)}, timeout=timeout_s, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         except subprocess.TimeoutExpired as late:
             self.output = (late.stdout or b"").decode(errors="replace") + f"\nnot over after {timeout_s} s"
             return False
@@ -393,17 +393,21 @@ class Runner:
         return done.returncode == 0
 
     def build(self, test):
-        # Only the tests themselves are not optimised: they are built anew for each fault, and calibrations run in the library.
+        """Builds a test binary; returns its path, or None. Only the tests are not optimised: calibrations run in the library."""
         profile = ["--profile", "test", "--message-format", "json-render-diagnostics"]
         command = ["cargo", "rustc", "--locked", *profile, "--test", test, "--", "-C", "opt-level=0", "-C", "debuginfo=0"]
-        built = self.command(LONGEST_BUILD_S, command)
+        if not self.command(LONGEST_BUILD_S, command):
+            return None
         for line in self.output.splitlines():
             if line.startswith("{") and (message := json.loads(line)).get("executable") and message["target"]["name"] == test:
-                self.executable = message["executable"]
-        return built
+                return message["executable"]
+        return None
 
-    def run(self, _test, filters):
-        return self.command(LONGEST_RUN_S, [self.executable, *filters])
+    def errors(self):
+        return "\n".join(re.findall(r"^error.*(?:\n.*){0,4}", self.output, re.MULTILINE)[:4])
+
+    def run(self, executable, filters, planted=""):
+        return self.command(LONGEST_RUN_S, [executable, *filters], {SWITCH: planted})
 
     def failed(self):
         return " ".join(re.findall(r"^test (\S+) \.\.\. FAILED", self.output, re.MULTILINE)) or self.output.strip().splitlines()[-1]
@@ -416,61 +420,164 @@ class Runner:
             (self.copy / name).write_text(text, encoding="utf-8")
 
 
-def batches(tree, faults, size, apart):
-    """Puts the faults into batches of at most `size`. No two faults of a batch have the same tests, edit the same place, or are a pair of `apart`."""
-    filled = []
-    for fault in faults:
-        def fits(batch):
-            return len(batch) < size and not any(
-                (other.test, other.filter) == (fault.test, fault.filter)
-                or frozenset((other.name, fault.name)) in apart
-                or overlap(tree, other, fault)
-                for other in batch
-            )
-        batch = next(filter(fits, filled), None)
-        if batch is None:
-            filled.append([fault])
-        else:
-            batch.append(fault)
-    return filled
+# Which body of a function runs, in the library of the copy.
+SWITCH = "KINCAL_PLANTED"
+SWITCHED = f"""
+/// Whether this fault is planted.
+pub fn planted(name: &str) -> bool {{
+    static NAME: std::sync::LazyLock<String> = std::sync::LazyLock::new(|| std::env::var("{SWITCH}").unwrap_or_default());
+    NAME.as_str() == name
+}}
+/// A migration with the faults that are planted in it.
+pub fn planted_sql(sql: &'static str) -> &'static str {{
+    let faults: &[(&str, &str, &str)] = &[
+        %s
+    ];
+    let planted = faults.iter().filter(|(name, ..)| planted(name));
+    let text = planted.fold(sql.to_owned(), |text, (_, find, replace)| text.replace(find, replace));
+    Box::leak(text.into_boxed_str())
+}}
+"""
 
 
-def pairs(batch):
-    return {frozenset((one.name, other.name)) for one in batch for other in batch if one is not other}
+def masked(text):
+    """A Rust text in which comments and literals are blanks, so that braces can be counted."""
+    patterns = r"""//[^\n]*|/\*.*?\*/|b?r(#*)".*?"\1|b?"(?:\\.|[^"\\])*"|b?'(?:\\.[^']*|[^'\\])'"""
+    blank = lambda found: re.sub(r"[^\n]", " ", found.group())
+    return re.sub(patterns, blank, text, flags=re.DOTALL)
 
 
-def run_batch(runner, tree, batch):
-    """Plants all faults of a batch, runs the tests of each, and takes the faults out. Answers what became of each fault."""
-    files = {}
-    for fault in batch:
-        for name, begin, end, replace in tree.edits(fault):
-            files.setdefault(name, []).append((begin, end, replace))
-    changed = {}
-    for name, edits in files.items():
-        text = tree.files[name][0]
-        for begin, end, replace in sorted(edits, reverse=True):
-            text = text[:begin] + replace + text[end:]
-        changed[name] = text
-    runner.put(changed)
-    verdicts = {}
-    for test in dict.fromkeys(fault.test for fault in batch):
-        ours = [fault for fault in batch if fault.test == test]
-        if not runner.build(test):
-            errors = "\n".join(re.findall(r"^error.*(?:\n.*){0,4}", runner.output, re.MULTILINE)[:4])
-            verdicts.update({fault.name: ("NO BUILD", errors) for fault in ours})
+def end_of(mask, begin):
+    """Where the bracket at `begin` is closed."""
+    depth = 0
+    for at in range(begin, len(mask)):
+        depth += (mask[at] in "{[(") - (mask[at] in "}])")
+        if depth == 0:
+            return at + 1
+    return len(mask)
+
+
+def functions(mask):
+    """(begin, end) of the bodies of the outermost functions that can have two bodies."""
+    found, after = [], 0
+    for match in re.finditer(r"(const\s+)?((?:async|unsafe)\s+)*fn\s+\w+", mask):
+        at = match.end()
+        while at < len(mask) and mask[at] not in "{;":
+            at = end_of(mask, at) if mask[at] in "([" else at + 1
+        if match.start() < after or at >= len(mask) or mask[at] == ";":
             continue
-        for fault in ours:
-            passed = runner.run(test, [fault.filter])
-            detail = f"{test} {fault.filter} passed" if passed else f"by {test}: {runner.failed()}"
-            verdicts[fault.name] = ("MISSED" if passed else "caught", detail)
-    # a new time, so that the build sees that the faults are gone
-    runner.put({name: tree.files[name][0] for name in changed})
-    return verdicts
+        after = end_of(mask, at)
+        if not match.group(1) and not re.search(r"->\s*impl\b", mask[match.end():at]):
+            found.append((at, after))
+    return found
 
 
-def overlap(tree, one, other):
-    """Whether two faults edit the same place."""
-    return any(a[0] == b[0] and a[1] < b[2] and b[1] < a[2] for a in tree.edits(one) for b in tree.edits(other))
+def constants(mask):
+    """(begin, end, name) of constants outside of functions."""
+    bodies = functions(mask)
+    for match in re.finditer(r"^ *(?:pub(?:\([^)]*\))?\s+)?const\s+(\w+)\s*:", mask, re.MULTILINE):
+        at = match.end()
+        while at < len(mask) and mask[at] != ";":
+            at = end_of(mask, at) if mask[at] in "([{" else at + 1
+        if not any(begin <= match.start() < end for begin, end in bodies):
+            yield match.start(), at + 1, match.group(1)
+
+
+class Switch:
+    """The files of a copy in which every fault can be switched on."""
+
+    def __init__(self, tree):
+        self.tree = tree
+        self.masks = {name: masked(text) for name, (text, *_) in tree.files.items() if name.endswith(".rs")}
+        self.bodies = {name: functions(mask) for name, mask in self.masks.items()}
+        # (file, begin, end) of a body -> {fault: its body}
+        self.faulty = {}
+        # (file, end of the item, name) of a constant -> {fault: its item}
+        self.constants = {}
+        self.sql = []
+
+    def add(self, fault):
+        """Whether the fault can be switched."""
+        bodies, items, sql = {}, {}, []
+        for name, begin, end, replace in self.tree.edits(fault):
+            text = self.tree.files[name][0]
+            if name.endswith(".sql"):
+                sql.append((fault.name, text[begin:end], replace))
+                continue
+            body = next((body for body in self.bodies[name] if body[0] < begin and end < body[1]), None)
+            item = next((item for item in constants(self.masks[name]) if item[0] <= begin and end <= item[1]), None)
+            if body:
+                bodies.setdefault((name, *body), []).append((begin, end, replace))
+            elif item:
+                items.setdefault((name, *item), []).append((begin, end, replace))
+            else:
+                return False
+        for (name, begin, end), edits in bodies.items():
+            self.faulty.setdefault((name, begin, end), {})[fault.name] = edited(self.tree.files[name][0], begin, end, edits)
+        for (name, begin, end, constant), edits in items.items():
+            self.constants.setdefault((name, end, constant), {})[fault.name] = edited(self.tree.files[name][0], begin, end, edits)
+        self.sql += sql
+        return True
+
+    def files(self):
+        """The files that differ from the tree."""
+        # constants first: their names are replaced in all bodies
+        switches, items = {}, {}
+        for (name, end, constant), faults in self.constants.items():
+            scope = [name] if sum(len(re.findall(rf"\bconst {constant}\b", mask)) for mask in self.masks.values()) > 1 else self.masks
+            other = [f"{constant}_PLANTED_{n}" for n in range(len(faults))]
+            public = lambda item, planted: "pub " + re.sub(rf"\b{constant}\b", planted, re.sub(r"^\s*pub(\([^)]*\))?\s+", "", item).lstrip(), count=1)
+            items[name, end] = "".join(public(item, planted) + "\n" for planted, item in zip(other, faults.values()))
+            used = constant
+            for planted, fault in zip(other, faults):
+                used = f"(if crate::planted({json.dumps(fault)}) {{ HOME::{planted} }} else {{ {used} }})"
+            for file in scope:
+                switches.setdefault(file, {})[constant] = used.replace("HOME::", "" if file == name else self.module(name) + "::")
+        changed = {}
+        for name, (text, *_) in self.tree.files.items():
+            if not name.endswith(".rs"):
+                continue
+            pieces, at = [], 0
+            places = [(begin, end, None) for begin, end in self.bodies[name]] + [(end, end, extra) for (file, end), extra in items.items() if file == name]
+            for begin, end, extra in sorted(places, key=lambda place: place[:2]):
+                if extra is not None:
+                    pieces.append(text[at:begin] + "\n" + extra)
+                    at = begin
+                    continue
+                right = self.with_constants(name, text[begin:end], switches)
+                for fault, body in self.faulty.get((name, begin, end), {}).items():
+                    right = f"{{ if crate::planted({json.dumps(fault)}) {body} else {right} }}"
+                pieces.append(text[at:begin] + right)
+                at = end
+            # constants of private modules are used from everywhere
+            result = re.sub(r"^mod (\w+);", r"pub mod \1;", "".join(pieces) + text[at:], flags=re.MULTILINE)
+            if name == "src/store/migration.rs":
+                result = result.replace("sql.into_sql_str()", "crate::planted_sql(sql).into_sql_str()")
+            if name == "src/lib.rs":
+                rust = ", ".join(f"({json.dumps(fault)}, {json.dumps(find, ensure_ascii=False)}, {json.dumps(replace, ensure_ascii=False)})" for fault, find, replace in self.sql)
+                result += SWITCHED % rust
+            if result != text:
+                changed[name] = result
+        return changed
+
+    def module(self, name):
+        return "crate::" + name.removeprefix("src/").removesuffix(".rs").removesuffix("/mod").replace("/", "::")
+
+    def with_constants(self, name, body, switches):
+        for constant, used in switches.get(name, {}).items():
+            mask = masked(body)
+            places = [match.span() for match in re.finditer(rf"(?<![\w:]){constant}\b", mask)]
+            for begin, end in reversed(places):
+                body = body[:begin] + used + body[end:]
+        return body
+
+
+def edited(text, begin, end, edits):
+    """A part of a text after edits."""
+    part = text[begin:end]
+    for at, until, replace in sorted(edits, reverse=True):
+        part = part[: at - begin] + replace + part[until - begin :]
+    return part
 
 
 def plant(wanted, directory):
@@ -481,24 +588,45 @@ def plant(wanted, directory):
     if troubles := [trouble for fault in faults for trouble in tree.troubles(fault)]:
         print("\n".join(troubles))
         return False
-    for test in dict.fromkeys(fault.test for fault in faults):
-        filters = sorted({fault.filter for fault in faults if fault.test == test})
-        if not (runner.build(test) and runner.run(test, filters) and runner.ran_any()):
+    switch = Switch(tree)
+    switched = [fault for fault in faults if switch.add(fault)]
+    files = switch.files()
+    runner.put(files)
+    missed = {}
+
+    def tell(fault, verdict, detail):
+        if verdict != "caught":
+            missed[fault.name] = verdict
+        print(f"{verdict:<9} {fault.name:<50} {detail}", flush=True)
+
+    def judge(fault, executable, planted):
+        passed = runner.run(executable, [fault.filter], planted)
+        tell(fault, "MISSED" if passed else "caught", f"{fault.test} {fault.filter} passed" if passed else f"by {fault.test}: {runner.failed()}")
+
+    for test in dict.fromkeys(fault.test for fault in switched):
+        ours = [fault for fault in switched if fault.test == test]
+        if not (executable := runner.build(test)):
+            print(f"{test} cannot be built with switches:\n{runner.errors()}")
+            return False
+        if not (runner.run(executable, sorted({fault.filter for fault in ours})) and runner.ran_any()):
             print(f"without a fault, {test} fails: {runner.failed()}\n{runner.output[-3000:]}")
             return False
-    # With n faults, two rounds of about sqrt(n) batches: no two faults are together in both, so no other fault explains that a test fails twice.
-    size = max(1, round(len(faults) ** 0.5))
-    first = batches(tree, faults, size, set())
-    together = set().union(*map(pairs, first)) if first else set()
-    order = [fault for at in range(size) for fault in faults[at::size]]
-    rounds = [first] if size == 1 else [first, batches(tree, order, size, together)]
-    missed = {}
-    for number, filled in enumerate(rounds, 1):
-        for batch in filled:
-            for name, (verdict, detail) in run_batch(runner, tree, batch).items():
-                if verdict != "caught":
-                    missed[name] = verdict
-                print(f"{number} {verdict:<9} {name:<42} {detail}", flush=True)
+        for fault in ours:
+            judge(fault, executable, fault.name)
+    # a new time, so that the build sees that the switches are gone
+    runner.put({name: tree.files[name][0] for name in files})
+    for fault in (fault for fault in faults if fault not in switched):
+        changed = {}
+        for name, begin, end, replace in sorted(tree.edits(fault), reverse=True):
+            text = changed.get(name, tree.files[name][0])
+            changed[name] = text[:begin] + replace + text[end:]
+        runner.put(changed)
+        executable = runner.build(fault.test)
+        if executable:
+            judge(fault, executable, "")
+        else:
+            tell(fault, "NO BUILD", runner.errors())
+        runner.put({name: tree.files[name][0] for name in changed})
     print(f"{len(faults) - len(missed)} caught, {len(missed)} not: {', '.join(missed) or 'none'}")
     return not missed and bool(faults)
 

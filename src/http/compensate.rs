@@ -7,6 +7,7 @@ use crate::http::{App, Error, access, named_frames, parameter_sets};
 use crate::operations::{self, Correctable};
 use crate::store::jobs;
 use crate::wire::compensate::{CompensateAnswer, CompensateBody, OWN_FRAMES};
+use crate::wire::issue::Invalid;
 use crate::wire::json;
 use crate::wire::robot::Robot;
 use axum::Json;
@@ -45,11 +46,17 @@ async fn compensate(
     let work_frame = match body.frame.as_deref() {
         None => None,
         Some(name) if OWN_FRAMES.contains(&name) => None,
-        Some(name) => Some(named_frames::work_frame(&app, &row.robot_id, name).await?),
+        Some(name) => {
+            let found = named_frames::work_frame(&app, &row.robot_id, name).await;
+            Some(found.map_err(|error| unknown_name(error, "/frame", "work frame", name))?)
+        }
     };
     let named_tool = match &body.tool_name {
         None => None,
-        Some(name) => Some(named_frames::tool(&app, &row.robot_id, name).await?),
+        Some(name) => {
+            let found = named_frames::tool(&app, &row.robot_id, name).await;
+            Some(found.map_err(|error| unknown_name(error, "/tool_name", "tool", name))?)
+        }
     };
     let answer = permit.run(move || {
         let robot = Robot::try_from(&robot)?;
@@ -65,4 +72,14 @@ async fn compensate(
         Ok::<_, Error>(operations::compensate(&body, from)?)
     });
     Ok(Json(answer.await?))
+}
+
+/// A name in the body that the robot does not have is wrong input, not a missing resource.
+fn unknown_name(error: Error, at: &str, what: &str, name: &str) -> Error {
+    let Error::NotFound(_) = error else {
+        return error;
+    };
+    let shown: String = name.chars().take(40).collect();
+    let detail = format!("the robot has no {what} called {shown:?}");
+    Invalid::at(at, "unknown_reference", detail).into()
 }

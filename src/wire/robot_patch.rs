@@ -120,7 +120,7 @@ impl RobotPatchBody {
                 link.joint_limits_deg = limits;
             }
         }
-        let robot = Robot::try_from(&body)?;
+        let robot = Robot::try_from(&body).map_err(at_patched_fields)?;
         let is_changed = [
             ("name", body.name != before.name),
             ("serial_number", body.serial_number != before.serial_number),
@@ -138,6 +138,20 @@ impl RobotPatchBody {
             body,
         })
     }
+}
+
+/// Points at the patch's own field where limits are wrong: a robot has them with its links.
+fn at_patched_fields(mut invalid: Invalid) -> Invalid {
+    for issue in &mut invalid.issues {
+        let Some(pointer) = &mut issue.pointer else {
+            continue;
+        };
+        let of_link = pointer.strip_prefix("/links/");
+        if let Some((link, rest)) = of_link.and_then(|at| at.split_once("/joint_limits_deg")) {
+            *pointer = format!("/joint_limits_deg/{link}{rest}");
+        }
+    }
+    invalid
 }
 
 /// The joint map of a robot; the identity if it has none.

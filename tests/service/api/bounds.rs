@@ -17,7 +17,14 @@ const UNBOUNDED: [&str; 3] = [
     "PosePlanBody.seed",
 ];
 /// Lists with one item per joint: at the general bound their length is wrong for the test's robot.
-const PER_JOINT: [&str; 4] = ["/sign", "/offset_deg", "/coupling", "/q_deg"];
+const PER_JOINT: [&str; 6] = [
+    "/sign",
+    "/offset_deg",
+    "/coupling",
+    "/q_deg",
+    "/q_near_deg",
+    "/joint_limits_deg",
+];
 
 /// The contract.
 fn contract() -> Value {

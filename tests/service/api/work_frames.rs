@@ -196,13 +196,13 @@ async fn faults_of_frames_tools_and_cartesian_targets_are_told_with_their_place(
     for (body, status, code) in [
         (
             json!({"targets": [target], "tool_name": "none", "mode": "position"}),
-            404,
-            "not_found",
+            422,
+            "unknown_reference",
         ),
         (
             json!({"targets": [target], "frame": "none", "mode": "position"}),
-            404,
-            "not_found",
+            422,
+            "unknown_reference",
         ),
         (json!({"targets": [target]}), 422, "invalid_poses"),
         (

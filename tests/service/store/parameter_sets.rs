@@ -3,10 +3,11 @@
 use kincal::jobs::queue;
 use kincal::release::facts::DESCRIBES_NO_ROBOT;
 use kincal::store::{
-    CheckedState, Conflict, Engine, Error, JobResult, MeasurementSetRow, NewJob, NewParameterSet,
-    ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases,
-    measurement_sets, parameter_sets, policies, robots, verifications,
+    CheckedState, Conflict, Engine, Error, JobResult, MeasurementSetRow, NewJob, NewMeasurementSet,
+    NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store,
+    job_sources, jobs, leases, measurement_sets, parameter_sets, policies, robots, verifications,
 };
+use kincal::wire::canonical;
 use kincal::wire::policy::DecisionRule;
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
@@ -432,6 +433,72 @@ fn the_schema_itself_keeps_the_robots_policy() {
         assert!(error.to_string().contains("policy"), "{error}");
         scored(store, &set_row, &candidate, &good_session()).await;
         write("independent_session", 0.1, "engineer").await.unwrap();
+    });
+}
+
+/// A set that holds values of another one is released neither by who uploaded that one's points nor if somebody insisted on them.
+#[test]
+fn the_schema_itself_looks_at_the_uploads_that_a_set_rests_on() {
+    for_each_engine(async |database| {
+        let store = &database.store;
+        for (insisted_on, by, is_released) in [
+            (None, "engineer", true),
+            (Some("poor_alignment"), "engineer", false),
+            (None, "key_uploader", false),
+        ] {
+            let robot = a_robot(store, "r").await;
+            let policy = PolicyRow {
+                second_person_required: 1,
+                ..PolicyRow::default()
+            };
+            let first = NewMeasurementSet {
+                insisted_on: insisted_on.map(str::to_owned),
+                ..new_set(&robot, b"first")
+            };
+            let second = NewMeasurementSet {
+                uploaded_by: Some("another".into()),
+                ..new_set(&robot, b"second")
+            };
+            let (first, second) = in_transaction(store, async |tx| {
+                policies::put(tx, &robot.id, &policy, "boss").await?;
+                tx.act_as("key_uploader");
+                let first = measurement_sets::insert(tx, &first).await?;
+                Ok((first, measurement_sets::insert(tx, &second).await?))
+            })
+            .await;
+            let held = a_candidate(store, &first).await;
+            let new = NewJob {
+                parameter_set_input_id: Some(held.id.clone()),
+                holds_parameter_set: true,
+                ..new_job(&second, "{}")
+            };
+            let of_job = NewParameterSet {
+                body_json: "{}".into(),
+                sha256: canonical::sha256_hex(b"{}"),
+                estimate_json: None,
+            };
+            let candidate = in_transaction(store, async |tx| {
+                let job = queue::enqueue(tx, &new).await?;
+                parameter_sets::insert(tx, &job.id, &of_job).await
+            })
+            .await;
+            let sources = job_sources::uploads(store, &candidate.job_id).await;
+            assert_eq!(sources.unwrap(), [first.id]);
+            let released = sqlx::query(UNCHECKED_UPDATE)
+                .bind(&candidate.id)
+                .bind("same_upload")
+                .bind(0.1)
+                .bind(by)
+                .execute(store.readers())
+                .await;
+            match released {
+                Ok(_) => assert!(is_released, "{insisted_on:?} {by}"),
+                Err(error) => assert!(
+                    !is_released && error.to_string().contains("rests on"),
+                    "{insisted_on:?} {by}: {error}"
+                ),
+            }
+        }
     });
 }
 
