@@ -164,7 +164,7 @@ FAULTS = [
         ("kept.is_empty() || kept == now", "true || kept == now"),
         ("require(then == now,", "require(true || then == now,")]),
     Fault("documents are not compared", "service", "each_fault_is_told", [
-        ('(REPORTS, AuditEvent::JobSucceeded, "report_sha256")', '(REPORTS, "no_such_field")')]),
+        ('(REPORTS, AuditEvent::JobSucceeded, "report_sha256")', '(REPORTS, AuditEvent::JobSucceeded, "no_such_field")')]),
     Fault("summaries are not compared", "service", "each_fault_is_told", [
         ("(Ok(expected), Ok(found)) if expected == found)", "(Ok(_), Ok(_)))")]),
     Fault("fields of rows are not compared", "service", "each_fault_is_told", [
