@@ -87,7 +87,7 @@ async fn an_edit_that_cannot_be_made_says_why_and_changes_nothing() {
         ),
         (
             json!({"joint_limits_deg": [[10, -10], null, null, null, null, null]}),
-            "/links/0/joint_limits_deg",
+            "/joint_limits_deg/0",
         ),
         (
             json!({"joint_map": {"sign": [2, 1, 1, 1, 1, 1]}}),
