@@ -15,22 +15,6 @@ use crate::wire::robot::RobotAnswer;
 use axum::extract::State;
 use axum::response::Response;
 use serde::Serialize;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of the archive.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(archive_robot))
-        .routes(routes!(restore_robot))
-        .routes(routes!(archive_measurement_set))
-        .routes(routes!(restore_measurement_set))
-        .routes(routes!(archive_job))
-        .routes(routes!(restore_job))
-        .routes(routes!(archive_parameter_set))
-        .routes(routes!(restore_parameter_set))
-        .routes(routes!(archive_network))
-        .routes(routes!(restore_network))
-}
 
 /// A stored item that can be archived.
 trait Item: Sized {
@@ -224,7 +208,7 @@ impl Item for NetworkRow {
     params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-async fn archive_robot(
+pub async fn archive_robot(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -239,7 +223,7 @@ async fn archive_robot(
     params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-async fn restore_robot(
+pub async fn restore_robot(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -254,7 +238,7 @@ async fn restore_robot(
     params(("id" = String, Path, description = "The measurement set")),
     responses((status = 200, description = "The measurement set", body = SetSummary))
 )]
-async fn archive_measurement_set(
+pub async fn archive_measurement_set(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -269,7 +253,7 @@ async fn archive_measurement_set(
     params(("id" = String, Path, description = "The measurement set")),
     responses((status = 200, description = "The measurement set", body = SetSummary))
 )]
-async fn restore_measurement_set(
+pub async fn restore_measurement_set(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -284,7 +268,7 @@ async fn restore_measurement_set(
     params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-async fn archive_job(
+pub async fn archive_job(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -299,7 +283,7 @@ async fn archive_job(
     params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-async fn restore_job(
+pub async fn restore_job(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -314,7 +298,7 @@ async fn restore_job(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-async fn archive_parameter_set(
+pub async fn archive_parameter_set(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -329,7 +313,7 @@ async fn archive_parameter_set(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-async fn restore_parameter_set(
+pub async fn restore_parameter_set(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -344,7 +328,7 @@ async fn restore_parameter_set(
     params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))
 )]
-async fn archive_network(
+pub async fn archive_network(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -359,7 +343,7 @@ async fn archive_network(
     params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))
 )]
-async fn restore_network(
+pub async fn restore_network(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,

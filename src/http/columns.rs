@@ -4,7 +4,6 @@ use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::Id;
 use crate::http::extract::Query;
-use crate::http::limits::RequestClass;
 use crate::http::list_query::NewestListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::{App, Error, access, named_documents};
@@ -24,21 +23,12 @@ use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of mappings and previews.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list))
-        .routes(routes!(get, put))
-        .routes(routes!(preview))
-}
 
 /// Query of a preview.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct PreviewQuery {
+pub struct PreviewQuery {
     /// As in the upload.
     #[param(inline)]
     decimal: Option<Decimal>,
@@ -61,7 +51,7 @@ struct PreviewQuery {
     ),
     responses((status = 200, description = "How the files are understood", body = PreviewAnswer))
 )]
-async fn preview(
+pub async fn preview(
     State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<PreviewQuery>,
@@ -87,7 +77,7 @@ async fn preview(
         )?;
         Ok::<_, Error>(answer)
     };
-    Ok(Json(app.compute(RequestClass::Write, look).await?))
+    Ok(Json(app.compute(submission.caller.class, look).await?))
 }
 
 /// Robot and name in a path.
@@ -117,7 +107,7 @@ fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error>
     params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<ColumnMappingAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -132,7 +122,7 @@ async fn list(
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The mapping's name")),
     responses((status = 200, description = "The mapping", body = ColumnMappingAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     path: Path<(String, String)>,
@@ -148,7 +138,7 @@ async fn get(
     request_body = ColumnsBody,
     responses((status = 200, description = "The mapping, stored", body = ColumnMappingAnswer))
 )]
-async fn put(
+pub async fn put(
     State(app): State<App>,
     path: Path<(String, String)>,
     submission: Submission,

@@ -4,7 +4,6 @@ use crate::calibration::{self, CalibrationRequest};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::{MeasurementSetInput, queue};
 use crate::release::independence::{is_independent_of_training, is_of_other_uploads};
@@ -53,7 +52,7 @@ pub async fn create(
         }
     };
     // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
-    let permit = app.limits.compute(RequestClass::Write).await?;
+    let permit = app.limits.compute(submission.caller.class).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = permit.run(move || check(&request, sources)).await?;

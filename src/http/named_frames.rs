@@ -16,16 +16,6 @@ use axum::Json;
 use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::de::DeserializeOwned;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of work frames and tools.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list_work_frames))
-        .routes(routes!(get_work_frame, put_work_frame))
-        .routes(routes!(list_tools))
-        .routes(routes!(get_tool, put_tool))
-}
 
 /// A robot's work frames, newest first.
 #[utoipa::path(
@@ -33,7 +23,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<WorkFrameAnswer>))
 )]
-async fn list_work_frames(
+pub async fn list_work_frames(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -55,7 +45,7 @@ async fn list_work_frames(
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The work frame's name")),
     responses((status = 200, description = "The work frame", body = WorkFrameAnswer))
 )]
-async fn get_work_frame(
+pub async fn get_work_frame(
     State(app): State<App>,
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
@@ -77,7 +67,7 @@ async fn get_work_frame(
     request_body = WorkFrameBody,
     responses((status = 200, description = "The work frame, stored, with the residuals of its points", body = WorkFrameAnswer))
 )]
-async fn put_work_frame(
+pub async fn put_work_frame(
     State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
@@ -104,7 +94,7 @@ async fn put_work_frame(
     params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<ToolAnswer>))
 )]
-async fn list_tools(
+pub async fn list_tools(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -119,7 +109,7 @@ async fn list_tools(
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The tool's name")),
     responses((status = 200, description = "The tool", body = ToolAnswer))
 )]
-async fn get_tool(
+pub async fn get_tool(
     State(app): State<App>,
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
@@ -134,7 +124,7 @@ async fn get_tool(
     request_body = ToolBody,
     responses((status = 200, description = "The tool, stored", body = ToolAnswer))
 )]
-async fn put_tool(
+pub async fn put_tool(
     State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,

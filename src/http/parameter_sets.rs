@@ -21,16 +21,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of parameter sets.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list))
-        .routes(routes!(get))
-        .routes(routes!(active))
-        .routes(routes!(covered))
-}
 
 /// A robot's parameter sets.
 #[utoipa::path(
@@ -38,7 +28,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot"), ParameterSetListQuery),
     responses((status = 200, description = "One page", body = Page<ParameterSetAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -56,7 +46,7 @@ async fn list(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -75,7 +65,7 @@ async fn get(
         (status = 304, description = "Still the set of that ETag")
     )
 )]
-async fn active(
+pub async fn active(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -110,7 +100,11 @@ async fn active(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Canonical JSON (RFC 8785)", body = ParameterSetContent))
 )]
-async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+pub async fn covered(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let content = content(&row)?;
     let text = match canonical::text_with_hash(&content, &row.sha256)? {

@@ -3,7 +3,6 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::release_check::{Purpose, ReleaseCheckError, ReleaseRequest, check};
 use crate::store::{Tx, parameter_sets};
@@ -14,16 +13,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
 use std::ops::ControlFlow;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of releases.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(gates_now))
-        .routes(routes!(release))
-        .routes(routes!(withdraw))
-        .routes(routes!(roll_back))
-}
 
 /// Checks the gates as a release by this key would, and changes nothing.
 #[utoipa::path(
@@ -31,13 +20,13 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
 )]
-async fn gates_now(
+pub async fn gates_now(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let request = ReleaseRequest {
         set: row,
         approver: caller.holder,
@@ -61,7 +50,7 @@ async fn gates_now(
     params(("id" = String, Path, description = "The parameter set")), request_body = ReleaseBody,
     responses((status = 200, description = "The set, released", body = ParameterSetAnswer))
 )]
-async fn release(
+pub async fn release(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
@@ -79,7 +68,7 @@ async fn release(
             change_reason: body.change_reason,
         },
     };
-    let permit = app.limits.compute(RequestClass::Write).await?;
+    let permit = app.limits.compute(submission.caller.class).await?;
     let release = check(&app.store, &permit, request)
         .await?
         .release(body.reason)?;
@@ -99,13 +88,13 @@ async fn release(
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The set that is active now", body = ParameterSetAnswer))
 )]
-async fn roll_back(
+pub async fn roll_back(
     State(app): State<App>,
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
-    let permit = app.limits.safety().await?;
+    let permit = app.limits.compute(submission.caller.class).await?;
     let reason = match submission.reason(&app.store).await? {
         ControlFlow::Break(answer) => return Ok(answer),
         ControlFlow::Continue(reason) => reason,
@@ -132,13 +121,13 @@ async fn roll_back(
     params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,
     responses((status = 200, description = "The set, withdrawn", body = ParameterSetAnswer))
 )]
-async fn withdraw(
+pub async fn withdraw(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &submission.caller, &id).await?;
-    let _permit = app.limits.safety().await?;
+    let _permit = app.limits.compute(submission.caller.class).await?;
     let reason = match submission.reason(&app.store).await? {
         ControlFlow::Break(answer) => return Ok(answer),
         ControlFlow::Continue(reason) => reason,

@@ -6,19 +6,13 @@ use crate::http::{App, Error};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of the session.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(sign_in, sign_out))
-}
 
 /// Signs this browser in with the key of the request.
 ///
 /// The answer sets a cookie that scripts cannot read. With it, links and new tabs need no `Authorization` header; requests that change
 /// something need the header `X-Kincal-Session: 1`. The session ends with the browser, with sign-out, or with the revocation of the key.
 #[utoipa::path(put, path = "/v1/session", tag = "service", operation_id = "signIn", responses((status = 204, description = "Signed in; the answer sets the cookie")))]
-async fn sign_in(
+pub async fn sign_in(
     State(app): State<App>,
     _caller: Caller,
     headers: HeaderMap,
@@ -38,7 +32,7 @@ async fn sign_in(
 
 /// Signs this browser out: the answer deletes the cookie.
 #[utoipa::path(delete, path = "/v1/session", tag = "service", operation_id = "signOut", responses((status = 204, description = "Signed out")))]
-async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
+pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
     let cookie = signing_out(is_secure(&app, &headers));
     (StatusCode::NO_CONTENT, cookie_header(cookie)).into_response()
 }

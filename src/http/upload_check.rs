@@ -4,7 +4,6 @@
 use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
 use crate::calibration::upload_checks::rotations::{self, ROTATION_SUSPECT};
 use crate::http::auth::Caller;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::release::{KeptMisfit, keep_misfit};
 use crate::store::{PageRequest, robots};
@@ -101,7 +100,7 @@ pub async fn diagnose(
         }
     }
     let explain = move || explanation(&misfit, &others);
-    let explanation = app.compute(RequestClass::Write, explain).await?;
+    let explanation = app.compute(caller.class, explain).await?;
     keep_misfit(explanation, insist).map_err(|suspicion| {
         Invalid {
             code: suspicion.code,

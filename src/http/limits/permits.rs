@@ -9,7 +9,7 @@
 //! 4. a permit to compute or to read a whole document ([`Limits::compute`]), for which it waits;
 //! 5. memory for a large answer until it is sent ([`Limits::answer`]).
 //!
-//! Withdraw, rollback and cancel have permits of their own ([`Limits::safety`]), so that no flood of other requests keeps them out.
+//! Withdraw, rollback and cancel have permits of their own ([`RequestClass::Safety`]), so that no flood of other requests keeps them out.
 
 use crate::config::LimitsConfig;
 use crate::http::Error;
@@ -86,14 +86,6 @@ fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Er
         .map_err(|_| Error::Busy)
 }
 
-/// Waits for a permit, at most [`PERMIT_TIMEOUT`].
-async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<ComputePermit, Error> {
-    match timeout(PERMIT_TIMEOUT, Arc::clone(semaphore).acquire_owned()).await {
-        Ok(Ok(permit)) => Ok(ComputePermit(Arc::new(permit))),
-        Ok(Err(_)) | Err(_) => Err(Error::Busy),
-    }
-}
-
 impl Limits {
     /// Creates the limits, with all permits free. With `no_auth` there is no rate per key.
     pub fn new(config: &LimitsConfig, no_auth: bool) -> Self {
@@ -140,7 +132,7 @@ impl Limits {
 
     /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
     /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
-    /// ([`Limits::safety`]), so that nobody without a key can use them up.
+    /// ([`Limits::compute`]), so that nobody without a key can use them up.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -158,14 +150,6 @@ impl Limits {
         }
     }
 
-    /// Waits for a permit of [`RequestClass::Safety`]. It is a permit to compute as well.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
-    pub async fn safety(&self) -> Result<ComputePermit, Error> {
-        wait_for(&self.0.safety).await
-    }
-
     /// A permit to wait for a job, for a long poll or an event stream.
     ///
     /// # Errors
@@ -174,19 +158,23 @@ impl Limits {
         take(&self.0.waiting, 1)
     }
 
-    /// Waits for a permit to compute, or to read a whole document from the database. Take it before reading large inputs, so that waiting requests
+    /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Take it before reading large inputs, so that waiting requests
     /// hold none in memory, and before any row if a document is the answer: then few connections read documents, and only these keep memory for them
-    /// (40 clients took the process to 340 MiB instead of 470).
+    /// (40 clients took the process to 340 MiB instead of 470). A request of [`RequestClass::Safety`] takes its only permit here.
     ///
     /// # Errors
     /// [`Error::Busy`].
     pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
-        match class {
+        let permits = match class {
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => {
-                wait_for(&self.0.computing_reads).await
+                &self.0.computing_reads
             }
-            RequestClass::Write => wait_for(&self.0.computing_writes).await,
-            RequestClass::Safety => self.safety().await,
+            RequestClass::Write => &self.0.computing_writes,
+            RequestClass::Safety => &self.0.safety,
+        };
+        match timeout(PERMIT_TIMEOUT, Arc::clone(permits).acquire_owned()).await {
+            Ok(Ok(permit)) => Ok(ComputePermit(Arc::new(permit))),
+            Ok(Err(_)) | Err(_) => Err(Error::Busy),
         }
     }
 
@@ -329,7 +317,7 @@ impl BodyBudget {
         match self.class {
             RequestClass::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
             RequestClass::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
-            // `admit` or `safety` gives these their permit.
+            // `admit` or `compute` gives these their permit.
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Safety => {}
         }
         Ok(self.permits)
@@ -418,7 +406,7 @@ mod tests {
         drop(all_memory);
         let mut reserve = Vec::new();
         for _ in 0..MAX_SAFETY {
-            reserve.push(limits.safety().await.unwrap());
+            reserve.push(limits.compute(RequestClass::Safety).await.unwrap());
         }
         assert_eq!(limits.0.safety.available_permits(), 0);
         assert!(
@@ -436,7 +424,7 @@ mod tests {
         let semaphore = &limits.0.safety;
         let (begun, has_begun) = tokio::sync::oneshot::channel();
         let (end, ends) = std::sync::mpsc::channel::<()>();
-        let permit = limits.safety().await.unwrap();
+        let permit = limits.compute(RequestClass::Safety).await.unwrap();
         let request = tokio::spawn(async move {
             permit
                 .run(move || {
