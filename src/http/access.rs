@@ -13,7 +13,8 @@ use crate::wire::{id, json};
 
 /// The robot, if it exists and this key may see it.
 pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
-    visible_robot(caller, id)?;
+    plausible(id, "robot")?;
+    visible(caller, id, "robot")?;
     robots::get(&app.store, id)
         .await
         .map_err(|error| absent(error, "robot"))
@@ -51,12 +52,6 @@ pub async fn robot_of_set(
     }
     let then = robot_versions::robot_at(&app.store, &set.robot_id, set.robot_version).await?;
     Ok(robot_body(&then)?.with_limits_of(&now))
-}
-
-/// Fails with 404 if this key may not see that robot. Does not check that the robot exists.
-pub fn visible_robot(caller: &Caller, id: &str) -> Result<(), Error> {
-    plausible(id, "robot")?;
-    visible(caller, id, "robot")
 }
 
 /// The document of a stored robot.

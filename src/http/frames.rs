@@ -26,9 +26,6 @@ pub async fn create(
     submission: Submission,
 ) -> Result<Response, Error> {
     let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     access::require_in_use(&robot)?;
     if submission.media_type != "text/csv" {
         return Err(submission.unsupported("text/csv"));

@@ -35,22 +35,8 @@ pub async fn create(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    if submission.has_key() {
-        // The robot is checked first: looking up an Idempotency-Key needs the database's writer.
-        access::robot(&app, &submission.caller, &robot_id).await?;
-        if let Some(answer) = submission.replay(&app.store).await? {
-            return Ok(answer);
-        }
-    }
-    access::visible_robot(&submission.caller, &robot_id)?;
-    let request = match parse_request(&submission) {
-        Ok(request) => request,
-        Err(refusal) => {
-            // A missing robot is reported before other errors.
-            access::robot(&app, &submission.caller, &robot_id).await?;
-            return Err(refusal);
-        }
-    };
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let request = parse_request(&submission)?;
     // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
     let permit = app.limits.compute(submission.caller.class).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;

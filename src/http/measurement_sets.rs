@@ -98,9 +98,6 @@ pub async fn create(
     submission: Submission,
 ) -> Result<Response, Error> {
     let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     access::require_in_use(&robot)?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());

@@ -12,7 +12,6 @@ use crate::wire::release::{GatesAnswer, ReleaseBody};
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
-use std::ops::ControlFlow;
 
 /// Checks the gates as a release by this key would, and changes nothing.
 #[utoipa::path(
@@ -56,9 +55,6 @@ pub async fn release(
     submission: Submission,
 ) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &submission.caller, &id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     let body: ReleaseBody = submission.json()?;
     body.check()?;
     let request = ReleaseRequest {
@@ -69,17 +65,16 @@ pub async fn release(
         },
     };
     let permit = app.limits.compute(submission.caller.class).await?;
-    let release = check(&app.store, &permit, request)
-        .await?
-        .release(body.reason)?;
-    let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &ParameterSetAnswer::try_from(parameter_sets::release(tx, &release).await?)?,
-        )
+    let released = async {
+        let checked = check(&app.store, &permit, request).await?;
+        let release = checked.release(body.reason)?;
+        let effect = async |tx: &mut Tx| {
+            let row = parameter_sets::release(tx, &release).await?;
+            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+        };
+        submission.create(&app.store, effect).await
     };
-    submission.create(&app.store, effect).await
+    submission.or_replay(&app.store, released.await).await
 }
 
 /// Rolls back in one call: the active set is withdrawn, and the one that it superseded is active again.
@@ -95,24 +90,22 @@ pub async fn roll_back(
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
     let permit = app.limits.compute(submission.caller.class).await?;
-    let reason = match submission.reason(&app.store).await? {
-        ControlFlow::Break(answer) => return Ok(answer),
-        ControlFlow::Continue(reason) => reason,
+    let reason = submission.reason()?;
+    let rolled_back = async {
+        let request = ReleaseRequest {
+            set: parameter_sets::before_active(&app.store, &robot_id).await?,
+            approver: submission.caller.holder.clone(),
+            purpose: Purpose::Rollback,
+        };
+        let checked = check(&app.store, &permit, request).await?;
+        let release = checked.release(reason)?;
+        let effect = async |tx: &mut Tx| {
+            let row = parameter_sets::roll_back(tx, &release).await?;
+            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+        };
+        submission.create(&app.store, effect).await
     };
-    let request = ReleaseRequest {
-        set: parameter_sets::before_active(&app.store, &robot_id).await?,
-        approver: submission.caller.holder.clone(),
-        purpose: Purpose::Rollback,
-    };
-    let release = check(&app.store, &permit, request).await?.release(reason)?;
-    let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &ParameterSetAnswer::try_from(parameter_sets::roll_back(tx, &release).await?)?,
-        )
-    };
-    submission.create(&app.store, effect).await
+    submission.or_replay(&app.store, rolled_back.await).await
 }
 
 /// Withdraws a parameter set. If it was the active one, the robot has none afterwards.
@@ -128,18 +121,11 @@ pub async fn withdraw(
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &submission.caller, &id).await?;
     let _permit = app.limits.compute(submission.caller.class).await?;
-    let reason = match submission.reason(&app.store).await? {
-        ControlFlow::Break(answer) => return Ok(answer),
-        ControlFlow::Continue(reason) => reason,
-    };
+    let reason = submission.reason()?;
+    let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &ParameterSetAnswer::try_from(
-                parameter_sets::withdraw(tx, &id, &reason, &submission.caller.holder).await?,
-            )?,
-        )
+        let row = parameter_sets::withdraw(tx, &id, &reason, by).await?;
+        stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
     };
     submission.create(&app.store, effect).await
 }

@@ -14,7 +14,6 @@ use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
-use std::ops::ControlFlow;
 
 /// Stores a robot with its nominal links.
 #[utoipa::path(
@@ -26,9 +25,6 @@ pub async fn create(State(app): State<App>, submission: Submission) -> Result<Re
         return Err(Error::Forbidden(
             "this key is limited to certain robots, so it cannot make new ones",
         ));
-    }
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
     }
     let body: RobotBody = submission.json()?;
     Robot::try_from(&body)?;
@@ -90,9 +86,6 @@ pub async fn edit(
     submission: Submission,
 ) -> Result<Response, Error> {
     let row = access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     access::require_in_use(&row)?;
     let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
     let EditedRobot {
@@ -148,10 +141,7 @@ pub async fn checked(
     submission: Submission,
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
-    let reason = match submission.reason(&app.store).await? {
-        ControlFlow::Break(answer) => return Ok(answer),
-        ControlFlow::Continue(reason) => reason,
-    };
+    let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = robots::checked(tx, &robot_id, &reason, by).await?;
