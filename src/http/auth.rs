@@ -117,7 +117,7 @@ pub async fn authorize(
                 matches!(error, Error::Unauthorized(_)) && session_cookie::is_present(&headers);
             let mut response = error.into_response();
             if forget {
-                let cookie = session_cookie::signing_out(app.has_tls);
+                let cookie = session_cookie::signing_out(&app, &headers);
                 let header = cookie.map(|value| (header::SET_COOKIE, value));
                 response.headers_mut().extend(header);
             }

@@ -2,12 +2,13 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{media_type, parse_small, whole_body};
+use crate::http::headers::IDEMPOTENCY_KEY;
 use crate::http::{App, Error};
 use crate::store::{IdempotencyScope, IdempotentOutcome, Store, StoredResponse, Tx};
 use crate::wire::canonical;
 use crate::wire::parameter_set::ReasonBody;
 use axum::body::Bytes;
-use axum::extract::{FromRequest, OriginalUri, Request};
+use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -15,7 +16,6 @@ use serde::de::DeserializeOwned;
 
 /// Longest Idempotency-Key, characters.
 const MAX_KEY: usize = 200;
-const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
 /// A request that creates or changes something. If it was done before, its handler does not run: the stored answer is given again, and nothing is
@@ -52,10 +52,7 @@ impl Submission {
         let caller =
             caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
         let key = idempotency_key(request.headers())?;
-        let uri = request
-            .extensions()
-            .get::<OriginalUri>()
-            .map_or_else(|| request.uri().clone(), |uri| uri.0.clone());
+        let uri = request.uri().clone();
         let method = request.method().to_string();
         let media_type = media_type(request.headers()).unwrap_or_default();
         let content_type = request

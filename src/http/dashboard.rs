@@ -1,5 +1,6 @@
 //! The dashboard: static files that use the public interface only. They are part of the binary, because factories are offline.
 
+use crate::http::headers::is_known;
 use crate::http::{App, Error};
 use crate::wire::canonical;
 use axum::extract::{Path, State};
@@ -129,10 +130,7 @@ pub async fn asset(Path(file): Path<String>, headers: HeaderMap) -> Result<Respo
         (header::ETAG, ETAG.as_str()),
         (header::CACHE_CONTROL, "no-cache"),
     ];
-    if headers
-        .get(header::IF_NONE_MATCH)
-        .is_some_and(|tag| tag.as_bytes() == ETAG.as_bytes())
-    {
+    if is_known(&headers, &ETAG) {
         return Ok((StatusCode::NOT_MODIFIED, fresh).into_response());
     }
     Ok((

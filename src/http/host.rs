@@ -3,6 +3,7 @@
 //! by itself, and `session_cookie` checks requests with a session.
 
 use crate::http::extract::media_type;
+use crate::http::headers::{IDEMPOTENCY_KEY, SEC_FETCH_SITE};
 use crate::http::{App, Error};
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
@@ -11,9 +12,6 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::{Ipv4Addr, Ipv6Addr};
 
-const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
-/// A header that no form of a page can send.
-const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const SEC_FETCH_MODE: HeaderName = HeaderName::from_static("sec-fetch-mode");
 
 /// Content types that a page may send to any site without a preflight request (Fetch standard, CORS-safelisted request headers).

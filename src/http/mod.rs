@@ -17,6 +17,7 @@ mod error;
 mod export;
 mod extract;
 mod frames;
+mod headers;
 mod history;
 mod host;
 mod index;

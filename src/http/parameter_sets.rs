@@ -3,6 +3,7 @@
 use crate::calibration::request::Estimate;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
+use crate::http::headers::is_known;
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::ParameterSetListQuery;
 use crate::http::{App, Error, access};
@@ -77,14 +78,7 @@ pub async fn active(
         .ok_or(Error::NoActiveParameterSet)?;
     let body = serde_json::to_vec(&ParameterSetAnswer::try_from(row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
-    let known_etags = headers
-        .get(header::IF_NONE_MATCH)
-        .and_then(|value| value.to_str().ok())
-        .unwrap_or_default();
-    if known_etags
-        .split(',')
-        .any(|tag| tag.trim() == "*" || tag.trim().trim_start_matches("W/") == etag)
-    {
+    if is_known(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
     }
     let headers = [

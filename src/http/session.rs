@@ -21,7 +21,7 @@ pub async fn sign_in(
     let Some(key) = bearer(&headers)? else {
         return Ok(StatusCode::NO_CONTENT.into_response());
     };
-    let cookie = signing_in(key, is_secure(&app, &headers));
+    let cookie = signing_in(key, &app, &headers);
     Ok((
         StatusCode::NO_CONTENT,
         cookie_header(cookie),
@@ -33,7 +33,7 @@ pub async fn sign_in(
 /// Signs this browser out: the answer deletes the cookie.
 #[utoipa::path(delete, path = "/v1/session", tag = "service", operation_id = "signOut", responses((status = 204, description = "Signed out")))]
 pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
-    let cookie = signing_out(is_secure(&app, &headers));
+    let cookie = signing_out(&app, &headers);
     (StatusCode::NO_CONTENT, cookie_header(cookie)).into_response()
 }
 
@@ -42,12 +42,4 @@ fn cookie_header(value: Option<header::HeaderValue>) -> HeaderMap {
         .into_iter()
         .map(|value| (header::SET_COOKIE, value))
         .collect()
-}
-
-/// Whether the browser came by TLS: to this server, or to a proxy in front of it.
-fn is_secure(app: &App, headers: &HeaderMap) -> bool {
-    app.has_tls
-        || headers
-            .get(header::ORIGIN)
-            .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }

@@ -8,7 +8,8 @@
 //! [`SESSION_HEADER`] on every request that changes something (a page of another origin cannot send it without a preflight request, which is
 //! not granted), and `Sec-Fetch-Site` where the browser sends it.
 
-use crate::http::Error;
+use crate::http::headers::SEC_FETCH_SITE;
+use crate::http::{App, Error};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
 
 /// Name of the cookie.
@@ -16,7 +17,6 @@ pub const SESSION_COOKIE: &str = "kincal_session";
 /// Header that a request with the cookie needs if it changes something; any value.
 pub const SESSION_HEADER: HeaderName = HeaderName::from_static("x-kincal-session");
 
-const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 /// Cookies that are looked through in one request; a browser sends a handful.
 const MAX_COOKIES: usize = 64;
 
@@ -63,18 +63,26 @@ fn cookie(headers: &HeaderMap) -> Option<&str> {
 }
 
 /// The header that signs a browser in; `None` for a text that cannot be a cookie, which no key is.
-pub fn signing_in(key: &str, is_secure: bool) -> Option<HeaderValue> {
+pub fn signing_in(key: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
     let is_plain = key
         .bytes()
         .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
     is_plain
-        .then(|| HeaderValue::from_str(&with_attributes(key, "", is_secure)).ok())
+        .then(|| HeaderValue::from_str(&with_attributes(key, "", is_secure(app, headers))).ok())
         .flatten()
 }
 
 /// The header that signs a browser out.
-pub fn signing_out(is_secure: bool) -> Option<HeaderValue> {
-    HeaderValue::from_str(&with_attributes("", "; Max-Age=0", is_secure)).ok()
+pub fn signing_out(app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
+    HeaderValue::from_str(&with_attributes("", "; Max-Age=0", is_secure(app, headers))).ok()
+}
+
+/// Whether the browser came by TLS: to this server, or to a proxy in front of it.
+fn is_secure(app: &App, headers: &HeaderMap) -> bool {
+    app.has_tls
+        || headers
+            .get(header::ORIGIN)
+            .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }
 
 fn with_attributes(value: &str, more: &str, is_secure: bool) -> String {

@@ -1,9 +1,8 @@
 //! What an upload may be, and what its caller says about its columns.
 
 use crate::http::creation::Submission;
-use crate::http::{App, Error};
-use crate::store;
-use crate::store::named_documents::{self, NamedDocumentKind};
+use crate::http::{App, Error, named_documents};
+use crate::store::named_documents::NamedDocumentKind;
 use crate::wire::columns::ColumnsBody;
 use crate::wire::multipart::is_multipart;
 use crate::wire::{Invalid, json, workbook};
@@ -62,15 +61,14 @@ pub async fn stated_columns(
     if stated.starts_with('{') {
         return Ok(ColumnsBody::parse(stated.as_bytes())?);
     }
-    let kind = NamedDocumentKind::Columns;
-    match named_documents::newest(&app.store, robot_id, kind, stated).await {
+    match named_documents::newest(app, robot_id, NamedDocumentKind::Columns, stated).await {
         Ok(row) => Ok(json::parse(row.content_json.as_bytes())?),
-        Err(store::Error::NotFound) => {
+        Err(Error::NotFound(_)) => {
             let detail = format!(
                 "the robot has no mapping of columns called {stated:?}: keep it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"
             );
             Err(Invalid::at("/columns", "unknown_mapping", detail).into())
         }
-        Err(error) => Err(error.into()),
+        Err(error) => Err(error),
     }
 }
