@@ -62,7 +62,7 @@ impl Caller {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
     }
 
-    /// Whether the key may see this robot. If it may not, every id of the robot answers 404.
+    /// Whether the key may see this robot. Otherwise everything of the robot answers 404.
     pub fn may_see(&self, robot_id: &str) -> bool {
         self.robots
             .as_ref()

@@ -1,4 +1,4 @@
-//! What the columns of a robot's files mean: mappings that are kept under a name, and a look at a file before it is uploaded.
+//! Named mappings of columns, and the preview of a file before it is uploaded.
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
@@ -80,16 +80,10 @@ pub async fn preview(
     Ok(Json(app.compute(submission.caller.class, look).await?))
 }
 
-/// Robot and name in a path.
-struct Named {
-    robot_id: String,
-    name: String,
-}
-
-/// Checks both before the database is asked.
-fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error> {
+/// Checks the name of a mapping, without a query.
+fn check_name(name: &str) -> Result<(), Error> {
     let mut checker = Checker::default();
-    checker.text("/name", &name, MAX_NAME);
+    checker.text("/name", name, MAX_NAME);
     if name.starts_with('{') || name.trim() != name {
         checker.note(
             "/name",
@@ -97,8 +91,7 @@ fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error>
             "a name does not begin with { and has no space around it",
         );
     }
-    checker.finish("invalid_name")?;
-    Ok(Named { robot_id, name })
+    Ok(checker.finish("invalid_name")?)
 }
 
 /// A robot's mappings of columns, newest first.
@@ -113,7 +106,7 @@ pub async fn list(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
-    named_documents::page(&app, &caller, &robot_id, NamedDocumentKind::Columns, query).await
+    named_documents::list(&app, &caller, &robot_id, NamedDocumentKind::Columns, query).await
 }
 
 /// A mapping of columns by its name.
@@ -125,10 +118,10 @@ pub async fn list(
 pub async fn get(
     State(app): State<App>,
     caller: Caller,
-    path: Path<(String, String)>,
+    Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ColumnMappingAnswer>, Error> {
-    let Named { robot_id, name } = named(path)?;
-    named_documents::one(&app, &caller, &robot_id, NamedDocumentKind::Columns, &name).await
+    check_name(&name)?;
+    named_documents::get(&app, &caller, &robot_id, NamedDocumentKind::Columns, &name).await
 }
 
 /// Keeps a mapping of columns under a name, in place of an earlier one of that name. Sets that were uploaded with the earlier one stay as they are.
@@ -140,15 +133,15 @@ pub async fn get(
 )]
 pub async fn put(
     State(app): State<App>,
-    path: Path<(String, String)>,
+    Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let Named { robot_id, name } = named(path)?;
+    check_name(&name)?;
     access::robot(&app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
     let named = (robot_id.as_str(), NamedDocumentKind::Columns, name.as_str());
-    named_documents::keep::<_, ColumnMappingAnswer>(&app, named, submission, columns).await
+    named_documents::put::<_, ColumnMappingAnswer>(&app, named, submission, columns).await
 }
 
 impl TryFrom<&NamedDocumentRow> for ColumnMappingAnswer {

@@ -116,7 +116,7 @@ impl Submission {
     /// The body as JSON of this shape.
     ///
     /// # Errors
-    /// 415, 400 or 422.
+    /// [`Error::UnsupportedMediaType`], [`Error::Syntax`], [`Error::Invalid`], [`Error::TooLarge`].
     pub fn json<T: DeserializeOwned>(&self) -> Result<T, Error> {
         if self.media_type != "application/json" {
             return Err(self.unsupported("application/json"));
@@ -127,7 +127,7 @@ impl Submission {
     /// The reason in the body.
     ///
     /// # Errors
-    /// Those of [`Self::json`]; 422 for a reason without a letter or a digit.
+    /// Those of [`Self::json`]; [`Error::Invalid`] for a reason without a letter or a digit.
     pub fn reason(&self) -> Result<String, Error> {
         let body: ReasonBody = self.json()?;
         body.check()?;
@@ -152,8 +152,8 @@ impl Submission {
         }
     }
 
-    /// Gives the first answer if this request failed because it was done meanwhile: a client may retry while the first request still runs, and then
-    /// checks find what the first request has changed.
+    /// The first answer in place of an error, if this request was done meanwhile. A client may retry while the first request still runs; the checks
+    /// of the retry then see what the first request has changed.
     ///
     /// # Errors
     /// That of `result`.

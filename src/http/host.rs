@@ -1,6 +1,6 @@
 //! Checks `Host`, and with `--no-auth` also `Origin`. Any page in a browser on the same machine can reach a server without keys, by DNS
-//! rebinding or a cross-site request. A server with keys does not need the check of the origin: no browser sends a key
-//! by itself, and `session_cookie` checks requests with a session.
+//! rebinding or a cross-site request. A server with keys needs no check of the origin: no browser sends a key by itself, and `session_cookie`
+//! checks requests with a session.
 
 use crate::http::extract::media_type;
 use crate::http::headers::{IDEMPOTENCY_KEY, SEC_FETCH_SITE};

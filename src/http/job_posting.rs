@@ -89,7 +89,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-/// Chooses the newest residual network that was trained on no point that this job fits or verifies; the training of its predecessors counts too.
+/// Chooses the newest residual network that was trained on no point that this job fits or verifies. The points of its predecessors count as well.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
@@ -147,7 +147,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         }
     };
     let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
-    // The newest with the same parameters. If there is none, `auto` uses no network; if the request needs one, the check refuses the newest.
+    // The newest network with the same parameters. Without one, `auto` uses none. A request that needs one gets the newest, which the check refuses.
     let fitting = networks
         .iter()
         .position(|(_, network)| calibration::network_fits(&calibration_request, network));

@@ -172,7 +172,7 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// Refusal of a convention beside JSON, whose poses have quaternions.
+/// Refuses a rotation convention for JSON, whose poses have quaternions.
 fn rotation_of_json() -> Invalid {
     let detail =
         "points in JSON have a quaternion [w, x, y, z] and need no convention: leave rotation out";

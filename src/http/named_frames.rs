@@ -1,4 +1,4 @@
-//! Work frames and tools of a robot, kept under a name.
+//! Work frames and tools of a robot, each under a name.
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
@@ -29,7 +29,7 @@ pub async fn list_work_frames(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    named_documents::page(
+    named_documents::list(
         &app,
         &caller,
         &robot_id,
@@ -50,7 +50,7 @@ pub async fn get_work_frame(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<WorkFrameAnswer>, Error> {
-    named_documents::one(
+    named_documents::get(
         &app,
         &caller,
         &robot_id,
@@ -72,7 +72,7 @@ pub async fn put_work_frame(
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: WorkFrameBody = begin(&app, &robot_id, &name, &submission).await?;
+    let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.work_frame()?;
     if let Some(id) = &body.measurement_set_id {
         let set = measurement_sets::get(&app.store, id).await;
@@ -85,7 +85,7 @@ pub async fn put_work_frame(
         NamedDocumentKind::WorkFrame,
         name.as_str(),
     );
-    named_documents::keep::<_, WorkFrameAnswer>(&app, named, submission, body).await
+    named_documents::put::<_, WorkFrameAnswer>(&app, named, submission, body).await
 }
 
 /// A robot's tools, newest first.
@@ -100,7 +100,7 @@ pub async fn list_tools(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ToolAnswer>>, Error> {
-    named_documents::page(&app, &caller, &robot_id, NamedDocumentKind::Tool, query).await
+    named_documents::list(&app, &caller, &robot_id, NamedDocumentKind::Tool, query).await
 }
 
 /// A tool by its name.
@@ -114,7 +114,7 @@ pub async fn get_tool(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ToolAnswer>, Error> {
-    named_documents::one(&app, &caller, &robot_id, NamedDocumentKind::Tool, &name).await
+    named_documents::get(&app, &caller, &robot_id, NamedDocumentKind::Tool, &name).await
 }
 
 /// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
@@ -129,14 +129,14 @@ pub async fn put_tool(
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: ToolBody = begin(&app, &robot_id, &name, &submission).await?;
+    let body: ToolBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.check()?;
     let named = (robot_id.as_str(), NamedDocumentKind::Tool, name.as_str());
-    named_documents::keep::<_, ToolAnswer>(&app, named, submission, body).await
+    named_documents::put::<_, ToolAnswer>(&app, named, submission, body).await
 }
 
-/// The body of a request that puts a work frame or tool of this name, if the caller may see the robot.
-async fn begin<B: DeserializeOwned>(
+/// The body of a request that stores a work frame or a tool. Checks the name and the robot first.
+async fn checked_body<B: DeserializeOwned>(
     app: &App,
     robot_id: &str,
     name: &str,
@@ -147,13 +147,13 @@ async fn begin<B: DeserializeOwned>(
     submission.json()
 }
 
-/// The work frame that is in force under a name.
+/// The newest work frame of this name.
 pub async fn work_frame(app: &App, robot_id: &str, name: &str) -> Result<WorkFrameBody, Error> {
     let row = named_documents::newest(app, robot_id, NamedDocumentKind::WorkFrame, name).await?;
     Ok(serde_json::from_str(&row.content_json)?)
 }
 
-/// The tool that is in force under a name.
+/// The newest tool of this name.
 pub async fn tool(app: &App, robot_id: &str, name: &str) -> Result<ToolBody, Error> {
     let row = named_documents::newest(app, robot_id, NamedDocumentKind::Tool, name).await?;
     Ok(serde_json::from_str(&row.content_json)?)

@@ -1,4 +1,4 @@
-//! Every robot with what it needs.
+//! The overview: each robot with what it needs.
 
 use crate::http::auth::Caller;
 use crate::http::extract::Query;
@@ -17,7 +17,7 @@ use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
 
-/// Fewer sessions than this are no trend, so none is computed.
+/// Fewest sessions for which a trend is computed.
 const MIN_SESSIONS: i64 = 3;
 
 /// Every robot with what it needs most and why: for whoever looks after hundreds of them. Newest robots first; the need is for sorting.

@@ -94,7 +94,7 @@ pub async fn active(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Canonical JSON (RFC 8785)", body = ParameterSetContent))
 )]
-pub async fn covered(
+pub async fn get_content(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -114,7 +114,7 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
     Ok(serde_json::from_str(&row.body_json)?)
 }
 
-/// Where a set comes from, and the warnings of its report that its users should see.
+/// The provenance of a parameter set, with the warnings of its report that its users should see.
 pub async fn provenance(
     app: &App,
     permit: &ComputePermit,
@@ -126,8 +126,8 @@ pub async fn provenance(
     Ok(release::provenance(summary, Some(measured.frame)))
 }
 
-/// The estimate behind a parameter set, where one is kept and its targets are those of the set. One is kept where its uncertainty is known, also
-/// where that is too large to be stated for the whole workspace.
+/// The estimate that is stored with a parameter set. `None` if there is none, because its uncertainty is not known, or if the estimate has several
+/// targets for one of the set, because that target moved.
 pub async fn estimate(
     app: &App,
     permit: &ComputePermit,
@@ -141,7 +141,6 @@ pub async fn estimate(
     let read = move || {
         let found = estimate_of(Some(&text), &robot)
             .map_err(|_| Error::Internal("a stored estimate cannot be read".into()))?;
-        // a target that moved is several targets of the estimate
         let is_one_each = content
             .targets
             .iter()

@@ -19,7 +19,7 @@ use axum::response::Response;
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
 )]
-pub async fn gates_now(
+pub async fn gates(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,

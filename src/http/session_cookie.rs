@@ -1,12 +1,12 @@
 //! The cookie of a signed-in browser, so that links and new tabs stay signed in.
 //!
-//! Its value is the key itself. A value that the server could check without the key would have to be derived from what the database stores,
-//! and then a copy of the database would be enough to make one; so far it is not. The cookie is `HttpOnly`, so no script reads it, which the
-//! tab's storage could not promise; it goes to `/v1` only, and it ends with the browser, with sign-out, or with the revocation of the key.
+//! Its value is the key itself. The server could check another value only if it followed from what the database stores; then anybody with a copy
+//! of the database could make one. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. It ends with the browser, with sign-out,
+//! or with the revocation of the key.
 //!
-//! Browsers send cookies by themselves, so a page of another origin could use one. Against that: `SameSite=Strict`, the header
-//! [`SESSION_HEADER`] on every request that changes something (a page of another origin cannot send it without a preflight request, which is
-//! not granted), and `Sec-Fetch-Site` where the browser sends it.
+//! Browsers send cookies by themselves, so a page of another origin could use one. Three things prevent this: `SameSite=Strict`; the header
+//! [`SESSION_HEADER`] on every request that changes something, which a page of another origin cannot send without a preflight request, and none is
+//! granted; and `Sec-Fetch-Site`, where the browser sends it.
 
 use crate::http::headers::SEC_FETCH_SITE;
 use crate::http::{App, Error};
@@ -17,7 +17,7 @@ pub const SESSION_COOKIE: &str = "kincal_session";
 /// Header that a request with the cookie needs if it changes something; any value.
 pub const SESSION_HEADER: HeaderName = HeaderName::from_static("x-kincal-session");
 
-/// Cookies that are looked through in one request; a browser sends a handful.
+/// Most cookies that are read of one request; a browser sends a handful.
 const MAX_COOKIES: usize = 64;
 
 /// The key in the request's cookie; `None` without one.

@@ -1,4 +1,4 @@
-//! Checks whether an upload can have been measured on its robot. If it does not fit and the cause is clear, it is refused; otherwise it gets a
+//! Checks whether an upload can have been measured on its robot. An upload that does not fit is refused if the cause is clear, else it gets a
 //! warning.
 
 use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
@@ -12,7 +12,7 @@ use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::{Invalid, Issue};
 
-/// Most other robots for which the upload is tried.
+/// Most other robots with which the upload is compared.
 const MAX_OTHERS: u32 = 50;
 
 /// A measurement set that does not fit the nominal robot.
@@ -34,10 +34,10 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
     })
 }
 
-/// Checks whether the rotations of poses fit the robot as they were read. The warning if the caller insists on them.
+/// Checks whether the rotations of poses fit the robot. Returns a warning if they do not and the caller insists on them.
 ///
 /// # Errors
-/// The reading that fits, if there is one and the caller does not insist.
+/// [`Error::Invalid`] with the convention that fits, if they do not and the caller does not insist.
 pub fn check_rotations(
     robot: &Robot,
     set: &MeasurementSet,
@@ -66,10 +66,10 @@ pub fn check_rotations(
     .into())
 }
 
-/// Searches for the cause.
+/// Searches for the cause of a misfit.
 ///
 /// # Errors
-/// The cause, if it is clear and the caller did not insist on it.
+/// [`Error::Invalid`] with the cause, if it is clear and the caller does not insist.
 pub async fn diagnose(
     app: &App,
     caller: &Caller,

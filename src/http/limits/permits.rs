@@ -28,7 +28,8 @@ pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Concurrent reads. A read takes 0.1 ms of one of two cores, so the last one waits some 15 ms.
 const MAX_READS: usize = 256;
-/// Concurrent requests that compute or read a whole document, and store nothing. Other reads and writes have permits of their own, so that these requests cannot block them.
+/// Concurrent requests that compute or read a whole document, and store nothing. Other reads and writes have permits of their own, so that these
+/// requests cannot block them.
 const MAX_CALCULATIONS: usize = 64;
 /// Concurrent writes. SQLite has one writer, so a withdrawal may wait for this many writes.
 const MAX_WRITES: usize = 64;
@@ -46,14 +47,15 @@ const SMALL_BODIES_KIB: usize = 64 * 1024;
 pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
 /// Memory of a large body, as a multiple of its size: parsing it takes more than the bytes.
 const LARGE_BODY_FACTOR: usize = 2;
-/// Memory of all large answers that are not sent yet. It is separate from that of bodies, so that clients that do not read their answers cannot block writes. A report of 100,000 points has 45 MiB.
+/// Memory of all large answers that are not sent yet. It is separate from that of bodies, so that clients that do not read their answers cannot
+/// block writes. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: usize = 64 * 1024;
 /// Computations for requests that store nothing, and whole documents (reports, uploads, weights) that are read from the database. Reading a document
 /// takes several times its size in memory.
 const MAX_COMPUTING_READS: usize = 2;
 /// Computations for writes. They are separate from those for reads. Otherwise an upload would wait for dozens of pose plans.
 const MAX_COMPUTING_WRITES: usize = 8;
-/// Longest wait for a permit, where requests wait; then the request is refused, and clients retry.
+/// Longest wait for a permit. Then the request is refused, and the client retries.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Attempts with unknown keys per address before the answer is 429 instead of 401: burst, and rate per second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
@@ -158,9 +160,10 @@ impl Limits {
         take(&self.0.waiting, 1)
     }
 
-    /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Take it before reading large inputs, so that waiting requests
-    /// hold none in memory, and before any row if a document is the answer: then few connections read documents, and only these keep memory for them
-    /// (40 clients took the process to 340 MiB instead of 470). A request of [`RequestClass::Safety`] takes its only permit here.
+    /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Take it before reading large
+    /// inputs, so that waiting requests hold none in memory. Take it before any row if a document is the answer: then few connections read documents,
+    /// and only these keep memory for them (40 clients took the process to 340 MiB instead of 470). A request of [`RequestClass::Safety`] takes its
+    /// only permit here.
     ///
     /// # Errors
     /// [`Error::Busy`].
