@@ -2,9 +2,9 @@
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
-use crate::http::extract::Id;
-use crate::http::extract::Query;
+use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
+use crate::http::named_documents::DocumentAnswer;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::{App, Error, access, named_documents};
 use crate::operations::preview_table;
@@ -106,7 +106,7 @@ pub async fn list(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, NamedDocumentKind::Columns, query).await
+    named_documents::list(&app, &caller, &robot_id, query).await
 }
 
 /// A mapping of columns by its name.
@@ -121,7 +121,7 @@ pub async fn get(
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ColumnMappingAnswer>, Error> {
     check_name(&name)?;
-    named_documents::get(&app, &caller, &robot_id, NamedDocumentKind::Columns, &name).await
+    named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
 /// Keeps a mapping of columns under a name, in place of an earlier one of that name. Sets that were uploaded with the earlier one stay as they are.
@@ -140,8 +140,11 @@ pub async fn put(
     access::robot(&app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
-    let named = (robot_id.as_str(), NamedDocumentKind::Columns, name.as_str());
-    named_documents::put::<_, ColumnMappingAnswer>(&app, named, submission, columns).await
+    named_documents::put::<ColumnMappingAnswer>(&app, &robot_id, &name, &submission, columns).await
+}
+
+impl DocumentAnswer for ColumnMappingAnswer {
+    const KIND: NamedDocumentKind = NamedDocumentKind::Columns;
 }
 
 impl TryFrom<&NamedDocumentRow> for ColumnMappingAnswer {

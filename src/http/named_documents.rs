@@ -11,53 +11,48 @@ use axum::Json;
 use axum::response::Response;
 use serde::Serialize;
 
+/// The answer for documents of one kind.
+pub trait DocumentAnswer: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize {
+    /// The kind.
+    const KIND: NamedDocumentKind;
+}
+
 /// One page of a robot's documents of a kind.
-pub async fn list<A>(
+pub async fn list<A: DocumentAnswer>(
     app: &App,
     caller: &Caller,
     robot_id: &str,
-    kind: NamedDocumentKind,
     query: NewestListQuery,
-) -> Result<Json<Page<A>>, Error>
-where
-    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error>,
-{
+) -> Result<Json<Page<A>>, Error> {
     access::robot(app, caller, robot_id).await?;
-    let found = named_documents::list(&app.store, robot_id, kind, &query.request()?).await?;
+    let found = named_documents::list(&app.store, robot_id, A::KIND, &query.request()?).await?;
     let convert = |row| A::try_from(&row);
     Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
 /// The newest version of a document.
-pub async fn get<A>(
+pub async fn get<A: DocumentAnswer>(
     app: &App,
     caller: &Caller,
     robot_id: &str,
-    kind: NamedDocumentKind,
     name: &str,
-) -> Result<Json<A>, Error>
-where
-    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error>,
-{
+) -> Result<Json<A>, Error> {
     access::robot(app, caller, robot_id).await?;
-    let row = newest(app, robot_id, kind, name).await?;
+    let row = newest(app, robot_id, A::KIND, name).await?;
     Ok(Json(A::try_from(&row)?))
 }
 
 /// Stores the checked body of a request as the new version of a document.
-pub async fn put<B, A>(
+pub async fn put<A: DocumentAnswer>(
     app: &App,
-    (robot_id, kind, name): (&str, NamedDocumentKind, &str),
-    submission: Submission,
-    body: B,
-) -> Result<Response, Error>
-where
-    B: Serialize,
-    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize,
-{
+    robot_id: &str,
+    name: &str,
+    submission: &Submission,
+    body: impl Serialize,
+) -> Result<Response, Error> {
     let new = NewNamedDocument {
         robot_id,
-        kind,
+        kind: A::KIND,
         name,
         content_json: &serde_json::to_string(&body)?,
         by: &submission.caller.holder,

@@ -4,6 +4,7 @@ use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
+use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
 use crate::store::{NamedDocumentRow, measurement_sets};
@@ -29,14 +30,7 @@ pub async fn list_work_frames(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    named_documents::list(
-        &app,
-        &caller,
-        &robot_id,
-        NamedDocumentKind::WorkFrame,
-        query,
-    )
-    .await
+    named_documents::list(&app, &caller, &robot_id, query).await
 }
 
 /// A work frame by its name.
@@ -50,14 +44,7 @@ pub async fn get_work_frame(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<WorkFrameAnswer>, Error> {
-    named_documents::get(
-        &app,
-        &caller,
-        &robot_id,
-        NamedDocumentKind::WorkFrame,
-        &name,
-    )
-    .await
+    named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
 /// Keeps a work frame under a name, in place of an earlier one of that name: typed, or fitted to three or more measured points.
@@ -80,12 +67,7 @@ pub async fn put_work_frame(
             return Err(Error::NotFound("measurement set of this robot"));
         }
     }
-    let named = (
-        robot_id.as_str(),
-        NamedDocumentKind::WorkFrame,
-        name.as_str(),
-    );
-    named_documents::put::<_, WorkFrameAnswer>(&app, named, submission, body).await
+    named_documents::put::<WorkFrameAnswer>(&app, &robot_id, &name, &submission, body).await
 }
 
 /// A robot's tools, newest first.
@@ -100,7 +82,7 @@ pub async fn list_tools(
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ToolAnswer>>, Error> {
-    named_documents::list(&app, &caller, &robot_id, NamedDocumentKind::Tool, query).await
+    named_documents::list(&app, &caller, &robot_id, query).await
 }
 
 /// A tool by its name.
@@ -114,7 +96,7 @@ pub async fn get_tool(
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ToolAnswer>, Error> {
-    named_documents::get(&app, &caller, &robot_id, NamedDocumentKind::Tool, &name).await
+    named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
 /// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
@@ -131,8 +113,7 @@ pub async fn put_tool(
 ) -> Result<Response, Error> {
     let body: ToolBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.check()?;
-    let named = (robot_id.as_str(), NamedDocumentKind::Tool, name.as_str());
-    named_documents::put::<_, ToolAnswer>(&app, named, submission, body).await
+    named_documents::put::<ToolAnswer>(&app, &robot_id, &name, &submission, body).await
 }
 
 /// The body of a request that stores a work frame or a tool. Checks the name and the robot first.
@@ -159,6 +140,10 @@ pub async fn tool(app: &App, robot_id: &str, name: &str) -> Result<ToolBody, Err
     Ok(serde_json::from_str(&row.content_json)?)
 }
 
+impl DocumentAnswer for WorkFrameAnswer {
+    const KIND: NamedDocumentKind = NamedDocumentKind::WorkFrame;
+}
+
 impl TryFrom<&NamedDocumentRow> for WorkFrameAnswer {
     type Error = Error;
 
@@ -166,6 +151,10 @@ impl TryFrom<&NamedDocumentRow> for WorkFrameAnswer {
         let body: WorkFrameBody = serde_json::from_str(&row.content_json)?;
         Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms))?)
     }
+}
+
+impl DocumentAnswer for ToolAnswer {
+    const KIND: NamedDocumentKind = NamedDocumentKind::Tool;
 }
 
 impl TryFrom<&NamedDocumentRow> for ToolAnswer {
