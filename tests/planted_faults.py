@@ -255,7 +255,7 @@ FAULTS = [
     Fault("a data directory for everybody", "faults", "owners_alone", [
         (".mode(PRIVATE_DIR)", "")]),
     Fault("no scope check", "service", "each_route_takes_its_scope", [
-        ("if caller.has(route.scope) => Ok", "if caller.has(route.scope) || true => Ok")]),
+        ("if caller.has(scope) => Ok", "if caller.has(scope) || true => Ok")]),
     Fault("other robots' things are seen", "service", "every_role_on_every_route", [
         ("if caller.may_see(robot_id) { Ok", "if true || caller.may_see(robot_id) { Ok")]),
     Fault("what is refused unread is not heard", "load", "still_sending", [

@@ -3,10 +3,12 @@
 use crate::config::LimitsConfig;
 use crate::http::app::shutdown_begun;
 use crate::http::counters::Metrics;
-use crate::http::limits::{Limits, RequestClass};
+use crate::http::limits::Limits;
 use crate::http::lingering::Lingering;
 use crate::http::peer::Peer;
+use crate::http::route::class_of;
 use crate::http::router::router;
+use crate::http::routes::ROUTES;
 use crate::http::tls::Tls;
 use crate::http::unreadable::{self, WithProblems};
 use crate::http::{App, layers};
@@ -80,7 +82,7 @@ impl ConnectionContext {
     /// Answers one request. Without a free permit the request is refused before routing.
     async fn answer(self, request: Request) -> Response {
         let common = self.headers();
-        let class = RequestClass::new(request.method(), request.uri().path());
+        let class = class_of(ROUTES, request.method(), request.uri().path());
         let is_limited = !layers::is_unlimited(request.uri());
         let permit = is_limited.then(|| self.limits.admit(class)).transpose();
         let mut answer = match permit {

@@ -13,7 +13,8 @@ use crate::wire::{id, json};
 
 /// The robot, if it exists and this key may see it.
 pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
-    visible_robot(caller, id)?;
+    plausible(id, "robot")?;
+    visible(caller, id, "robot")?;
     robots::get(&app.store, id)
         .await
         .map_err(|error| absent(error, "robot"))
@@ -53,12 +54,6 @@ pub async fn robot_of_set(
     Ok(robot_body(&then)?.with_limits_of(&now))
 }
 
-/// Fails with 404 if this key may not see that robot. Does not check that the robot exists.
-pub fn visible_robot(caller: &Caller, id: &str) -> Result<(), Error> {
-    plausible(id, "robot")?;
-    visible(caller, id, "robot")
-}
-
 /// The document of a stored robot.
 pub fn robot_body(row: &RobotRow) -> Result<RobotBody, Error> {
     json::parse(row.body_json.as_bytes())
@@ -71,51 +66,45 @@ pub async fn measurement_set(
     caller: &Caller,
     id: &str,
 ) -> Result<MeasurementSetRow, Error> {
-    plausible(id, "measurement set")?;
-    let row = measurement_sets::get(&app.store, id)
-        .await
-        .map_err(|error| absent(error, "measurement set"))?;
-    visible(caller, &row.robot_id, "measurement set")?;
-    Ok(row)
+    let row = measurement_sets::get(&app.store, id);
+    visible_row(caller, id, "measurement set", row, |row| &row.robot_id).await
 }
 
 /// The frames, if this key may see them.
 pub async fn frames(app: &App, caller: &Caller, id: &str) -> Result<FramesRow, Error> {
-    plausible(id, "frames")?;
-    let row = frames::get(&app.store, id)
-        .await
-        .map_err(|error| absent(error, "frames"))?;
-    visible(caller, &row.robot_id, "frames")?;
-    Ok(row)
+    let row = frames::get(&app.store, id);
+    visible_row(caller, id, "frames", row, |row| &row.robot_id).await
 }
 
 /// The job, if this key may see it.
 pub async fn job(app: &App, caller: &Caller, id: &str) -> Result<JobRow, Error> {
-    plausible(id, "job")?;
-    let row = jobs::get(&app.store, id)
-        .await
-        .map_err(|error| absent(error, "job"))?;
-    visible(caller, &row.robot_id, "job")?;
-    Ok(row)
+    let row = jobs::get(&app.store, id);
+    visible_row(caller, id, "job", row, |row| &row.robot_id).await
 }
 
 /// The parameter set, if this key may see it.
 pub async fn parameter_set(app: &App, caller: &Caller, id: &str) -> Result<ParameterSetRow, Error> {
-    plausible(id, "parameter set")?;
-    let row = parameter_sets::get(&app.store, id)
-        .await
-        .map_err(|error| absent(error, "parameter set"))?;
-    visible(caller, &row.robot_id, "parameter set")?;
-    Ok(row)
+    let row = parameter_sets::get(&app.store, id);
+    visible_row(caller, id, "parameter set", row, |row| &row.robot_id).await
 }
 
 /// The network, if this key may see it.
 pub async fn network(app: &App, caller: &Caller, id: &str) -> Result<NetworkRow, Error> {
-    plausible(id, "network")?;
-    let row = networks::get(&app.store, id)
-        .await
-        .map_err(|error| absent(error, "network"))?;
-    visible(caller, &row.robot_id, "network")?;
+    let row = networks::get(&app.store, id);
+    visible_row(caller, id, "network", row, |row| &row.robot_id).await
+}
+
+/// The row, if this key may see its robot. The query runs only for a text that can be an id.
+async fn visible_row<R>(
+    caller: &Caller,
+    id: &str,
+    what: &'static str,
+    query: impl Future<Output = store::Result<R>>,
+    robot_id: fn(&R) -> &str,
+) -> Result<R, Error> {
+    plausible(id, what)?;
+    let row = query.await.map_err(|error| absent(error, what))?;
+    visible(caller, robot_id(&row), what)?;
     Ok(row)
 }
 

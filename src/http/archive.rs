@@ -15,355 +15,217 @@ use crate::wire::robot::RobotAnswer;
 use axum::extract::State;
 use axum::response::Response;
 use serde::Serialize;
-use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Routes of the archive.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(archive_robot))
-        .routes(routes!(restore_robot))
-        .routes(routes!(archive_measurement_set))
-        .routes(routes!(restore_measurement_set))
-        .routes(routes!(archive_job))
-        .routes(routes!(restore_job))
-        .routes(routes!(archive_parameter_set))
-        .routes(routes!(restore_parameter_set))
-        .routes(routes!(archive_network))
-        .routes(routes!(restore_network))
+/// What a request does to an item.
+#[derive(Clone, Copy)]
+enum Change {
+    Archive,
+    Restore,
 }
 
-/// A stored item that can be archived.
-trait Item: Sized {
-    const KIND: Archivable;
-    type Answer: Serialize;
-
-    fn id(&self) -> &str;
-    fn robot_id(&self) -> &str;
-    fn archived_at_ms(&mut self) -> &mut Option<i64>;
-    fn answer(self) -> Result<Self::Answer, Error>;
-
-    /// Refuses what must stay in lists.
-    fn check(&self) -> Result<(), Error> {
-        Ok(())
-    }
+/// An item that can be archived.
+struct Item<'r> {
+    kind: Archivable,
+    id: &'r str,
+    robot_id: &'r str,
+    /// Why it stays in lists, if it does.
+    not_archivable: Option<String>,
 }
 
-fn refused(detail: String) -> Error {
-    Error::Conflict {
-        code: "not_archivable",
-        detail,
-        errors: vec![],
-    }
-}
-
-async fn put_away<T: Item + Clone>(
+/// Archives or restores an item. `answer` makes the answer; its argument is when the item was archived, or `None`.
+async fn change_item<A: Serialize>(
     app: &App,
     submission: &Submission,
-    item: T,
+    change: Change,
+    item: Item<'_>,
+    answer: impl Fn(Option<i64>) -> Result<A, Error>,
 ) -> Result<Response, Error> {
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
-    item.check()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
-        let mut item = item.clone();
-        let at_ms = archive::archive(tx, T::KIND, item.id(), item.robot_id(), by).await?;
-        *item.archived_at_ms() = Some(at_ms);
-        stored_json(200, None, &item.answer()?)
+        let archived_at_ms = match (change, item.not_archivable) {
+            (Change::Archive, Some(detail)) => {
+                return Err(Error::Conflict {
+                    code: "not_archivable",
+                    detail,
+                    errors: vec![],
+                });
+            }
+            (Change::Archive, None) => {
+                Some(archive::archive(tx, item.kind, item.id, item.robot_id, by).await?)
+            }
+            (Change::Restore, _) => {
+                archive::restore(tx, item.kind, item.id, item.robot_id).await?;
+                None
+            }
+        };
+        stored_json(200, None, &answer(archived_at_ms)?)
     };
     submission.create(&app.store, effect).await
 }
 
-async fn take_back<T: Item + Clone>(
+async fn robot(
     app: &App,
+    id: &str,
     submission: &Submission,
-    item: T,
+    change: Change,
 ) -> Result<Response, Error> {
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
-    let effect = async |tx: &mut Tx| {
-        let mut item = item.clone();
-        archive::restore(tx, T::KIND, item.id(), item.robot_id()).await?;
-        *item.archived_at_ms() = None;
-        stored_json(200, None, &item.answer()?)
+    let row = access::robot(app, &submission.caller, id).await?;
+    let item = Item {
+        kind: Archivable::Robot,
+        id: &row.id,
+        robot_id: &row.id,
+        not_archivable: None,
     };
-    submission.create(&app.store, effect).await
+    let answer = |archived_at_ms| {
+        RobotAnswer::try_from(&RobotRow {
+            archived_at_ms,
+            ..row.clone()
+        })
+    };
+    change_item(app, submission, change, item, answer).await
 }
 
-impl Item for RobotRow {
-    const KIND: Archivable = Archivable::Robot;
-    type Answer = RobotAnswer;
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn robot_id(&self) -> &str {
-        &self.id
-    }
-
-    fn archived_at_ms(&mut self) -> &mut Option<i64> {
-        &mut self.archived_at_ms
-    }
-
-    fn answer(self) -> Result<Self::Answer, Error> {
-        RobotAnswer::try_from(&self)
-    }
+async fn measurement_set(
+    app: &App,
+    id: &str,
+    submission: &Submission,
+    change: Change,
+) -> Result<Response, Error> {
+    let row = access::measurement_set(app, &submission.caller, id).await?;
+    let item = Item {
+        kind: Archivable::MeasurementSet,
+        id: &row.id,
+        robot_id: &row.robot_id,
+        not_archivable: None,
+    };
+    let answer = |archived_at_ms| {
+        SetSummary::try_from(&MeasurementSetRow {
+            archived_at_ms,
+            ..row.clone()
+        })
+    };
+    change_item(app, submission, change, item, answer).await
 }
 
-impl Item for MeasurementSetRow {
-    const KIND: Archivable = Archivable::MeasurementSet;
-    type Answer = SetSummary;
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn robot_id(&self) -> &str {
-        &self.robot_id
-    }
-
-    fn archived_at_ms(&mut self) -> &mut Option<i64> {
-        &mut self.archived_at_ms
-    }
-
-    fn answer(self) -> Result<Self::Answer, Error> {
-        SetSummary::try_from(&self)
-    }
-}
-
-impl Item for JobRow {
-    const KIND: Archivable = Archivable::Job;
-    type Answer = JobAnswer;
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn robot_id(&self) -> &str {
-        &self.robot_id
-    }
-
-    fn archived_at_ms(&mut self) -> &mut Option<i64> {
-        &mut self.archived_at_ms
-    }
-
-    fn answer(self) -> Result<Self::Answer, Error> {
-        JobAnswer::try_from(&self)
-    }
-
-    fn check(&self) -> Result<(), Error> {
-        if self.status.is_over() {
-            return Ok(());
-        }
-        Err(refused(format!(
+async fn job(
+    app: &App,
+    id: &str,
+    submission: &Submission,
+    change: Change,
+) -> Result<Response, Error> {
+    let row = access::job(app, &submission.caller, id).await?;
+    let not_archivable = (!row.status.is_over()).then(|| {
+        format!(
             "the job is {}: wait until it is over, or cancel it with POST /v1/jobs/{}/cancel",
-            self.status.as_str(),
-            self.id
-        )))
-    }
+            row.status.as_str(),
+            row.id
+        )
+    });
+    let item = Item {
+        kind: Archivable::Job,
+        id: &row.id,
+        robot_id: &row.robot_id,
+        not_archivable,
+    };
+    let answer = |archived_at_ms| {
+        JobAnswer::try_from(&JobRow {
+            archived_at_ms,
+            ..row.clone()
+        })
+    };
+    change_item(app, submission, change, item, answer).await
 }
 
-impl Item for ParameterSetRow {
-    const KIND: Archivable = Archivable::ParameterSet;
-    type Answer = ParameterSetAnswer;
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn robot_id(&self) -> &str {
-        &self.robot_id
-    }
-
-    fn archived_at_ms(&mut self) -> &mut Option<i64> {
-        &mut self.archived_at_ms
-    }
-
-    fn answer(self) -> Result<Self::Answer, Error> {
-        ParameterSetAnswer::try_from(self)
-    }
-
-    fn check(&self) -> Result<(), Error> {
-        if self.status == ParameterSetStatus::Candidate || self.archived_at_ms.is_some() {
-            return Ok(());
-        }
-        Err(refused(format!(
+async fn parameter_set(
+    app: &App,
+    id: &str,
+    submission: &Submission,
+    change: Change,
+) -> Result<Response, Error> {
+    let row = access::parameter_set(app, &submission.caller, id).await?;
+    let was_released = row.status != ParameterSetStatus::Candidate && row.archived_at_ms.is_none();
+    let not_archivable = was_released.then(|| {
+        format!(
             "the parameter set is {}; only candidates are archived, because the history of what was released stays",
-            self.status.as_str()
-        )))
-    }
+            row.status.as_str()
+        )
+    });
+    let item = Item {
+        kind: Archivable::ParameterSet,
+        id: &row.id,
+        robot_id: &row.robot_id,
+        not_archivable,
+    };
+    let answer = |archived_at_ms| {
+        ParameterSetAnswer::try_from(ParameterSetRow {
+            archived_at_ms,
+            ..row.clone()
+        })
+    };
+    change_item(app, submission, change, item, answer).await
 }
 
-impl Item for NetworkRow {
-    const KIND: Archivable = Archivable::Network;
-    type Answer = NetworkAnswer;
-
-    fn id(&self) -> &str {
-        &self.id
-    }
-
-    fn robot_id(&self) -> &str {
-        &self.robot_id
-    }
-
-    fn archived_at_ms(&mut self) -> &mut Option<i64> {
-        &mut self.archived_at_ms
-    }
-
-    fn answer(self) -> Result<Self::Answer, Error> {
-        NetworkAnswer::try_from(self)
-    }
-}
-
-/// Archives a robot: it is left out of lists and takes no uploads, jobs, edits and releases. Withdrawing and rolling back stay possible.
-#[utoipa::path(
-    post, path = "/v1/robots/{robot_id}/archive", tag = "robots", operation_id = "archiveRobot",
-    params(("robot_id" = String, Path, description = "The robot")),
-    responses((status = 200, description = "The robot", body = RobotAnswer))
-)]
-async fn archive_robot(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
+async fn network(
+    app: &App,
+    id: &str,
+    submission: &Submission,
+    change: Change,
 ) -> Result<Response, Error> {
-    let item = access::robot(&app, &submission.caller, &id).await?;
-    put_away(&app, &submission, item).await
+    let row = access::network(app, &submission.caller, id).await?;
+    let item = Item {
+        kind: Archivable::Network,
+        id: &row.id,
+        robot_id: &row.robot_id,
+        not_archivable: None,
+    };
+    let answer = |archived_at_ms| {
+        NetworkAnswer::try_from(NetworkRow {
+            archived_at_ms,
+            ..row.clone()
+        })
+    };
+    change_item(app, submission, change, item, answer).await
 }
 
-/// Restores an archived robot: it is in lists and can be used again.
-#[utoipa::path(
-    post, path = "/v1/robots/{robot_id}/restore", tag = "robots", operation_id = "restoreRobot",
-    params(("robot_id" = String, Path, description = "The robot")),
-    responses((status = 200, description = "The robot", body = RobotAnswer))
-)]
-async fn restore_robot(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::robot(&app, &submission.caller, &id).await?;
-    take_back(&app, &submission, item).await
+/// Makes the handlers. Each has its documentation, its name, what it does, its path with the name of the id, the tag and the id of the operation,
+/// and the description and shape of its answer.
+macro_rules! handlers {
+    ($($(#[$doc:meta])+ $name:ident: $kind:ident $change:ident, $path:tt $id:tt, $tag:tt $operation:tt, $what:tt $answer:ident;)+) => {$(
+        $(#[$doc])+
+        #[utoipa::path(
+            post, path = $path, tag = $tag, operation_id = $operation,
+            params(($id = String, Path, description = $what)),
+            responses((status = 200, description = $what, body = $answer))
+        )]
+        pub async fn $name(
+            State(app): State<App>,
+            Id(id): Id,
+            submission: Submission,
+        ) -> Result<Response, Error> {
+            $kind(&app, &id, &submission, Change::$change).await
+        }
+    )+};
 }
 
-/// Archives a measurement set: it is left out of lists, and no new job uses it.
-#[utoipa::path(
-    post, path = "/v1/measurement-sets/{id}/archive", tag = "measurement sets", operation_id = "archiveMeasurementSet",
-    params(("id" = String, Path, description = "The measurement set")),
-    responses((status = 200, description = "The measurement set", body = SetSummary))
-)]
-async fn archive_measurement_set(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::measurement_set(&app, &submission.caller, &id).await?;
-    put_away(&app, &submission, item).await
-}
-
-/// Restores an archived measurement set: it is in lists and can be used again.
-#[utoipa::path(
-    post, path = "/v1/measurement-sets/{id}/restore", tag = "measurement sets", operation_id = "restoreMeasurementSet",
-    params(("id" = String, Path, description = "The measurement set")),
-    responses((status = 200, description = "The measurement set", body = SetSummary))
-)]
-async fn restore_measurement_set(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::measurement_set(&app, &submission.caller, &id).await?;
-    take_back(&app, &submission, item).await
-}
-
-/// Archives a job that has ended: it is left out of lists. What it found stays evidence.
-#[utoipa::path(
-    post, path = "/v1/jobs/{id}/archive", tag = "jobs", operation_id = "archiveJob",
-    params(("id" = String, Path, description = "The job")),
-    responses((status = 200, description = "The job", body = JobAnswer))
-)]
-async fn archive_job(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::job(&app, &submission.caller, &id).await?;
-    put_away(&app, &submission, item).await
-}
-
-/// Restores an archived job: it is in lists and can be used again.
-#[utoipa::path(
-    post, path = "/v1/jobs/{id}/restore", tag = "jobs", operation_id = "restoreJob",
-    params(("id" = String, Path, description = "The job")),
-    responses((status = 200, description = "The job", body = JobAnswer))
-)]
-async fn restore_job(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::job(&app, &submission.caller, &id).await?;
-    take_back(&app, &submission, item).await
-}
-
-/// Archives a candidate: it is left out of lists, is not released and not compared with. What was released is never archived.
-#[utoipa::path(
-    post, path = "/v1/parameter-sets/{id}/archive", tag = "parameter sets", operation_id = "archiveParameterSet",
-    params(("id" = String, Path, description = "The parameter set")),
-    responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
-)]
-async fn archive_parameter_set(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::parameter_set(&app, &submission.caller, &id).await?;
-    put_away(&app, &submission, item).await
-}
-
-/// Restores an archived parameter set: it is in lists and can be used again.
-#[utoipa::path(
-    post, path = "/v1/parameter-sets/{id}/restore", tag = "parameter sets", operation_id = "restoreParameterSet",
-    params(("id" = String, Path, description = "The parameter set")),
-    responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
-)]
-async fn restore_parameter_set(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::parameter_set(&app, &submission.caller, &id).await?;
-    take_back(&app, &submission, item).await
-}
-
-/// Archives a network: it is left out of lists, and no new job starts from it.
-#[utoipa::path(
-    post, path = "/v1/networks/{id}/archive", tag = "networks", operation_id = "archiveNetwork",
-    params(("id" = String, Path, description = "The network")),
-    responses((status = 200, description = "The network", body = NetworkAnswer))
-)]
-async fn archive_network(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::network(&app, &submission.caller, &id).await?;
-    put_away(&app, &submission, item).await
-}
-
-/// Restores an archived network: it is in lists and can be used again.
-#[utoipa::path(
-    post, path = "/v1/networks/{id}/restore", tag = "networks", operation_id = "restoreNetwork",
-    params(("id" = String, Path, description = "The network")),
-    responses((status = 200, description = "The network", body = NetworkAnswer))
-)]
-async fn restore_network(
-    State(app): State<App>,
-    Id(id): Id,
-    submission: Submission,
-) -> Result<Response, Error> {
-    let item = access::network(&app, &submission.caller, &id).await?;
-    take_back(&app, &submission, item).await
+handlers! {
+    /// Archives a robot: it is left out of lists and takes no uploads, jobs, edits and releases. Withdrawing and rolling back stay possible.
+    archive_robot: robot Archive, "/v1/robots/{robot_id}/archive" "robot_id", "robots" "archiveRobot", "The robot" RobotAnswer;
+    /// Restores an archived robot: it is in lists and can be used again.
+    restore_robot: robot Restore, "/v1/robots/{robot_id}/restore" "robot_id", "robots" "restoreRobot", "The robot" RobotAnswer;
+    /// Archives a measurement set: it is left out of lists, and no new job uses it.
+    archive_measurement_set: measurement_set Archive, "/v1/measurement-sets/{id}/archive" "id", "measurement sets" "archiveMeasurementSet", "The measurement set" SetSummary;
+    /// Restores an archived measurement set: it is in lists and can be used again.
+    restore_measurement_set: measurement_set Restore, "/v1/measurement-sets/{id}/restore" "id", "measurement sets" "restoreMeasurementSet", "The measurement set" SetSummary;
+    /// Archives a job that has ended: it is left out of lists. What it found stays evidence.
+    archive_job: job Archive, "/v1/jobs/{id}/archive" "id", "jobs" "archiveJob", "The job" JobAnswer;
+    /// Restores an archived job: it is in lists and can be used again.
+    restore_job: job Restore, "/v1/jobs/{id}/restore" "id", "jobs" "restoreJob", "The job" JobAnswer;
+    /// Archives a candidate: it is left out of lists, is not released and not compared with. What was released is never archived.
+    archive_parameter_set: parameter_set Archive, "/v1/parameter-sets/{id}/archive" "id", "parameter sets" "archiveParameterSet", "The parameter set" ParameterSetAnswer;
+    /// Restores an archived parameter set: it is in lists and can be used again.
+    restore_parameter_set: parameter_set Restore, "/v1/parameter-sets/{id}/restore" "id", "parameter sets" "restoreParameterSet", "The parameter set" ParameterSetAnswer;
+    /// Archives a network: it is left out of lists, and no new job starts from it.
+    archive_network: network Archive, "/v1/networks/{id}/archive" "id", "networks" "archiveNetwork", "The network" NetworkAnswer;
+    /// Restores an archived network: it is in lists and can be used again.
+    restore_network: network Restore, "/v1/networks/{id}/restore" "id", "networks" "restoreNetwork", "The network" NetworkAnswer;
 }

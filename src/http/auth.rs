@@ -1,6 +1,8 @@
-//! Authentication and authorisation: keys, scopes, and the table of the scope that each route requires.
+//! Authentication and authorisation: keys and their scopes.
 
+use crate::http::limits::RequestClass;
 use crate::http::peer::Peer;
+use crate::http::route::Route;
 use crate::http::session_cookie;
 use crate::http::{App, Error};
 use crate::store::{ApiKeyRow, api_keys};
@@ -19,199 +21,7 @@ const KEY_BYTES: usize = 32;
 const UNKNOWN_KEY: &str =
     "this key is not known or was revoked; `kincal key create` makes a new one";
 
-/// A route that requires a key.
-#[derive(Debug)]
-pub struct ScopedRoute {
-    /// Its method.
-    pub method: Method,
-    /// Its path, as a template.
-    pub path: &'static str,
-    /// The scope that the key needs.
-    pub scope: Scope,
-}
-
-const fn route(method: Method, path: &'static str, scope: Scope) -> ScopedRoute {
-    ScopedRoute {
-        method,
-        path,
-        scope,
-    }
-}
-
-/// Every route that requires a key, with its scope. A route that is neither here nor in [`PUBLIC_ROUTES`] is refused. A test compares both lists
-/// with the contract.
-pub const REQUIRED_SCOPES: &[ScopedRoute] = &[
-    route(Method::GET, "/v1/me", Scope::Read),
-    route(Method::PUT, "/v1/session", Scope::Read),
-    route(Method::DELETE, "/v1/session", Scope::Read),
-    route(Method::GET, "/metrics", Scope::Read),
-    route(Method::POST, "/v1/robots", Scope::Upload),
-    route(Method::GET, "/v1/robots", Scope::Read),
-    route(Method::GET, "/v1/overview", Scope::Read),
-    route(Method::GET, "/v1/robots/{robot_id}", Scope::Read),
-    route(Method::PATCH, "/v1/robots/{robot_id}", Scope::Upload),
-    route(Method::POST, "/v1/robots/{robot_id}/archive", Scope::Upload),
-    route(Method::POST, "/v1/robots/{robot_id}/restore", Scope::Upload),
-    route(
-        Method::POST,
-        "/v1/robots/{robot_id}/measurement-sets",
-        Scope::Upload,
-    ),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/measurement-sets",
-        Scope::Read,
-    ),
-    route(
-        Method::POST,
-        "/v1/robots/{robot_id}/measurement-sets/preview",
-        Scope::Upload,
-    ),
-    route(Method::GET, "/v1/robots/{robot_id}/columns", Scope::Read),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/columns/{name}",
-        Scope::Read,
-    ),
-    route(
-        Method::PUT,
-        "/v1/robots/{robot_id}/columns/{name}",
-        Scope::Upload,
-    ),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/work-frames",
-        Scope::Read,
-    ),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/work-frames/{name}",
-        Scope::Read,
-    ),
-    route(
-        Method::PUT,
-        "/v1/robots/{robot_id}/work-frames/{name}",
-        Scope::Upload,
-    ),
-    route(Method::GET, "/v1/robots/{robot_id}/tools", Scope::Read),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/tools/{name}",
-        Scope::Read,
-    ),
-    route(
-        Method::PUT,
-        "/v1/robots/{robot_id}/tools/{name}",
-        Scope::Upload,
-    ),
-    route(Method::GET, "/v1/measurement-sets/{id}", Scope::Read),
-    route(Method::GET, "/v1/measurement-sets/{id}/points", Scope::Read),
-    route(
-        Method::POST,
-        "/v1/measurement-sets/{id}/archive",
-        Scope::Upload,
-    ),
-    route(
-        Method::POST,
-        "/v1/measurement-sets/{id}/restore",
-        Scope::Upload,
-    ),
-    route(Method::POST, "/v1/robots/{robot_id}/frames", Scope::Upload),
-    route(Method::GET, "/v1/frames/{id}", Scope::Read),
-    route(Method::POST, "/v1/robots/{robot_id}/jobs", Scope::Identify),
-    route(Method::GET, "/v1/robots/{robot_id}/jobs", Scope::Read),
-    route(Method::GET, "/v1/jobs", Scope::Read),
-    route(Method::GET, "/v1/jobs/{id}", Scope::Read),
-    route(Method::POST, "/v1/jobs/{id}/archive", Scope::Identify),
-    route(Method::POST, "/v1/jobs/{id}/restore", Scope::Identify),
-    route(Method::GET, "/v1/jobs/{id}/events", Scope::Read),
-    route(Method::POST, "/v1/jobs/{id}/cancel", Scope::Identify),
-    route(Method::GET, "/v1/jobs/{id}/report", Scope::Read),
-    route(Method::GET, "/v1/jobs/{id}/report.html", Scope::Read),
-    route(Method::GET, "/v1/jobs/{id}/convergence", Scope::Read),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/parameter-sets",
-        Scope::Read,
-    ),
-    route(
-        Method::GET,
-        "/v1/robots/{robot_id}/parameter-sets/active",
-        Scope::Read,
-    ),
-    route(Method::GET, "/v1/parameter-sets/{id}", Scope::Read),
-    route(Method::GET, "/v1/parameter-sets/{id}/gates", Scope::Read),
-    route(Method::GET, "/v1/parameter-sets/{id}/content", Scope::Read),
-    route(
-        Method::POST,
-        "/v1/robots/{robot_id}/checked",
-        Scope::Release,
-    ),
-    route(Method::GET, "/v1/robots/{robot_id}/policy", Scope::Read),
-    route(Method::PUT, "/v1/robots/{robot_id}/policy", Scope::Admin),
-    route(
-        Method::POST,
-        "/v1/robots/{robot_id}/parameter-sets/rollback",
-        Scope::Release,
-    ),
-    route(
-        Method::POST,
-        "/v1/parameter-sets/{id}/release",
-        Scope::Release,
-    ),
-    route(
-        Method::POST,
-        "/v1/parameter-sets/{id}/withdraw",
-        Scope::Release,
-    ),
-    route(
-        Method::POST,
-        "/v1/parameter-sets/{id}/archive",
-        Scope::Release,
-    ),
-    route(
-        Method::POST,
-        "/v1/parameter-sets/{id}/restore",
-        Scope::Release,
-    ),
-    route(Method::POST, "/v1/parameter-sets/{id}/predict", Scope::Read),
-    route(
-        Method::POST,
-        "/v1/parameter-sets/{id}/compensate",
-        Scope::Read,
-    ),
-    route(Method::GET, "/v1/parameter-sets/{id}/export", Scope::Read),
-    route(Method::POST, "/v1/parameter-sets/{id}/export", Scope::Read),
-    route(Method::GET, "/v1/parameter-sets/{id}/compare", Scope::Read),
-    route(Method::POST, "/v1/robot-imports", Scope::Upload),
-    route(Method::GET, "/v1/robot-models", Scope::Read),
-    route(Method::GET, "/v1/robot-models/{id}", Scope::Read),
-    route(Method::POST, "/v1/robots/{robot_id}/posture", Scope::Read),
-    route(Method::GET, "/v1/robots/{robot_id}/history", Scope::Read),
-    route(
-        Method::POST,
-        "/v1/robots/{robot_id}/pose-plans",
-        Scope::Read,
-    ),
-    route(Method::GET, "/v1/robots/{robot_id}/networks", Scope::Read),
-    route(Method::GET, "/v1/networks/{id}", Scope::Read),
-    route(Method::GET, "/v1/networks/{id}/weights", Scope::Read),
-    route(Method::POST, "/v1/networks/{id}/archive", Scope::Identify),
-    route(Method::POST, "/v1/networks/{id}/restore", Scope::Identify),
-];
-
-/// Routes that need no key.
-pub const PUBLIC_ROUTES: &[&str] = &[
-    "/",
-    "/docs",
-    "/assets/{file}",
-    "/healthz",
-    "/readyz",
-    "/openapi.yaml",
-    "/openapi.json",
-];
-
-/// The authenticated client.
+/// The authenticated client, and the class of its request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Caller {
     /// The key's id; `anonymous` with `--no-auth`. Idempotency-Keys are scoped to it.
@@ -220,34 +30,12 @@ pub struct Caller {
     pub scopes: Vec<Scope>,
     /// The robots that the key is limited to; `None` for all robots.
     pub robots: Option<Vec<String>>,
+    /// The class of this request, by which it takes permits.
+    pub class: RequestClass,
 }
 
 impl Caller {
-    fn anonymous() -> Self {
-        Self {
-            holder: "anonymous".into(),
-            scopes: vec![Scope::Admin],
-            robots: None,
-        }
-    }
-
-    /// Whether the key has this scope.
-    pub fn has(&self, scope: Scope) -> bool {
-        self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
-    }
-
-    /// Whether the key may see this robot. If it may not, every id of the robot answers 404.
-    pub fn may_see(&self, robot_id: &str) -> bool {
-        self.robots
-            .as_ref()
-            .is_none_or(|robots| robots.iter().any(|id| id == robot_id))
-    }
-}
-
-impl TryFrom<ApiKeyRow> for Caller {
-    type Error = Error;
-
-    fn try_from(row: ApiKeyRow) -> Result<Self, Error> {
+    fn new(row: ApiKeyRow, class: RequestClass) -> Result<Self, Error> {
         Ok(Self {
             scopes: known_scopes(&row)?,
             robots: row
@@ -256,7 +44,29 @@ impl TryFrom<ApiKeyRow> for Caller {
                 .map(serde_json::from_str)
                 .transpose()?,
             holder: row.id,
+            class,
         })
+    }
+
+    fn anonymous(class: RequestClass) -> Self {
+        Self {
+            holder: "anonymous".into(),
+            scopes: vec![Scope::Admin],
+            robots: None,
+            class,
+        }
+    }
+
+    /// Whether the key has this scope.
+    pub fn has(&self, scope: Scope) -> bool {
+        self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
+    }
+
+    /// Whether the key may see this robot. Otherwise everything of the robot answers 404.
+    pub fn may_see(&self, robot_id: &str) -> bool {
+        self.robots
+            .as_ref()
+            .is_none_or(|robots| robots.iter().any(|id| id == robot_id))
     }
 }
 
@@ -278,14 +88,26 @@ fn known_scopes(row: &ApiKeyRow) -> Result<Vec<Scope>, Error> {
 }
 
 /// Lets a request through if its key has the route's scope.
-pub async fn authorize(State(app): State<App>, mut request: Request, next: Next) -> Response {
+pub async fn authorize(
+    State((app, routes)): State<(App, &'static [Route])>,
+    mut request: Request,
+    next: Next,
+) -> Response {
     let template = request
         .extensions()
         .get::<MatchedPath>()
         .map(|path| path.as_str().to_owned());
     let (method, headers) = (request.method().clone(), request.headers().clone());
     let peer = request.extensions().get::<Peer>().copied();
-    match admit(&app, template.as_deref(), &method, &headers, peer).await {
+    let admitted = match template {
+        Some(template) => {
+            let of_path = routes.iter().filter(|route| route.path == template);
+            admit(&app, of_path, &method, &headers, peer).await
+        }
+        // Answered with 404.
+        None => Ok(Caller::anonymous(RequestClass::Read)),
+    };
+    match admitted {
         Ok(caller) => {
             request.extensions_mut().insert(caller);
             next.run(request).await
@@ -295,7 +117,7 @@ pub async fn authorize(State(app): State<App>, mut request: Request, next: Next)
                 matches!(error, Error::Unauthorized(_)) && session_cookie::is_present(&headers);
             let mut response = error.into_response();
             if forget {
-                let cookie = session_cookie::signing_out(app.has_tls);
+                let cookie = session_cookie::signing_out(&app, &headers);
                 let header = cookie.map(|value| (header::SET_COOKIE, value));
                 response.headers_mut().extend(header);
             }
@@ -320,59 +142,44 @@ enum Refusal {
 
 async fn admit(
     app: &App,
-    template: Option<&str>,
+    of_path: impl Iterator<Item = &Route> + Clone,
     method: &Method,
     headers: &HeaderMap,
     peer: Option<Peer>,
 ) -> Result<Caller, Refusal> {
-    let Some(template) = template.filter(|template| !PUBLIC_ROUTES.contains(template)) else {
-        return Ok(Caller::anonymous());
-    };
+    let route = of_path.clone().find(|route| route.takes(method));
+    let class = route.map_or(RequestClass::Read, |route| route.class);
+    if of_path.clone().any(|route| route.scope.is_none()) {
+        return Ok(Caller::anonymous(class));
+    }
     let caller = if app.no_auth {
-        Caller::anonymous()
+        Caller::anonymous(class)
     } else {
-        caller_of(app, method, headers, peer)
+        caller_of(app, class, method, headers, peer)
             .await
             .map_err(Refusal::Error)?
     };
     app.limits
         .count_request(&caller.holder)
         .map_err(Refusal::Error)?;
-    let method = if method == Method::HEAD {
-        &Method::GET
-    } else {
-        method
-    };
-    match REQUIRED_SCOPES
-        .iter()
-        .find(|route| route.method == method && route.path == template)
-    {
-        Some(route) if caller.has(route.scope) => Ok(caller),
-        Some(route) => Err(Refusal::Error(Error::InsufficientScope {
-            scope: route.scope.as_str(),
+    match route.and_then(|route| route.scope) {
+        Some(scope) if caller.has(scope) => Ok(caller),
+        Some(scope) => Err(Refusal::Error(Error::InsufficientScope {
+            scope: scope.as_str(),
             what: "this route",
         })),
-        None => Err(allowed_methods(template).map_or(
-            Refusal::Error(Error::Forbidden("this route has no policy")),
-            Refusal::Method,
-        )),
+        None => Err(Refusal::Method(allowed_methods(of_path))),
     }
 }
 
-fn allowed_methods(template: &str) -> Option<String> {
-    let methods = REQUIRED_SCOPES
-        .iter()
-        .filter(|route| route.path == template);
-    let methods: Vec<&str> = methods
-        .flat_map(|route| {
-            if route.method == Method::GET {
-                vec!["GET", "HEAD"]
-            } else {
-                vec![route.method.as_str()]
-            }
+fn allowed_methods<'r>(of_path: impl Iterator<Item = &'r Route>) -> String {
+    let methods: Vec<&str> = of_path
+        .map(|route| match route.method {
+            Method::GET => "GET,HEAD",
+            _ => route.method.as_str(),
         })
         .collect();
-    (!methods.is_empty()).then(|| methods.join(","))
+    methods.join(",")
 }
 
 /// The key in the `Authorization` header; `None` without that header.
@@ -393,6 +200,7 @@ pub fn bearer(headers: &HeaderMap) -> Result<Option<&str>, Error> {
 
 async fn caller_of(
     app: &App,
+    class: RequestClass,
     method: &Method,
     headers: &HeaderMap,
     peer: Option<Peer>,
@@ -405,7 +213,7 @@ async fn caller_of(
         "a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one",
     ))?;
     match api_keys::find(&app.store, &canonical::sha256_hex(key.as_bytes())).await? {
-        Some(row) => Caller::try_from(row),
+        Some(row) => Caller::new(row, class),
         None => Err(app
             .limits
             .count_failed_attempt(peer.map(|peer| peer.0))

@@ -1,11 +1,10 @@
-//! What the columns of a robot's files mean: mappings that are kept under a name, and a look at a file before it is uploaded.
+//! Named mappings of columns, and the preview of a file before it is uploaded.
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
-use crate::http::extract::Id;
-use crate::http::extract::Query;
-use crate::http::limits::RequestClass;
+use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
+use crate::http::named_documents::DocumentAnswer;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::{App, Error, access, named_documents};
 use crate::operations::preview_table;
@@ -24,21 +23,12 @@ use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of mappings and previews.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list))
-        .routes(routes!(get, put))
-        .routes(routes!(preview))
-}
 
 /// Query of a preview.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct PreviewQuery {
+pub struct PreviewQuery {
     /// As in the upload.
     #[param(inline)]
     decimal: Option<Decimal>,
@@ -61,7 +51,7 @@ struct PreviewQuery {
     ),
     responses((status = 200, description = "How the files are understood", body = PreviewAnswer))
 )]
-async fn preview(
+pub async fn preview(
     State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<PreviewQuery>,
@@ -87,19 +77,13 @@ async fn preview(
         )?;
         Ok::<_, Error>(answer)
     };
-    Ok(Json(app.compute(RequestClass::Write, look).await?))
+    Ok(Json(app.compute(submission.caller.class, look).await?))
 }
 
-/// Robot and name in a path.
-struct Named {
-    robot_id: String,
-    name: String,
-}
-
-/// Checks both before the database is asked.
-fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error> {
+/// Checks the name of a mapping, without a query.
+fn check_name(name: &str) -> Result<(), Error> {
     let mut checker = Checker::default();
-    checker.text("/name", &name, MAX_NAME);
+    checker.text("/name", name, MAX_NAME);
     if name.starts_with('{') || name.trim() != name {
         checker.note(
             "/name",
@@ -107,8 +91,7 @@ fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error>
             "a name does not begin with { and has no space around it",
         );
     }
-    checker.finish("invalid_name")?;
-    Ok(Named { robot_id, name })
+    Ok(checker.finish("invalid_name")?)
 }
 
 /// A robot's mappings of columns, newest first.
@@ -117,13 +100,13 @@ fn named(Path((robot_id, name)): Path<(String, String)>) -> Result<Named, Error>
     params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<ColumnMappingAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ColumnMappingAnswer>>, Error> {
-    named_documents::page(&app, &caller, &robot_id, NamedDocumentKind::Columns, query).await
+    named_documents::list(&app, &caller, &robot_id, query).await
 }
 
 /// A mapping of columns by its name.
@@ -132,13 +115,13 @@ async fn list(
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The mapping's name")),
     responses((status = 200, description = "The mapping", body = ColumnMappingAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
-    path: Path<(String, String)>,
+    Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ColumnMappingAnswer>, Error> {
-    let Named { robot_id, name } = named(path)?;
-    named_documents::one(&app, &caller, &robot_id, NamedDocumentKind::Columns, &name).await
+    check_name(&name)?;
+    named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
 /// Keeps a mapping of columns under a name, in place of an earlier one of that name. Sets that were uploaded with the earlier one stay as they are.
@@ -148,17 +131,20 @@ async fn get(
     request_body = ColumnsBody,
     responses((status = 200, description = "The mapping, stored", body = ColumnMappingAnswer))
 )]
-async fn put(
+pub async fn put(
     State(app): State<App>,
-    path: Path<(String, String)>,
+    Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let Named { robot_id, name } = named(path)?;
+    check_name(&name)?;
     access::robot(&app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
-    let named = (robot_id.as_str(), NamedDocumentKind::Columns, name.as_str());
-    named_documents::keep::<_, ColumnMappingAnswer>(&app, named, submission, columns).await
+    named_documents::put::<ColumnMappingAnswer>(&app, &robot_id, &name, &submission, columns).await
+}
+
+impl DocumentAnswer for ColumnMappingAnswer {
+    const KIND: NamedDocumentKind = NamedDocumentKind::Columns;
 }
 
 impl TryFrom<&NamedDocumentRow> for ColumnMappingAnswer {

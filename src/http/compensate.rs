@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access, named_frames, parameter_sets};
 use crate::operations::{self, Correctable};
 use crate::store::jobs;
@@ -12,12 +11,6 @@ use crate::wire::json;
 use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of corrected targets.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(compensate))
-}
 
 /// Corrects targets. For joint targets (`q_deg`): with the answered joint values the real robot has its tool where the nominal robot has it with the
 /// requested ones. For Cartesian targets (`targets` in `frame`): the joint values and the poses with which the real robot has its tool there.
@@ -27,7 +20,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")), request_body = CompensateBody,
     responses((status = 200, description = "Corrected targets, in the order of the request", body = CompensateAnswer))
 )]
-async fn compensate(
+pub async fn compensate(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -37,7 +30,7 @@ async fn compensate(
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
     let content = parameter_sets::content(&row)?;
-    let permit = app.limits.compute(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
     let measurement_set_id = jobs::get(&app.store, &row.job_id).await?.measurement_set_id;

@@ -1,25 +1,25 @@
-//! Extractor for requests that create something: the body, and an `Idempotency-Key` that makes a retry harmless.
+//! Extractor for requests that create or change something: the body, and an `Idempotency-Key` that makes a retry harmless.
 
 use crate::http::auth::Caller;
-use crate::http::error::Error;
 use crate::http::extract::{media_type, parse_small, whole_body};
+use crate::http::headers::IDEMPOTENCY_KEY;
+use crate::http::{App, Error};
 use crate::store::{IdempotencyScope, IdempotentOutcome, Store, StoredResponse, Tx};
 use crate::wire::canonical;
 use crate::wire::parameter_set::ReasonBody;
 use axum::body::Bytes;
-use axum::extract::{FromRequest, OriginalUri, Request};
+use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::ops::ControlFlow;
 
 /// Longest Idempotency-Key, characters.
 const MAX_KEY: usize = 200;
-const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
-/// A request that creates something.
+/// A request that creates or changes something. If it was done before, its handler does not run: the stored answer is given again, and nothing is
+/// checked again.
 pub struct Submission {
     /// The key that sent the request.
     pub caller: Caller,
@@ -32,18 +32,27 @@ pub struct Submission {
     scope: Option<IdempotencyScope>,
 }
 
-impl<S: Send + Sync> FromRequest<S> for Submission {
-    type Rejection = Error;
+impl FromRequest<App> for Submission {
+    type Rejection = Response;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Error> {
+    async fn from_request(request: Request, app: &App) -> Result<Self, Response> {
+        let submission = Self::read(request, app).await;
+        let submission = submission.map_err(IntoResponse::into_response)?;
+        match submission.replay(&app.store).await {
+            Ok(None) => Ok(submission),
+            Ok(Some(answer)) => Err(answer),
+            Err(error) => Err(error.into_response()),
+        }
+    }
+}
+
+impl Submission {
+    async fn read(request: Request, app: &App) -> Result<Self, Error> {
         let caller = request.extensions().get::<Caller>().cloned();
         let caller =
             caller.ok_or_else(|| Error::Internal("a route without authorisation".into()))?;
         let key = idempotency_key(request.headers())?;
-        let uri = request
-            .extensions()
-            .get::<OriginalUri>()
-            .map_or_else(|| request.uri().clone(), |uri| uri.0.clone());
+        let uri = request.uri().clone();
         let method = request.method().to_string();
         let media_type = media_type(request.headers()).unwrap_or_default();
         let content_type = request
@@ -52,7 +61,7 @@ impl<S: Send + Sync> FromRequest<S> for Submission {
             .and_then(|v| v.to_str().ok())
             .unwrap_or_default()
             .to_owned();
-        let body = whole_body(request, state).await?;
+        let body = whole_body(request, app).await?;
         let scope = match key {
             Some(key) => Some(IdempotencyScope {
                 holder: caller.holder.clone(),
@@ -107,7 +116,7 @@ impl Submission {
     /// The body as JSON of this shape.
     ///
     /// # Errors
-    /// 415, 400 or 422.
+    /// [`Error::UnsupportedMediaType`], [`Error::Syntax`], [`Error::Invalid`], [`Error::TooLarge`].
     pub fn json<T: DeserializeOwned>(&self) -> Result<T, Error> {
         if self.media_type != "application/json" {
             return Err(self.unsupported("application/json"));
@@ -115,17 +124,14 @@ impl Submission {
         parse_small(&self.body)
     }
 
-    /// First step of every action that needs a reason. Returns the stored answer if this request was done before, else the reason in the body.
+    /// The reason in the body.
     ///
     /// # Errors
-    /// Those of [`Self::replay`] and [`Self::json`]; 422 for a reason without a letter or a digit.
-    pub async fn reason(&self, store: &Store) -> Result<ControlFlow<Response, String>, Error> {
-        if let Some(answer) = self.replay(store).await? {
-            return Ok(ControlFlow::Break(answer));
-        }
+    /// Those of [`Self::json`]; [`Error::Invalid`] for a reason without a letter or a digit.
+    pub fn reason(&self) -> Result<String, Error> {
         let body: ReasonBody = self.json()?;
         body.check()?;
-        Ok(ControlFlow::Continue(body.reason))
+        Ok(body.reason)
     }
 
     /// The error 415 for this body.
@@ -138,27 +144,27 @@ impl Submission {
         Error::UnsupportedMediaType { found, expected }
     }
 
-    /// Whether the request has an Idempotency-Key.
-    pub fn has_key(&self) -> bool {
-        self.scope.is_some()
+    /// The stored answer, if this request was done before.
+    async fn replay(&self, store: &Store) -> Result<Option<Response>, Error> {
+        match &self.scope {
+            Some(scope) => store.answered(scope).await?.map(respond).transpose(),
+            None => Ok(None),
+        }
     }
 
-    /// The stored answer, if this request was done before. Call it before every other check: a replay is not checked again.
+    /// The first answer in place of an error, if this request was done meanwhile. A client may retry while the first request still runs; the checks
+    /// of the retry then see what the first request has changed.
     ///
     /// # Errors
-    /// [`Error::IdempotencyKeyReused`], [`Error::Store`].
-    pub async fn replay(&self, store: &Store) -> Result<Option<Response>, Error> {
-        if self.scope.is_none() {
-            return Ok(None);
-        }
-        // Claims the key and rolls back: the result shows whether the key was free.
-        let probe = store
-            .create_idempotent(self.scope.as_ref(), async |_: &mut Tx| Err(Probe::Free))
-            .await;
-        match probe {
-            Err(Probe::Free) => Ok(None),
-            Err(Probe::Store(error)) => Err(error.into()),
-            Ok(outcome) => respond(outcome).map(Some),
+    /// That of `result`.
+    pub async fn or_replay(
+        &self,
+        store: &Store,
+        result: Result<Response, Error>,
+    ) -> Result<Response, Error> {
+        match result {
+            Ok(answer) => Ok(answer),
+            Err(error) => self.replay(store).await.ok().flatten().ok_or(error),
         }
     }
 
@@ -175,17 +181,6 @@ impl Submission {
             effect(tx).await
         };
         respond(store.create_idempotent(self.scope.as_ref(), effect).await?)
-    }
-}
-
-enum Probe {
-    Free,
-    Store(crate::store::Error),
-}
-
-impl From<crate::store::Error> for Probe {
-    fn from(error: crate::store::Error) -> Self {
-        Self::Store(error)
     }
 }
 

@@ -1,12 +1,12 @@
 //! The dashboard: static files that use the public interface only. They are part of the binary, because factories are offline.
 
+use crate::http::headers::is_known;
 use crate::http::{App, Error};
 use crate::wire::canonical;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::LazyLock;
-use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Allows scripts, styles and requests of this server only, nothing inline, and no strings as markup.
 const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
@@ -87,17 +87,9 @@ static ETAG: LazyLock<String> = LazyLock::new(|| {
     format!("\"{}\"", canonical::sha256_hex(all.concat().as_bytes()))
 });
 
-/// Routes of the pages.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(index))
-        .routes(routes!(docs))
-        .routes(routes!(asset))
-}
-
 /// The dashboard.
 #[utoipa::path(get, path = "/", tag = "service", operation_id = "index", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
-async fn index(State(app): State<App>) -> Response {
+pub async fn index(State(app): State<App>) -> Response {
     let page = if app.no_auth {
         INDEX.replace(AUTH_MARK, NO_AUTH_MARK)
     } else {
@@ -112,7 +104,7 @@ async fn index(State(app): State<App>) -> Response {
 
 /// This contract as a page.
 #[utoipa::path(get, path = "/docs", tag = "service", operation_id = "docs", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
-async fn docs() -> Response {
+pub async fn docs() -> Response {
     let headers = [
         (header::CONTENT_TYPE, HTML),
         (header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY),
@@ -129,7 +121,7 @@ async fn docs() -> Response {
         (status = 404, description = "No such file", body = crate::wire::Problem, content_type = "application/problem+json")
     )
 )]
-async fn asset(Path(file): Path<String>, headers: HeaderMap) -> Result<Response, Error> {
+pub async fn asset(Path(file): Path<String>, headers: HeaderMap) -> Result<Response, Error> {
     let asset = ASSETS
         .iter()
         .find(|asset| asset.name == file)
@@ -138,10 +130,7 @@ async fn asset(Path(file): Path<String>, headers: HeaderMap) -> Result<Response,
         (header::ETAG, ETAG.as_str()),
         (header::CACHE_CONTROL, "no-cache"),
     ];
-    if headers
-        .get(header::IF_NONE_MATCH)
-        .is_some_and(|tag| tag.as_bytes() == ETAG.as_bytes())
-    {
+    if is_known(&headers, &ETAG) {
         return Ok((StatusCode::NOT_MODIFIED, fresh).into_response());
     }
     Ok((

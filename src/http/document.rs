@@ -1,64 +1,24 @@
 //! The OpenAPI document: the documentation of each route, and what all routes have in common.
 
-use crate::http::auth::{PUBLIC_ROUTES, REQUIRED_SCOPES};
 use crate::http::document_examples::Examples;
-use crate::http::routes::routes;
+use crate::http::route::Route;
+use crate::http::routes::{ROUTES, routes};
+use crate::wire::key::Scope;
 use crate::wire::problem::PROBLEM_JSON;
 use crate::wire::{Problem, bounds};
 use axum::http::Method;
 use std::sync::LazyLock;
 use utoipa::OpenApi;
 use utoipa::openapi::header::Header;
-use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn, PathItem};
+use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::server::ServerBuilder;
 use utoipa::openapi::tag::TagBuilder;
 use utoipa::openapi::{Content, Ref, RefOr, Response, ResponseBuilder};
 
-/// Operations without a body that may answer 422, because of their query.
-const UNPROCESSABLE: [&str; 2] = ["compareParameterSets", "exportParameterSet"];
-
 /// Name of the key scheme in the document.
 const KEY_SCHEME: &str = "key";
-/// Operations that accept an `Idempotency-Key`.
-const IDEMPOTENT: &[&str] = &[
-    "createRobot",
-    "checkedRobot",
-    "createMeasurementSet",
-    "createFrames",
-    "createJob",
-    "releaseParameterSet",
-    "withdrawParameterSet",
-    "rollBackParameterSet",
-    "putPolicy",
-    "editRobot",
-    "archiveRobot",
-    "restoreRobot",
-    "archiveMeasurementSet",
-    "restoreMeasurementSet",
-    "archiveJob",
-    "restoreJob",
-    "archiveParameterSet",
-    "restoreParameterSet",
-    "archiveNetwork",
-    "restoreNetwork",
-];
-/// Operations that may answer 409.
-const CONFLICTS: &[&str] = &[
-    "createMeasurementSet",
-    "createFrames",
-    "editRobot",
-    "archiveJob",
-    "archiveParameterSet",
-    "createJob",
-    "getReport",
-    "getReportPage",
-    "getConvergence",
-    "releaseParameterSet",
-    "withdrawParameterSet",
-    "rollBackParameterSet",
-];
 
 /// The server that `kincal serve` starts.
 const SERVER: &str = "http://127.0.0.1:8080";
@@ -119,9 +79,9 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut document = Base::openapi();
     document.merge(routes().into_openapi());
     bounds::write(&mut document);
-    for (path, item) in &mut document.paths.paths {
-        for (method, operation) in operations(item) {
-            complete(&method, path, operation);
+    for route in ROUTES {
+        if let Some(operation) = operation(&mut document, route) {
+            complete(route, operation);
         }
     }
     let scheme = HttpBuilder::new()
@@ -147,111 +107,94 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
             .collect(),
     );
     let examples = Examples::new(&document);
-    for item in document.paths.paths.values_mut() {
-        operations(item).for_each(|(_, operation)| examples.write(operation));
+    for route in ROUTES {
+        if let Some(operation) = operation(&mut document, route) {
+            examples.write(operation);
+        }
     }
     document
 }
 
-fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
-    let methods = [
-        Method::GET,
-        Method::POST,
-        Method::PUT,
-        Method::DELETE,
-        Method::PATCH,
-    ];
-    let operations = [
-        &mut item.get,
-        &mut item.post,
-        &mut item.put,
-        &mut item.delete,
-        &mut item.patch,
-    ];
-    methods
-        .into_iter()
-        .zip(operations)
-        .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
+fn operation<'d>(
+    document: &'d mut utoipa::openapi::OpenApi,
+    route: &Route,
+) -> Option<&'d mut Operation> {
+    let item = document.paths.paths.get_mut(route.path)?;
+    match route.method {
+        Method::GET => item.get.as_mut(),
+        Method::POST => item.post.as_mut(),
+        Method::PUT => item.put.as_mut(),
+        Method::PATCH => item.patch.as_mut(),
+        Method::DELETE => item.delete.as_mut(),
+        _ => None,
+    }
 }
 
-/// Adds to an operation the answers, headers and scope that come from layers and extractors.
-fn complete(method: &Method, path: &str, operation: &mut Operation) {
-    let id = operation.operation_id.clone().unwrap_or_default();
-    let takes_body = operation.request_body.is_some();
-    let mut add = |status: &str, description: &str| {
-        operation
-            .responses
-            .responses
-            .entry(status.into())
-            .or_insert_with(|| RefOr::T(problem(status, description)));
-    };
-    add("500", "Internal error; the log has the cause");
+/// Adds to an operation the problems, headers and scope that follow from its row in the table of routes.
+fn complete(route: &Route, operation: &mut Operation) {
     let summary = operation.summary.clone();
     operation.description = operation.description.take().or(summary);
-    if PUBLIC_ROUTES.contains(&path) {
-        let refused = problem("400", "The Host header cannot be read");
+    for status in problems(route, operation.request_body.is_some()) {
+        let problem = || RefOr::T(problem(route, status));
         let answers = &mut operation.responses.responses;
-        answers.entry("400".into()).or_insert(RefOr::T(refused));
-        operation.security = Some(Vec::new());
-        return;
+        answers.entry(status.to_string()).or_insert_with(problem);
     }
-    let mut add = |status: &str, description: &str| {
-        operation
-            .responses
-            .responses
-            .entry(status.into())
-            .or_insert_with(|| RefOr::T(problem(status, description)));
-    };
-    add("400", "Path, query, header or body cannot be read");
-    add("401", "A key is needed");
-    add("403", "The key lacks the scope");
-    // `listAllJobs` takes the robot as a filter
-    if path.contains('{') || id == "listAllJobs" {
-        add("404", "It does not exist, or this key may not see it");
-    }
-    add("503", "The database is busy: try again");
-    if UNPROCESSABLE.contains(&id.as_str()) {
-        add(
-            "422",
-            "The request was parsed, but values in it are invalid: see `errors`",
-        );
-    }
-    if takes_body {
-        add("408", "The body did not arrive in time");
-        add("413", "The body is too large");
-        add("415", "The body is of another type");
-        add(
-            "422",
-            "The request was parsed, but values in it are invalid: see `errors`",
-        );
-    }
-    if CONFLICTS.contains(&id.as_str()) {
-        add("409", "It conflicts with the current state");
-    }
-    if id == "createJob" {
-        add("429", "Too many jobs of this robot wait");
-    }
-    if IDEMPOTENT.contains(&id.as_str()) {
+    if route.takes_idempotency_key {
         operation
             .parameters
             .get_or_insert_default()
             .push(RefOr::T(idempotency_key()));
         replayed(operation);
     }
-    let scope = REQUIRED_SCOPES
-        .iter()
-        .find(|route| route.method == method && route.path == path)
-        .map(|route| route.scope.as_str())
-        .unwrap_or_default();
-    operation.security = Some(vec![SecurityRequirement::new::<_, _, &str>(
-        KEY_SCHEME,
-        [scope],
-    )]);
+    let scope = route.scope.map(Scope::as_str);
+    let required = scope.map(|scope| SecurityRequirement::new::<_, _, &str>(KEY_SCHEME, [scope]));
+    operation.security = Some(required.into_iter().collect());
 }
 
-fn problem(status: &str, description: &str) -> Response {
+/// Statuses of the problems that a route answers.
+fn problems(route: &Route, takes_body: bool) -> Vec<u16> {
+    let mut statuses = vec![400, 500];
+    statuses.extend(route.problems);
+    if route.scope.is_some() {
+        statuses.extend([401, 403, 429, 503]);
+    }
+    if route.scope.is_some() && route.path.contains('{') {
+        statuses.push(404);
+    }
+    if takes_body {
+        statuses.extend([408, 413, 415]);
+    }
+    if takes_body || route.takes_idempotency_key {
+        statuses.push(422);
+    }
+    statuses
+}
+
+fn description(route: &Route, status: u16) -> &'static str {
+    match status {
+        400 if route.scope.is_none() => "The Host header cannot be read",
+        400 => "Path, query, header or body cannot be read",
+        401 => "A key is needed",
+        403 => "The key lacks the scope",
+        404 => "It does not exist, or this key may not see it",
+        408 => "The body did not arrive in time",
+        409 => "It conflicts with the current state",
+        413 => "The body is too large",
+        415 => "The body is of another type",
+        422 => "The request was parsed, but values in it are invalid: see `errors`",
+        429 if route.problems.contains(&429) => {
+            "Too many jobs of this robot wait, or too many requests come with this key"
+        }
+        429 => "Too many requests come with this key",
+        503 => "The database is busy: try again",
+        507 => "The disk is nearly full, so nothing new is stored",
+        _ => "Internal error; the log has the cause",
+    }
+}
+
+fn problem(route: &Route, status: u16) -> Response {
     let mut response = ResponseBuilder::new()
-        .description(description)
+        .description(description(route, status))
         .content(
             PROBLEM_JSON,
             Content::new(Some(Ref::from_schema_name("Problem"))),
@@ -263,8 +206,8 @@ fn problem(status: &str, description: &str) -> Response {
             .insert(name.into(), RefOr::T(text_header(description)));
     };
     match status {
-        "401" | "403" => header("WWW-Authenticate", "How to authenticate"),
-        "429" | "503" => header("Retry-After", "Seconds to wait"),
+        401 | 403 => header("WWW-Authenticate", "How to authenticate"),
+        429 | 503 | 507 => header("Retry-After", "Seconds to wait"),
         _ => {}
     }
     response

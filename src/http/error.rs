@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 #[derive(Clone, Debug)]
 pub struct Code(pub String);
 
-/// `Retry-After` of 429 and 503, seconds.
+/// `Retry-After` of 429, 503 and 507, seconds.
 const RETRY_AFTER_S: &str = "1";
 
 /// Errors of the service.

@@ -2,7 +2,7 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, whole_body};
-use crate::http::limits::{ComputePermit, RequestClass};
+use crate::http::limits::ComputePermit;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations::export::{self, Exported, Source};
 use crate::operations::import::import_with;
@@ -17,23 +17,15 @@ use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Header with the error that remains when only this format's parameters are used, mm.
 const REMAINING_ERROR: HeaderName = HeaderName::from_static("kincal-remaining-error-mm");
-
-/// Routes of exports and imports.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(get, patch_urdf))
-        .routes(routes!(import_robot))
-}
 
 /// Query of an export.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct ExportQuery {
+pub struct ExportQuery {
     /// Format of the export.
     #[serde(default)]
     #[param(inline)]
@@ -48,7 +40,7 @@ struct ExportQuery {
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct PatchQuery {
+pub struct PatchQuery {
     /// `urdf`.
     #[param(inline)]
     format: ExportFormat,
@@ -60,7 +52,7 @@ struct PatchQuery {
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct ImportQuery {
+pub struct ImportQuery {
     /// Format of the body.
     #[param(inline)]
     format: ImportFormat,
@@ -82,14 +74,14 @@ struct ImportQuery {
         (ExportAnswer = "application/json"), (serde_json::Value = "application/yaml"), (String = "text/csv"), (String = "application/xml")
     ), headers(("Kincal-Remaining-Error-Mm" = String, description = "What is lost with beta=refit or format=mastering: mean and max"))))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let stored = stored(&app, &permit, &caller, &id).await?;
     let ExportQuery { format, beta } = query;
     let export = move || stored.with(|source| export::export(source, format, beta));
@@ -103,7 +95,7 @@ async fn get(
     request_body(description = "A URDF of the nominal robot, xacro expanded", content((String = "application/xml"))),
     responses((status = 200, description = "The same text with other origins", content((String = "application/xml"))))
 )]
-async fn patch_urdf(
+pub async fn patch_urdf(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -118,7 +110,7 @@ async fn patch_urdf(
         });
     }
     let bytes = whole_body(request, &app).await?;
-    let permit = app.limits.compute(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let stored = stored(&app, &permit, &caller, &id).await?;
     let patch =
         move || stored.with(|source| export::patch_urdf(source, &bytes, query.tip.as_deref()));
@@ -131,13 +123,14 @@ async fn patch_urdf(
     request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"), (serde_json::Value = "application/json"))),
     responses((status = 200, description = "The robot, and the transformations that its links cannot represent", body = ImportAnswer))
 )]
-async fn import_robot(
+pub async fn import_robot(
     State(app): State<App>,
+    caller: Caller,
     Query(query): Query<ImportQuery>,
     request: Request,
 ) -> Result<Json<ImportAnswer>, Error> {
     let bytes = whole_body(request, &app).await?;
-    let answer = app.compute(RequestClass::Calculation, move || {
+    let answer = app.compute(caller.class, move || {
         let name = query.name.as_deref().unwrap_or("imported robot");
         let (format, digits) = (query.format, query.digits.unwrap_or_default());
         Ok(import_with(

@@ -2,9 +2,7 @@
 
 use crate::http::Error;
 use crate::http::auth::Caller;
-use crate::http::limits::{
-    BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S, RequestClass,
-};
+use crate::http::limits::{BodyBudget, LARGE_BODY_BYTES, Limits, MAX_BODY_BYTES, MIN_BYTES_PER_S};
 use crate::wire::{id, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequestParts, Path, Request};
@@ -119,13 +117,13 @@ pub async fn whole_body<S: Send + Sync>(request: Request, _: &S) -> Result<Bytes
             expected: "bodies without Content-Encoding",
         });
     }
-    let limits = request
-        .extensions()
-        .get::<Limits>()
-        .cloned()
-        .ok_or_else(|| Error::Internal("a route without limits".into()))?;
-    let class = RequestClass::new(request.method(), request.uri().path());
-    let mut budget = limits.body(class, declared)?;
+    let extensions = request.extensions();
+    let (Some(limits), Some(caller)) = (extensions.get::<Limits>(), extensions.get::<Caller>())
+    else {
+        return Err(Error::Internal("a route without limits".into()));
+    };
+    let limits = limits.clone();
+    let mut budget = limits.body(caller.class, declared)?;
     let bytes = arrive(
         request.into_body(),
         declared,

@@ -3,7 +3,6 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::operations::frames_from_sweeps;
 use crate::store::{FramesRow, NewFrames, Tx, frames};
@@ -13,14 +12,6 @@ use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of frames.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(create))
-        .routes(routes!(get))
-}
 
 /// Finds base and tool frame from sweeps of single joints (section 2.2 of the paper).
 #[utoipa::path(
@@ -29,15 +20,12 @@ pub fn router() -> OpenApiRouter<App> {
     request_body(description = "As a measurement set in the instrument's frame, plus the column `sweep_joint`", content((String = "text/csv"))),
     responses((status = 201, description = "Base and tool frame", body = FramesAnswer, headers(("Location" = String, description = "Their path"))))
 )]
-async fn create(
+pub async fn create(
     State(app): State<App>,
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     access::require_in_use(&robot)?;
     if submission.media_type != "text/csv" {
         return Err(submission.unsupported("text/csv"));
@@ -53,7 +41,7 @@ async fn create(
             result_json: serde_json::to_string(&content)?,
         })
     };
-    let new = app.compute(RequestClass::Write, new_frames).await?;
+    let new = app.compute(submission.caller.class, new_frames).await?;
     let effect = async |tx: &mut Tx| {
         let row = frames::insert(tx, &new).await?;
         stored_json(
@@ -70,7 +58,7 @@ async fn create(
     get, path = "/v1/frames/{id}", tag = "frames", operation_id = "getFrames", params(("id" = String, Path, description = "The frames")),
     responses((status = 200, description = "Base and tool frame", body = FramesAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,

@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
-use crate::http::limits::RequestClass;
 use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
@@ -20,20 +19,12 @@ use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of history and comparison.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(history))
-        .routes(routes!(compare))
-}
 
 /// Query of a comparison.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct CompareQuery {
+pub struct CompareQuery {
     /// The other parameter set, of the same robot.
     with: String,
 }
@@ -44,7 +35,7 @@ struct CompareQuery {
     params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
     responses((status = 200, description = "One page, newest first", body = HistoryAnswer))
 )]
-async fn history(
+pub async fn history(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -53,7 +44,7 @@ async fn history(
     access::robot(&app, &caller, &robot_id).await?;
     let found = parameter_sets::search(&app.store, &robot_id, &query.request()?).await?;
     let (page, total) = (found.page, found.total);
-    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let mut items = Vec::with_capacity(page.items.len());
     for row in page.items {
         let ReportSummary {
@@ -110,7 +101,7 @@ pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     params(("id" = String, Path, description = "The parameter set"), CompareQuery),
     responses((status = 200, description = "The differences", body = CompareAnswer))
 )]
-async fn compare(
+pub async fn compare(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -129,7 +120,7 @@ async fn compare(
         }
         Err(error) => return Err(error),
     };
-    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let inputs = (
         JobInputs::load(&app.store, &row.job_id).await?,
         JobInputs::load(&app.store, &other.job_id).await?,

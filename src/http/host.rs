@@ -1,8 +1,9 @@
 //! Checks `Host`, and with `--no-auth` also `Origin`. Any page in a browser on the same machine can reach a server without keys, by DNS
-//! rebinding or a cross-site request. A server with keys does not need the check of the origin: no browser sends a key
-//! by itself, and `session_cookie` checks requests with a session.
+//! rebinding or a cross-site request. A server with keys needs no check of the origin: no browser sends a key by itself, and `session_cookie`
+//! checks requests with a session.
 
 use crate::http::extract::media_type;
+use crate::http::headers::{IDEMPOTENCY_KEY, SEC_FETCH_SITE};
 use crate::http::{App, Error};
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
@@ -11,9 +12,6 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::net::{Ipv4Addr, Ipv6Addr};
 
-const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
-/// A header that no form of a page can send.
-const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 const SEC_FETCH_MODE: HeaderName = HeaderName::from_static("sec-fetch-mode");
 
 /// Content types that a page may send to any site without a preflight request (Fetch standard, CORS-safelisted request headers).

@@ -7,7 +7,6 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use std::time::Duration;
-use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Functions that return the contract. The contract is generated from all routes, including those below, so the router passes the functions in.
 #[derive(Clone, Copy, Debug)]
@@ -18,18 +17,9 @@ pub struct Contract {
     pub json: fn() -> Result<&'static str, &'static str>,
 }
 
-/// Routes that need no key.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(healthz))
-        .routes(routes!(readyz))
-        .routes(routes!(openapi_yaml))
-        .routes(routes!(openapi_json))
-}
-
 /// The process answers.
 #[utoipa::path(get, path = "/healthz", tag = "service", operation_id = "healthz", responses((status = 200, description = "`ok`", body = String, content_type = "text/plain")))]
-async fn healthz() -> &'static str {
+pub async fn healthz() -> &'static str {
     "ok\n"
 }
 
@@ -46,7 +36,7 @@ const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
         (status = 503, description = "Not now: the database does not answer, or no write has got through for 60 s or more", body = crate::wire::Problem, content_type = "application/problem+json")
     )
 )]
-async fn readyz(State(app): State<App>) -> Result<String, Error> {
+pub async fn readyz(State(app): State<App>) -> Result<String, Error> {
     app.store.now_ms().await.map_err(Error::NotReady)?;
     let stuck = stuck_writers(&app.store).await.map_err(Error::NotReady)?;
     if let Some(stuck) = stuck.filter(|stuck| stuck.duration >= STUCK_TOO_LONG) {
@@ -68,14 +58,14 @@ async fn readyz(State(app): State<App>) -> Result<String, Error> {
 
 /// The contract.
 #[utoipa::path(get, path = "/openapi.yaml", tag = "service", operation_id = "openapiYaml", responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value, content_type = "application/yaml")))]
-async fn openapi_yaml(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
+pub async fn openapi_yaml(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
     let text = (contract.yaml)().map_err(|error| Error::Internal(error.into()))?;
     Ok(([(header::CONTENT_TYPE, "application/yaml")], text).into_response())
 }
 
 /// The contract in JSON.
 #[utoipa::path(get, path = "/openapi.json", tag = "service", operation_id = "openapiJson", responses((status = 200, description = "OpenAPI 3.1", body = serde_json::Value)))]
-async fn openapi_json(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
+pub async fn openapi_json(Extension(contract): Extension<Contract>) -> Result<Response, Error> {
     let text = (contract.json)().map_err(|error| Error::Internal(error.into()))?;
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }

@@ -13,24 +13,18 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::task::JoinSet;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
-use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Interval of comments that keep the connection open at proxies.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// Interval of the check that the key is still valid.
 const KEY_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Routes of events.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(events))
-}
-
 /// Server-sent events: `progress` at once and at each change of the job, then one `finished`. The data of each is the job.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "listenToJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))
 )]
-async fn events(
+pub async fn events(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,

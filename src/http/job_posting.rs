@@ -4,7 +4,6 @@ use crate::calibration::{self, CalibrationRequest};
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::job_sources::{ResidualSource, Sources, load};
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::{MeasurementSetInput, queue};
 use crate::release::independence::{is_independent_of_training, is_of_other_uploads};
@@ -36,24 +35,10 @@ pub async fn create(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    if submission.has_key() {
-        // The robot is checked first: looking up an Idempotency-Key needs the database's writer.
-        access::robot(&app, &submission.caller, &robot_id).await?;
-        if let Some(answer) = submission.replay(&app.store).await? {
-            return Ok(answer);
-        }
-    }
-    access::visible_robot(&submission.caller, &robot_id)?;
-    let request = match parse_request(&submission) {
-        Ok(request) => request,
-        Err(refusal) => {
-            // A missing robot is reported before other errors.
-            access::robot(&app, &submission.caller, &robot_id).await?;
-            return Err(refusal);
-        }
-    };
+    access::robot(&app, &submission.caller, &robot_id).await?;
+    let request = parse_request(&submission)?;
     // The permit is taken before the uploads are read, so that waiting requests hold no upload in memory.
-    let permit = app.limits.compute(RequestClass::Write).await?;
+    let permit = app.limits.compute(submission.caller.class).await?;
     let sources = load(&app, &submission.caller, &robot_id, &request).await?;
     let mut new = new_job(&request, &sources, &submission.caller.holder)?;
     let chosen = permit.run(move || check(&request, sources)).await?;
@@ -104,7 +89,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-/// Chooses the newest residual network that was trained on no point that this job fits or verifies; the training of its predecessors counts too.
+/// Chooses the newest residual network that was trained on no point that this job fits or verifies. The points of its predecessors count as well.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
@@ -162,7 +147,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         }
     };
     let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
-    // The newest with the same parameters. If there is none, `auto` uses no network; if the request needs one, the check refuses the newest.
+    // The newest network with the same parameters. Without one, `auto` uses none. A request that needs one gets the newest, which the check refuses.
     let fitting = networks
         .iter()
         .position(|(_, network)| calibration::network_fits(&calibration_request, network));

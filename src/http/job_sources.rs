@@ -18,9 +18,9 @@ use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::safetensors::NetworkMetadata;
 
-/// Most networks that are searched for one with the same parameters, newest first.
+/// Most networks, newest first, among which one with the same parameters is searched.
 const MAX_NETWORKS: i64 = 8;
-/// Most residual networks that are searched for one that was not trained on these points, newest first. Each is read with its measurement set.
+/// Most residual networks, newest first, among which one that was not trained on these points is searched. Each is read with its measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
 
 /// Stored rows that a job refers to.
@@ -45,7 +45,7 @@ pub struct Sources {
 
 /// A residual network with the uploads that it was trained on.
 pub struct ResidualSource {
-    /// `net_…`
+    /// Its id.
     pub id: String,
     /// The weights in safetensors format.
     pub weights: Vec<u8>,
@@ -204,7 +204,7 @@ fn held_is_withdrawn(id: &str) -> Error {
     }
 }
 
-/// Refuses a parameter set that is archived, or whose joint values meant something else.
+/// Refuses a parameter set that is archived, or that was identified with another joint map.
 fn check_parameter_set(set: &ParameterSetRow, robot: &RobotRow) -> Result<(), Error> {
     if set.archived_at_ms.is_some() {
         return Err(access::archived("parameter set", "parameter-sets", &set.id));
@@ -344,7 +344,7 @@ fn is_of(row: &NetworkRow, robot_id: &str, kind: NetworkKind) -> bool {
             .is_ok_and(|metadata| metadata.kind == kind)
 }
 
-/// A document that the request names must exist and belong to the robot; both failures give the same error.
+/// Requires that a document that the request names exists and belongs to the robot. Both failures give the same error.
 pub fn require_own<T>(
     found: Result<T, crate::store::Error>,
     is_own: impl Fn(&T) -> bool,

@@ -2,9 +2,8 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
-use crate::http::limits::RequestClass;
 use crate::http::list_query::{AllJobsQuery, JobListQuery};
-use crate::http::{App, Error, access, job_posting};
+use crate::http::{App, Error, access};
 use crate::jobs::queue;
 use crate::store::{self, JobRow, jobs};
 use crate::wire::job_answer::JobAnswer;
@@ -17,27 +16,15 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use std::time::Duration;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
 
 /// Longest long poll, seconds. Proxies close silent connections after 60.
 const MAX_WAIT_S: u64 = 30;
-
-/// Routes of jobs.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(job_posting::create, list))
-        .routes(routes!(list_all))
-        .routes(routes!(get))
-        .routes(routes!(cancel))
-        .routes(routes!(report))
-        .routes(routes!(convergence))
-}
 
 /// Query of a job.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct WaitQuery {
+pub struct WaitQuery {
     /// Wait up to this many seconds for the status to change.
     #[param(minimum = 0, maximum = 30)]
     wait_s: Option<u64>,
@@ -49,7 +36,7 @@ struct WaitQuery {
     params(("robot_id" = String, Path, description = "The robot"), JobListQuery),
     responses((status = 200, description = "One page", body = Page<JobAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -66,7 +53,7 @@ async fn list(
     get, path = "/v1/jobs", tag = "jobs", operation_id = "listAllJobs", params(AllJobsQuery),
     responses((status = 200, description = "One page", body = Page<JobAnswer>))
 )]
-async fn list_all(
+pub async fn list_all(
     State(app): State<App>,
     caller: Caller,
     Query(mut query): Query<AllJobsQuery>,
@@ -87,7 +74,7 @@ async fn list_all(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob", params(("id" = String, Path, description = "The job"), WaitQuery),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -123,13 +110,13 @@ async fn wait(app: &App, row: JobRow, timeout: Duration) -> Result<JobRow, store
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancelJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The job", body = JobAnswer))
 )]
-async fn cancel(
+pub async fn cancel(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<JobAnswer>, Error> {
     access::job(&app, &caller, &id).await?;
-    let _permit = app.limits.safety().await?;
+    let _permit = app.limits.compute(caller.class).await?;
     Ok(Json(JobAnswer::try_from(
         &queue::cancel(&app.store, &app.signals, &id, &caller.holder).await?,
     )?))
@@ -140,8 +127,8 @@ async fn cancel(
     get, path = "/v1/jobs/{id}/report", tag = "jobs", operation_id = "getReport", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The report", body = Report))
 )]
-async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
-    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
+pub async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let _permit = app.limits.compute(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::report(&app.store, &id).await?))
 }
@@ -151,12 +138,12 @@ async fn report(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Re
     get, path = "/v1/jobs/{id}/convergence", tag = "jobs", operation_id = "getConvergence", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The curve", body = Convergence))
 )]
-async fn convergence(
+pub async fn convergence(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
 ) -> Result<Response, Error> {
-    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let _permit = app.limits.compute(caller.class).await?;
     access::job(&app, &caller, &id).await?;
     Ok(stored(jobs::convergence(&app.store, &id).await?))
 }

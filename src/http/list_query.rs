@@ -19,78 +19,74 @@ fn invalid(detail: String) -> Error {
     }
 }
 
-/// What every list takes.
-struct Common {
+/// The store's request for what lists have in common.
+fn common(
     limit: Option<u32>,
-    cursor: Option<String>,
+    cursor: Option<&str>,
     archived: Option<ArchivedFilter>,
     sort: Option<Sort>,
-}
-
-impl Common {
-    fn request(self, has_names: bool) -> Result<ListRequest, Error> {
-        let limit = self.limit.unwrap_or(DEFAULT_PAGE);
-        if !(1..=MAX_PAGE).contains(&limit) {
-            return Err(invalid(format!(
-                "limit is {limit}; 1 to {MAX_PAGE} is allowed"
-            )));
-        }
-        let invalid_cursor = |detail: String| Error::BadRequest {
-            code: "invalid_cursor",
-            detail,
-        };
-        let cursor = self.cursor.map(|text| text.parse::<Cursor>()).transpose();
-        let cursor =
-            cursor.map_err(|e| invalid_cursor(format!("{e}: pass next_cursor on as it is")))?;
-        let request = ListRequest {
-            page: PageRequest { limit, cursor },
-            sort: self.sort.unwrap_or_default(),
-            archived: self.archived.unwrap_or_default(),
-            ..ListRequest::default()
-        };
-        if request.sort.is_by_name() && !has_names {
-            return Err(invalid(
-                "items of this list have no names: sort by created_at or -created_at".into(),
-            ));
-        }
-        if !request.is_consistent() {
-            return Err(invalid_cursor(
-                "the cursor is of a list in another order: begin anew without a cursor".into(),
-            ));
-        }
-        Ok(request)
+    has_names: bool,
+) -> Result<ListRequest, Error> {
+    let limit = limit.unwrap_or(DEFAULT_PAGE);
+    if !(1..=MAX_PAGE).contains(&limit) {
+        return Err(invalid(format!(
+            "limit is {limit}; 1 to {MAX_PAGE} is allowed"
+        )));
     }
-}
-
-/// Query of a list of items without names.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct PlainListQuery {
-    /// Items on the page.
-    #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-    /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
-    #[param(inline)]
-    archived: Option<ArchivedFilter>,
-    /// Order: `-created_at` (default) or `created_at`.
-    #[param(inline)]
-    sort: Option<Sort>,
-}
-
-impl PlainListQuery {
-    /// The store's request.
-    pub fn request(self) -> Result<ListRequest, Error> {
-        Common {
-            limit: self.limit,
-            cursor: self.cursor,
-            archived: self.archived,
-            sort: self.sort,
-        }
-        .request(false)
+    let invalid_cursor = |detail: String| Error::BadRequest {
+        code: "invalid_cursor",
+        detail,
+    };
+    let cursor = cursor.map(str::parse::<Cursor>).transpose();
+    let cursor =
+        cursor.map_err(|e| invalid_cursor(format!("{e}: pass next_cursor on as it is")))?;
+    let request = ListRequest {
+        page: PageRequest { limit, cursor },
+        sort: sort.unwrap_or_default(),
+        archived: archived.unwrap_or_default(),
+        ..ListRequest::default()
+    };
+    if request.sort.is_by_name() && !has_names {
+        return Err(invalid(
+            "items of this list have no names: sort by created_at or -created_at".into(),
+        ));
     }
+    if !request.is_consistent() {
+        return Err(invalid_cursor(
+            "the cursor is of a list in another order: begin anew without a cursor".into(),
+        ));
+    }
+    Ok(request)
+}
+
+/// Makes the query of a list that can be sorted: the fields that each has, and those of its own.
+macro_rules! list_query {
+    ($(#[$about:meta])+ $name:ident, order: $order:tt, has_names: $has_names:tt, { $($own:tt)* }) => {
+        $(#[$about])+
+        #[derive(Debug, Default, Deserialize, IntoParams)]
+        #[serde(deny_unknown_fields)]
+        #[into_params(parameter_in = Query)]
+        pub struct $name {
+            /// Items on the page.
+            #[param(minimum = 1, maximum = 200, default = 50)]
+            limit: Option<u32>,
+            /// `next_cursor` of the page before.
+            cursor: Option<String>,
+            /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
+            #[param(inline)]
+            archived: Option<ArchivedFilter>,
+            #[doc = $order]
+            #[param(inline)]
+            sort: Option<Sort>,
+            $($own)*
+        }
+
+        impl $name {
+            fn common(&self) -> Result<ListRequest, Error> {
+                common(self.limit, self.cursor.as_deref(), self.archived, self.sort, $has_names)
+            }
+        }
+    };
 }
 
 /// Query of a list that is neither filtered nor sorted: newest first.
@@ -107,175 +103,109 @@ pub struct NewestListQuery {
 
 impl NewestListQuery {
     /// The store's request.
-    pub fn request(self) -> Result<ListRequest, Error> {
-        Common {
-            limit: self.limit,
-            cursor: self.cursor,
-            archived: None,
-            sort: None,
-        }
-        .request(false)
+    pub fn request(&self) -> Result<ListRequest, Error> {
+        common(self.limit, self.cursor.as_deref(), None, None, false)
     }
 }
 
-/// Query of a list of items with names.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct NamedListQuery {
-    /// Items on the page.
-    #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-    /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
-    #[param(inline)]
-    archived: Option<ArchivedFilter>,
-    /// Order: `-created_at` (default), `created_at`, `name` or `-name`.
-    #[param(inline)]
-    sort: Option<Sort>,
-    /// Text that the name contains, or of a robot the serial number; upper and lower case are the same.
-    #[param(max_length = 200)]
-    search: Option<String>,
+list_query! {
+    /// Query of a list of items without names.
+    PlainListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {}
+}
+
+impl PlainListQuery {
+    /// The store's request.
+    pub fn request(&self) -> Result<ListRequest, Error> {
+        self.common()
+    }
+}
+
+list_query! {
+    /// Query of a list of items with names.
+    NamedListQuery, order: "Order: `-created_at` (default), `created_at`, `name` or `-name`.", has_names: true, {
+        /// Text that the name contains, or of a robot the serial number; upper and lower case are the same.
+        #[param(max_length = 200)]
+        search: Option<String>,
+    }
 }
 
 impl NamedListQuery {
     /// The store's request.
     pub fn request(self) -> Result<ListRequest, Error> {
+        let common = self.common();
         let search = self.search.unwrap_or_default();
         if search.chars().count() > MAX_SEARCH || search.contains('\0') {
             return Err(invalid(format!(
                 "search has at most {MAX_SEARCH} characters, none of them U+0000"
             )));
         }
-        let common = Common {
-            limit: self.limit,
-            cursor: self.cursor,
-            archived: self.archived,
-            sort: self.sort,
-        };
-        Ok(ListRequest {
-            search,
-            ..common.request(true)?
-        })
+        Ok(ListRequest { search, ..common? })
     }
 }
 
-/// Query of a list of parameter sets.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct ParameterSetListQuery {
-    /// Items on the page.
-    #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-    /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
-    #[param(inline)]
-    archived: Option<ArchivedFilter>,
-    /// Order: `-created_at` (default) or `created_at`.
-    #[param(inline)]
-    sort: Option<Sort>,
-    /// Their status.
-    #[param(inline)]
-    status: Option<ParameterSetStatus>,
+list_query! {
+    /// Query of a list of parameter sets.
+    ParameterSetListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
+        /// Their status.
+        #[param(inline)]
+        status: Option<ParameterSetStatus>,
+    }
 }
 
 impl ParameterSetListQuery {
     /// The store's request.
-    pub fn request(self) -> Result<ListRequest, Error> {
-        let common = Common {
-            limit: self.limit,
-            cursor: self.cursor,
-            archived: self.archived,
-            sort: self.sort,
-        };
+    pub fn request(&self) -> Result<ListRequest, Error> {
         Ok(ListRequest {
             status: self.status.map_or("", ParameterSetStatus::as_str),
-            ..common.request(false)?
+            ..self.common()?
         })
     }
 }
 
-/// Query of a list of jobs.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct JobListQuery {
-    /// Items on the page.
-    #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-    /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
-    #[param(inline)]
-    archived: Option<ArchivedFilter>,
-    /// Order: `-created_at` (default) or `created_at`.
-    #[param(inline)]
-    sort: Option<Sort>,
-    /// Their status.
-    #[param(inline)]
-    status: Option<JobStatus>,
-    /// Their kind.
-    #[param(inline)]
-    kind: Option<Kind>,
+list_query! {
+    /// Query of a robot's jobs.
+    JobListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
+        /// Their status.
+        #[param(inline)]
+        status: Option<JobStatus>,
+        /// Their kind.
+        #[param(inline)]
+        kind: Option<Kind>,
+    }
 }
 
 impl JobListQuery {
     /// The store's request.
-    pub fn request(self) -> Result<ListRequest, Error> {
-        let common = Common {
-            limit: self.limit,
-            cursor: self.cursor,
-            archived: self.archived,
-            sort: self.sort,
-        };
-        Ok(ListRequest {
-            status: self.status.map_or("", JobStatus::as_str),
-            kind: self.kind.map_or("", Kind::as_str),
-            ..common.request(false)?
-        })
+    pub fn request(&self) -> Result<ListRequest, Error> {
+        Ok(of_jobs(self.status, self.kind, self.common()?))
     }
 }
 
-/// Query of the jobs of all robots.
-#[derive(Debug, Default, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub struct AllJobsQuery {
-    /// Items on the page.
-    #[param(minimum = 1, maximum = 200, default = 50)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-    /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
-    #[param(inline)]
-    archived: Option<ArchivedFilter>,
-    /// Order: `-created_at` (default) or `created_at`.
-    #[param(inline)]
-    sort: Option<Sort>,
-    /// Their status.
-    #[param(inline)]
-    status: Option<JobStatus>,
-    /// Their kind.
-    #[param(inline)]
-    kind: Option<Kind>,
-    /// Only those of this robot.
-    pub robot_id: Option<String>,
+list_query! {
+    /// Query of the jobs of all robots.
+    AllJobsQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
+        /// Their status.
+        #[param(inline)]
+        status: Option<JobStatus>,
+        /// Their kind.
+        #[param(inline)]
+        kind: Option<Kind>,
+        /// Only those of this robot.
+        pub robot_id: Option<String>,
+    }
 }
 
 impl AllJobsQuery {
-    /// The store's request.
-    pub fn request(self) -> Result<ListRequest, Error> {
-        JobListQuery {
-            limit: self.limit,
-            cursor: self.cursor,
-            archived: self.archived,
-            sort: self.sort,
-            status: self.status,
-            kind: self.kind,
-        }
-        .request()
+    /// The store's request, for the jobs of one robot or of all.
+    pub fn request(&self) -> Result<ListRequest, Error> {
+        Ok(of_jobs(self.status, self.kind, self.common()?))
+    }
+}
+
+fn of_jobs(status: Option<JobStatus>, kind: Option<Kind>, common: ListRequest) -> ListRequest {
+    ListRequest {
+        status: status.map_or("", JobStatus::as_str),
+        kind: kind.map_or("", Kind::as_str),
+        ..common
     }
 }

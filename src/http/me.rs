@@ -1,19 +1,13 @@
 //! Permissions of the request's key, so that a page can show what its user may do.
 
+use crate::http::Error;
 use crate::http::auth::Caller;
-use crate::http::{App, Error};
 use crate::wire::key::KeyAnswer;
 use axum::Json;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of the caller.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(me))
-}
 
 /// Permissions of this request's key.
 #[utoipa::path(get, path = "/v1/me", tag = "service", operation_id = "getMe", responses((status = 200, description = "The key", body = KeyAnswer)))]
-async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
+pub async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
     Ok(Json(KeyAnswer {
         id: caller.holder,
         scopes: caller.scopes,

@@ -5,7 +5,6 @@ use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
-use crate::http::limits::RequestClass;
 use crate::http::list_query::NamedListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
@@ -32,21 +31,12 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of measurement sets.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(create, list))
-        .routes(routes!(get))
-        .routes(routes!(points))
-}
 
 /// Query of an upload.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct UploadQuery {
+pub struct UploadQuery {
     /// The frame of every position; `base` if neither the query nor a JSON body states it.
     #[param(inline)]
     frame: Option<Frame>,
@@ -101,16 +91,13 @@ struct Upload {
     ),
     responses((status = 201, description = "The stored set, as it was parsed", body = SetSummary, headers(("Location" = String, description = "Its path"))))
 )]
-async fn create(
+pub async fn create(
     State(app): State<App>,
     Id(robot_id): Id,
     Query(query): Query<UploadQuery>,
     submission: Submission,
 ) -> Result<Response, Error> {
     let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     access::require_in_use(&robot)?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
@@ -125,7 +112,7 @@ async fn create(
     let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;
     let mut upload = app
-        .compute(RequestClass::Write, move || {
+        .compute(submission.caller.class, move || {
             parse_upload(&robot, &bytes, content_type, &columns, query)
         })
         .await?;
@@ -185,7 +172,7 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// Refusal of a convention beside JSON, whose poses have quaternions.
+/// Refuses a rotation convention for JSON, whose poses have quaternions.
 fn rotation_of_json() -> Invalid {
     let detail =
         "points in JSON have a quaternion [w, x, y, z] and need no convention: leave rotation out";
@@ -298,7 +285,7 @@ fn check_serial_number(robot: &RobotBody, stated: Option<&str>) -> Result<(), Er
     params(("robot_id" = String, Path, description = "The robot"), NamedListQuery),
     responses((status = 200, description = "One page", body = Page<SetSummary>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -316,7 +303,7 @@ async fn list(
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "The summary", body = SetSummary))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -332,8 +319,8 @@ async fn get(
     params(("id" = String, Path, description = "The set")),
     responses((status = 200, description = "What was uploaded, byte for byte", content((String = "text/csv"), (MeasurementSetBody = "application/json"), (FileBytes = "multipart/form-data"))))
 )]
-async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
-    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
+pub async fn points(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+    let _permit = app.limits.compute(caller.class).await?;
     let row = access::measurement_set(&app, &caller, &id).await?;
     let body = measurement_sets::body(&app.store, &id).await?;
     Ok(([(header::CONTENT_TYPE, row.content_type)], body).into_response())

@@ -8,21 +8,15 @@ use crate::wire::job_answer::JobStatus;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
 
 const TEXT_FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
-
-/// Route of the metrics.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(metrics))
-}
 
 /// Counters and the state of the queue, in Prometheus's text format. Requires a key that is not limited to robots.
 #[utoipa::path(
     get, path = "/metrics", tag = "service", operation_id = "metrics",
     responses((status = 200, description = "Prometheus text format 0.0.4", body = String, content_type = "text/plain"))
 )]
-async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Error> {
+pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response, Error> {
     if caller.robots.is_some() {
         return Err(Error::Forbidden(
             "the metrics are about all robots; this key is limited to some",

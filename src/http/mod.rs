@@ -1,4 +1,4 @@
-//! The REST service: one file per resource, each with its `router()`. A handler is four moves: extract, convert, one call,
+//! The REST service: one file per resource; `routes.rs` has the table of all routes. A handler is four moves: extract, convert, one call,
 //! answer.
 
 mod accept;
@@ -17,6 +17,7 @@ mod error;
 mod export;
 mod extract;
 mod frames;
+mod headers;
 mod history;
 mod host;
 mod index;
@@ -45,6 +46,7 @@ mod release;
 mod report_html;
 mod robot_models;
 mod robots;
+mod route;
 mod router;
 mod routes;
 pub mod server;
@@ -59,4 +61,6 @@ pub use app::App;
 pub use document::{json, openapi, yaml};
 pub use error::Error;
 pub use limits::MAX_BODY_BYTES;
+pub use route::Route;
 pub use router::router;
+pub use routes::ROUTES;

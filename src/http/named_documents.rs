@@ -1,4 +1,4 @@
-//! What a robot has under a name, whatever it is: a page of them, one, and the next version.
+//! Documents that a robot has under a name (mappings of columns, work frames, tools): their list, the newest version, and a new version.
 
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
@@ -11,53 +11,48 @@ use axum::Json;
 use axum::response::Response;
 use serde::Serialize;
 
-/// A page of a robot's documents of a kind.
-pub async fn page<A>(
+/// The answer for documents of one kind.
+pub trait DocumentAnswer: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize {
+    /// The kind.
+    const KIND: NamedDocumentKind;
+}
+
+/// One page of a robot's documents of a kind.
+pub async fn list<A: DocumentAnswer>(
     app: &App,
     caller: &Caller,
     robot_id: &str,
-    kind: NamedDocumentKind,
     query: NewestListQuery,
-) -> Result<Json<Page<A>>, Error>
-where
-    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error>,
-{
+) -> Result<Json<Page<A>>, Error> {
     access::robot(app, caller, robot_id).await?;
-    let found = named_documents::list(&app.store, robot_id, kind, &query.request()?).await?;
+    let found = named_documents::list(&app.store, robot_id, A::KIND, &query.request()?).await?;
     let convert = |row| A::try_from(&row);
     Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
-/// The document that is in force under a name.
-pub async fn one<A>(
+/// The newest version of a document.
+pub async fn get<A: DocumentAnswer>(
     app: &App,
     caller: &Caller,
     robot_id: &str,
-    kind: NamedDocumentKind,
     name: &str,
-) -> Result<Json<A>, Error>
-where
-    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error>,
-{
+) -> Result<Json<A>, Error> {
     access::robot(app, caller, robot_id).await?;
-    let row = newest(app, robot_id, kind, name).await?;
+    let row = newest(app, robot_id, A::KIND, name).await?;
     Ok(Json(A::try_from(&row)?))
 }
 
-/// Stores the checked body of a request under the robot's id, the kind and the name.
-pub async fn keep<B, A>(
+/// Stores the checked body of a request as the new version of a document.
+pub async fn put<A: DocumentAnswer>(
     app: &App,
-    (robot_id, kind, name): (&str, NamedDocumentKind, &str),
-    submission: Submission,
-    body: B,
-) -> Result<Response, Error>
-where
-    B: Serialize,
-    A: for<'r> TryFrom<&'r NamedDocumentRow, Error = Error> + Serialize,
-{
+    robot_id: &str,
+    name: &str,
+    submission: &Submission,
+    body: impl Serialize,
+) -> Result<Response, Error> {
     let new = NewNamedDocument {
         robot_id,
-        kind,
+        kind: A::KIND,
         name,
         content_json: &serde_json::to_string(&body)?,
         by: &submission.caller.holder,
@@ -69,7 +64,7 @@ where
     submission.create(&app.store, effect).await
 }
 
-/// The row that is in force under a name.
+/// The row of the newest version.
 pub async fn newest(
     app: &App,
     robot_id: &str,
@@ -78,12 +73,12 @@ pub async fn newest(
 ) -> Result<NamedDocumentRow, Error> {
     let row = named_documents::newest(&app.store, robot_id, kind, name).await;
     row.map_err(|error| match error {
-        store::Error::NotFound => Error::NotFound(in_words(kind)),
+        store::Error::NotFound => Error::NotFound(kind_name(kind)),
         other => other.into(),
     })
 }
 
-fn in_words(kind: NamedDocumentKind) -> &'static str {
+fn kind_name(kind: NamedDocumentKind) -> &'static str {
     match kind {
         NamedDocumentKind::Columns => "mapping of columns",
         NamedDocumentKind::WorkFrame => "work frame",

@@ -1,9 +1,10 @@
-//! Work frames and tools of a robot, kept under a name.
+//! Work frames and tools of a robot, each under a name.
 
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
+use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
 use crate::store::{NamedDocumentRow, measurement_sets};
@@ -16,16 +17,6 @@ use axum::Json;
 use axum::extract::{Path, State};
 use axum::response::Response;
 use serde::de::DeserializeOwned;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of work frames and tools.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list_work_frames))
-        .routes(routes!(get_work_frame, put_work_frame))
-        .routes(routes!(list_tools))
-        .routes(routes!(get_tool, put_tool))
-}
 
 /// A robot's work frames, newest first.
 #[utoipa::path(
@@ -33,20 +24,13 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<WorkFrameAnswer>))
 )]
-async fn list_work_frames(
+pub async fn list_work_frames(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<WorkFrameAnswer>>, Error> {
-    named_documents::page(
-        &app,
-        &caller,
-        &robot_id,
-        NamedDocumentKind::WorkFrame,
-        query,
-    )
-    .await
+    named_documents::list(&app, &caller, &robot_id, query).await
 }
 
 /// A work frame by its name.
@@ -55,19 +39,12 @@ async fn list_work_frames(
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The work frame's name")),
     responses((status = 200, description = "The work frame", body = WorkFrameAnswer))
 )]
-async fn get_work_frame(
+pub async fn get_work_frame(
     State(app): State<App>,
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<WorkFrameAnswer>, Error> {
-    named_documents::one(
-        &app,
-        &caller,
-        &robot_id,
-        NamedDocumentKind::WorkFrame,
-        &name,
-    )
-    .await
+    named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
 /// Keeps a work frame under a name, in place of an earlier one of that name: typed, or fitted to three or more measured points.
@@ -77,12 +54,12 @@ async fn get_work_frame(
     request_body = WorkFrameBody,
     responses((status = 200, description = "The work frame, stored, with the residuals of its points", body = WorkFrameAnswer))
 )]
-async fn put_work_frame(
+pub async fn put_work_frame(
     State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: WorkFrameBody = begin(&app, &robot_id, &name, &submission).await?;
+    let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.work_frame()?;
     if let Some(id) = &body.measurement_set_id {
         let set = measurement_sets::get(&app.store, id).await;
@@ -90,12 +67,7 @@ async fn put_work_frame(
             return Err(Error::NotFound("measurement set of this robot"));
         }
     }
-    let named = (
-        robot_id.as_str(),
-        NamedDocumentKind::WorkFrame,
-        name.as_str(),
-    );
-    named_documents::keep::<_, WorkFrameAnswer>(&app, named, submission, body).await
+    named_documents::put::<WorkFrameAnswer>(&app, &robot_id, &name, &submission, body).await
 }
 
 /// A robot's tools, newest first.
@@ -104,13 +76,13 @@ async fn put_work_frame(
     params(("robot_id" = String, Path, description = "The robot"), NewestListQuery),
     responses((status = 200, description = "One page", body = Page<ToolAnswer>))
 )]
-async fn list_tools(
+pub async fn list_tools(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
     Query(query): Query<NewestListQuery>,
 ) -> Result<Json<Page<ToolAnswer>>, Error> {
-    named_documents::page(&app, &caller, &robot_id, NamedDocumentKind::Tool, query).await
+    named_documents::list(&app, &caller, &robot_id, query).await
 }
 
 /// A tool by its name.
@@ -119,12 +91,12 @@ async fn list_tools(
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The tool's name")),
     responses((status = 200, description = "The tool", body = ToolAnswer))
 )]
-async fn get_tool(
+pub async fn get_tool(
     State(app): State<App>,
     caller: Caller,
     Path((robot_id, name)): Path<(String, String)>,
 ) -> Result<Json<ToolAnswer>, Error> {
-    named_documents::one(&app, &caller, &robot_id, NamedDocumentKind::Tool, &name).await
+    named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
 /// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
@@ -134,19 +106,18 @@ async fn get_tool(
     request_body = ToolBody,
     responses((status = 200, description = "The tool, stored", body = ToolAnswer))
 )]
-async fn put_tool(
+pub async fn put_tool(
     State(app): State<App>,
     Path((robot_id, name)): Path<(String, String)>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let body: ToolBody = begin(&app, &robot_id, &name, &submission).await?;
+    let body: ToolBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.check()?;
-    let named = (robot_id.as_str(), NamedDocumentKind::Tool, name.as_str());
-    named_documents::keep::<_, ToolAnswer>(&app, named, submission, body).await
+    named_documents::put::<ToolAnswer>(&app, &robot_id, &name, &submission, body).await
 }
 
-/// The body of a request that puts a work frame or tool of this name, if the caller may see the robot.
-async fn begin<B: DeserializeOwned>(
+/// The body of a request that stores a work frame or a tool. Checks the name and the robot first.
+async fn checked_body<B: DeserializeOwned>(
     app: &App,
     robot_id: &str,
     name: &str,
@@ -157,16 +128,20 @@ async fn begin<B: DeserializeOwned>(
     submission.json()
 }
 
-/// The work frame that is in force under a name.
+/// The newest work frame of this name.
 pub async fn work_frame(app: &App, robot_id: &str, name: &str) -> Result<WorkFrameBody, Error> {
     let row = named_documents::newest(app, robot_id, NamedDocumentKind::WorkFrame, name).await?;
     Ok(serde_json::from_str(&row.content_json)?)
 }
 
-/// The tool that is in force under a name.
+/// The newest tool of this name.
 pub async fn tool(app: &App, robot_id: &str, name: &str) -> Result<ToolBody, Error> {
     let row = named_documents::newest(app, robot_id, NamedDocumentKind::Tool, name).await?;
     Ok(serde_json::from_str(&row.content_json)?)
+}
+
+impl DocumentAnswer for WorkFrameAnswer {
+    const KIND: NamedDocumentKind = NamedDocumentKind::WorkFrame;
 }
 
 impl TryFrom<&NamedDocumentRow> for WorkFrameAnswer {
@@ -176,6 +151,10 @@ impl TryFrom<&NamedDocumentRow> for WorkFrameAnswer {
         let body: WorkFrameBody = serde_json::from_str(&row.content_json)?;
         Ok(body.answer(row.name.clone(), rfc3339(row.created_at_ms))?)
     }
+}
+
+impl DocumentAnswer for ToolAnswer {
+    const KIND: NamedDocumentKind = NamedDocumentKind::Tool;
 }
 
 impl TryFrom<&NamedDocumentRow> for ToolAnswer {

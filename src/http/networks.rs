@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
-use crate::http::limits::RequestClass;
 use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access};
 use crate::store::{NetworkRow, networks};
@@ -14,15 +13,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of networks.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list))
-        .routes(routes!(get))
-        .routes(routes!(weights))
-}
 
 /// A robot's networks.
 #[utoipa::path(
@@ -30,7 +20,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
     responses((status = 200, description = "One page", body = Page<NetworkAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -47,7 +37,7 @@ async fn list(
     get, path = "/v1/networks/{id}", tag = "networks", operation_id = "getNetwork", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "The network", body = NetworkAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -60,8 +50,12 @@ async fn get(
     get, path = "/v1/networks/{id}/weights", tag = "networks", operation_id = "getNetworkWeights", params(("id" = String, Path, description = "The network")),
     responses((status = 200, description = "safetensors, 64-bit floats", body = Vec<u8>, content_type = "application/octet-stream"))
 )]
-async fn weights(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
-    let _permit = app.limits.compute(RequestClass::CostlyRead).await?;
+pub async fn weights(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Response, Error> {
+    let _permit = app.limits.compute(caller.class).await?;
     access::network(&app, &caller, &id).await?;
     let disposition = format!("attachment; filename=\"{id}.safetensors\"");
     let headers = [

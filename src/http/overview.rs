@@ -1,4 +1,4 @@
-//! Every robot with what it needs.
+//! The overview: each robot with what it needs.
 
 use crate::http::auth::Caller;
 use crate::http::extract::Query;
@@ -16,22 +16,16 @@ use crate::wire::verification::Fit;
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
-use utoipa_axum::{router::OpenApiRouter, routes};
 
-/// Fewer sessions than this are no trend, so none is computed.
+/// Fewest sessions for which a trend is computed.
 const MIN_SESSIONS: i64 = 3;
-
-/// Routes of the overview.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(list))
-}
 
 /// Every robot with what it needs most and why: for whoever looks after hundreds of them. Newest robots first; the need is for sorting.
 #[utoipa::path(
     get, path = "/v1/overview", tag = "robots", operation_id = "getOverview", params(NamedListQuery),
     responses((status = 200, description = "One page", body = Page<RobotOverview>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Query(query): Query<NamedListQuery>,

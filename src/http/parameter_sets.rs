@@ -3,6 +3,7 @@
 use crate::calibration::request::Estimate;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query};
+use crate::http::headers::is_known;
 use crate::http::limits::ComputePermit;
 use crate::http::list_query::ParameterSetListQuery;
 use crate::http::{App, Error, access};
@@ -21,16 +22,6 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of parameter sets.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list))
-        .routes(routes!(get))
-        .routes(routes!(active))
-        .routes(routes!(covered))
-}
 
 /// A robot's parameter sets.
 #[utoipa::path(
@@ -38,7 +29,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot"), ParameterSetListQuery),
     responses((status = 200, description = "One page", body = Page<ParameterSetAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -56,7 +47,7 @@ async fn list(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "The parameter set", body = ParameterSetAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -75,7 +66,7 @@ async fn get(
         (status = 304, description = "Still the set of that ETag")
     )
 )]
-async fn active(
+pub async fn active(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -87,14 +78,7 @@ async fn active(
         .ok_or(Error::NoActiveParameterSet)?;
     let body = serde_json::to_vec(&ParameterSetAnswer::try_from(row)?)?;
     let etag = format!("\"{}\"", canonical::sha256_hex(&body));
-    let known_etags = headers
-        .get(header::IF_NONE_MATCH)
-        .and_then(|value| value.to_str().ok())
-        .unwrap_or_default();
-    if known_etags
-        .split(',')
-        .any(|tag| tag.trim() == "*" || tag.trim().trim_start_matches("W/") == etag)
-    {
+    if is_known(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response());
     }
     let headers = [
@@ -110,7 +94,11 @@ async fn active(
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Canonical JSON (RFC 8785)", body = ParameterSetContent))
 )]
-async fn covered(State(app): State<App>, caller: Caller, Id(id): Id) -> Result<Response, Error> {
+pub async fn get_content(
+    State(app): State<App>,
+    caller: Caller,
+    Id(id): Id,
+) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
     let content = content(&row)?;
     let text = match canonical::text_with_hash(&content, &row.sha256)? {
@@ -126,7 +114,7 @@ pub fn content(row: &ParameterSetRow) -> Result<ParameterSetContent, Error> {
     Ok(serde_json::from_str(&row.body_json)?)
 }
 
-/// Where a set comes from, and the warnings of its report that its users should see.
+/// The provenance of a parameter set, with the warnings of its report that its users should see.
 pub async fn provenance(
     app: &App,
     permit: &ComputePermit,
@@ -138,8 +126,8 @@ pub async fn provenance(
     Ok(release::provenance(summary, Some(measured.frame)))
 }
 
-/// The estimate behind a parameter set, where one is kept and its targets are those of the set. One is kept where its uncertainty is known, also
-/// where that is too large to be stated for the whole workspace.
+/// The estimate that is stored with a parameter set. `None` if there is none, because its uncertainty is not known, or if the estimate has several
+/// targets for one of the set, because that target moved.
 pub async fn estimate(
     app: &App,
     permit: &ComputePermit,
@@ -153,7 +141,6 @@ pub async fn estimate(
     let read = move || {
         let found = estimate_of(Some(&text), &robot)
             .map_err(|_| Error::Internal("a stored estimate cannot be read".into()))?;
-        // a target that moved is several targets of the estimate
         let is_one_each = content
             .targets
             .iter()

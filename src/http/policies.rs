@@ -9,12 +9,6 @@ use crate::wire::policy::PolicyBody;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of policies.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(get, put))
-}
 
 /// The robot's release policy. The default requires nothing beyond the gates that always hold.
 #[utoipa::path(
@@ -22,7 +16,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The policy", body = PolicyBody))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -38,7 +32,7 @@ async fn get(
     params(("robot_id" = String, Path, description = "The robot")), request_body = PolicyBody,
     responses((status = 200, description = "The policy, stored", body = PolicyBody))
 )]
-async fn put(
+pub async fn put(
     State(app): State<App>,
     Id(robot_id): Id,
     submission: Submission,

@@ -3,7 +3,6 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
 use crate::http::job_sources::require_own;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::operations::plan_poses;
 use crate::store::measurement_sets;
@@ -12,12 +11,6 @@ use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
 use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of pose plans.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(create))
-}
 
 /// Configurations that determine the robot's parameters best, within its joint limits. Nothing is stored.
 #[utoipa::path(
@@ -25,7 +18,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("robot_id" = String, Path, description = "The robot")), request_body = PosePlanBody,
     responses((status = 200, description = "The plan", body = PosePlanAnswer))
 )]
-async fn create(
+pub async fn create(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -47,7 +40,7 @@ async fn create(
     }
     let robot = Robot::try_from(&access::robot_body(&row)?)?;
     let n_joints = robot.links.len();
-    let permit = app.limits.compute(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let mut sets = Vec::new();
     for set in measured {
         // One after the other, because the bytes are much larger than the parsed points.

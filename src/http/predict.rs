@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations;
 use crate::wire::json;
@@ -10,12 +9,6 @@ use crate::wire::predict::{PredictAnswer, PredictBody};
 use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of predictions.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(predict))
-}
 
 /// Predicted positions of a target in the set's measuring frame, for the controller's joint values.
 #[utoipa::path(
@@ -23,7 +16,7 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")), request_body = PredictBody,
     responses((status = 200, description = "Positions, pose by pose", body = PredictAnswer))
 )]
-async fn predict(
+pub async fn predict(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -33,7 +26,7 @@ async fn predict(
     let robot = access::robot_of_set(&app, &caller, &row).await?;
     let bytes = json_body(request, &app).await?;
     let content = parameter_sets::content(&row)?;
-    let permit = app.limits.compute(RequestClass::Calculation).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
     let answer = permit.run(move || {
         let body: PredictBody = json::parse(&bytes)?;

@@ -3,7 +3,6 @@
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::jobs::release_check::{Purpose, ReleaseCheckError, ReleaseRequest, check};
 use crate::store::{Tx, parameter_sets};
@@ -13,17 +12,6 @@ use crate::wire::release::{GatesAnswer, ReleaseBody};
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
-use std::ops::ControlFlow;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of releases.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(gates_now))
-        .routes(routes!(release))
-        .routes(routes!(withdraw))
-        .routes(routes!(roll_back))
-}
 
 /// Checks the gates as a release by this key would, and changes nothing.
 #[utoipa::path(
@@ -31,13 +19,13 @@ pub fn router() -> OpenApiRouter<App> {
     params(("id" = String, Path, description = "The parameter set")),
     responses((status = 200, description = "Every gate, passed or not", body = GatesAnswer))
 )]
-async fn gates_now(
+pub async fn gates(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
 ) -> Result<Json<GatesAnswer>, Error> {
     let row = access::parameter_set(&app, &caller, &id).await?;
-    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let request = ReleaseRequest {
         set: row,
         approver: caller.holder,
@@ -61,15 +49,12 @@ async fn gates_now(
     params(("id" = String, Path, description = "The parameter set")), request_body = ReleaseBody,
     responses((status = 200, description = "The set, released", body = ParameterSetAnswer))
 )]
-async fn release(
+pub async fn release(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     let row = access::parameter_set(&app, &submission.caller, &id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     let body: ReleaseBody = submission.json()?;
     body.check()?;
     let request = ReleaseRequest {
@@ -79,18 +64,17 @@ async fn release(
             change_reason: body.change_reason,
         },
     };
-    let permit = app.limits.compute(RequestClass::Write).await?;
-    let release = check(&app.store, &permit, request)
-        .await?
-        .release(body.reason)?;
-    let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &ParameterSetAnswer::try_from(parameter_sets::release(tx, &release).await?)?,
-        )
+    let permit = app.limits.compute(submission.caller.class).await?;
+    let released = async {
+        let checked = check(&app.store, &permit, request).await?;
+        let release = checked.release(body.reason)?;
+        let effect = async |tx: &mut Tx| {
+            let row = parameter_sets::release(tx, &release).await?;
+            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+        };
+        submission.create(&app.store, effect).await
     };
-    submission.create(&app.store, effect).await
+    submission.or_replay(&app.store, released.await).await
 }
 
 /// Rolls back in one call: the active set is withdrawn, and the one that it superseded is active again.
@@ -99,31 +83,29 @@ async fn release(
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The set that is active now", body = ParameterSetAnswer))
 )]
-async fn roll_back(
+pub async fn roll_back(
     State(app): State<App>,
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
-    let permit = app.limits.safety().await?;
-    let reason = match submission.reason(&app.store).await? {
-        ControlFlow::Break(answer) => return Ok(answer),
-        ControlFlow::Continue(reason) => reason,
+    let permit = app.limits.compute(submission.caller.class).await?;
+    let reason = submission.reason()?;
+    let rolled_back = async {
+        let request = ReleaseRequest {
+            set: parameter_sets::before_active(&app.store, &robot_id).await?,
+            approver: submission.caller.holder.clone(),
+            purpose: Purpose::Rollback,
+        };
+        let checked = check(&app.store, &permit, request).await?;
+        let release = checked.release(reason)?;
+        let effect = async |tx: &mut Tx| {
+            let row = parameter_sets::roll_back(tx, &release).await?;
+            stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
+        };
+        submission.create(&app.store, effect).await
     };
-    let request = ReleaseRequest {
-        set: parameter_sets::before_active(&app.store, &robot_id).await?,
-        approver: submission.caller.holder.clone(),
-        purpose: Purpose::Rollback,
-    };
-    let release = check(&app.store, &permit, request).await?.release(reason)?;
-    let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &ParameterSetAnswer::try_from(parameter_sets::roll_back(tx, &release).await?)?,
-        )
-    };
-    submission.create(&app.store, effect).await
+    submission.or_replay(&app.store, rolled_back.await).await
 }
 
 /// Withdraws a parameter set. If it was the active one, the robot has none afterwards.
@@ -132,25 +114,18 @@ async fn roll_back(
     params(("id" = String, Path, description = "The parameter set")), request_body = ReasonBody,
     responses((status = 200, description = "The set, withdrawn", body = ParameterSetAnswer))
 )]
-async fn withdraw(
+pub async fn withdraw(
     State(app): State<App>,
     Id(id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     access::parameter_set(&app, &submission.caller, &id).await?;
-    let _permit = app.limits.safety().await?;
-    let reason = match submission.reason(&app.store).await? {
-        ControlFlow::Break(answer) => return Ok(answer),
-        ControlFlow::Continue(reason) => reason,
-    };
+    let _permit = app.limits.compute(submission.caller.class).await?;
+    let reason = submission.reason()?;
+    let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &ParameterSetAnswer::try_from(
-                parameter_sets::withdraw(tx, &id, &reason, &submission.caller.holder).await?,
-            )?,
-        )
+        let row = parameter_sets::withdraw(tx, &id, &reason, by).await?;
+        stored_json(200, None, &ParameterSetAnswer::try_from(row)?)
     };
     submission.create(&app.store, effect).await
 }

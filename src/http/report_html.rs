@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::report_page::{self, Sources};
 use crate::store::{jobs, policies, robot_versions};
@@ -12,19 +11,13 @@ use crate::wire::parameter_set::ParameterSetAnswer;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of the page.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(report_html))
-}
 
 /// The report as one self-contained page for printing, without scripts and without requests.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/report.html", tag = "jobs", operation_id = "getReportPage", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "The page", body = String, content_type = "text/html"))
 )]
-async fn report_html(
+pub async fn report_html(
     State(app): State<App>,
     caller: Caller,
     Id(id): Id,
@@ -37,7 +30,7 @@ async fn report_html(
         None => None,
     };
     let tolerance_mm = policies::get(&app.store, &job.robot_id).await?.tolerance_mm;
-    let permit = app.limits.compute(RequestClass::CostlyRead).await?;
+    let permit = app.limits.compute(caller.class).await?;
     let (report, convergence) = (
         jobs::report(&app.store, &id).await?,
         jobs::convergence(&app.store, &id).await?,

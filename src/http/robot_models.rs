@@ -2,7 +2,6 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, Query, json_body, parse_small};
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::operations;
 use crate::operations::robot_models::{self, MAX_SEARCH_CHARS};
@@ -14,21 +13,12 @@ use axum::Json;
 use axum::extract::{Request, State};
 use serde::Deserialize;
 use utoipa::IntoParams;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of ready arms and postures.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(list))
-        .routes(routes!(get))
-        .routes(routes!(posture))
-}
 
 /// Query of the library.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-struct ModelQuery {
+pub struct ModelQuery {
     /// Words of the maker's and the arm's name; case, blanks and punctuation do not count.
     #[param(max_length = 100)]
     search: Option<String>,
@@ -47,7 +37,10 @@ struct ModelQuery {
     get, path = "/v1/robot-models", tag = "robots", operation_id = "listRobotModels", params(ModelQuery),
     responses((status = 200, description = "One page", body = RobotModelPage))
 )]
-async fn list(_: Caller, Query(query): Query<ModelQuery>) -> Result<Json<RobotModelPage>, Error> {
+pub async fn list(
+    _: Caller,
+    Query(query): Query<ModelQuery>,
+) -> Result<Json<RobotModelPage>, Error> {
     let bad = |code, detail| Error::BadRequest { code, detail };
     let limit = query.limit.unwrap_or(DEFAULT_PAGE);
     if !(1..=MAX_PAGE).contains(&limit) {
@@ -78,7 +71,7 @@ async fn list(_: Caller, Query(query): Query<ModelQuery>) -> Result<Json<RobotMo
     get, path = "/v1/robot-models/{id}", tag = "robots", operation_id = "getRobotModel", params(("id" = String, Path, description = "The arm")),
     responses((status = 200, description = "The arm", body = RobotModel))
 )]
-async fn get(_: Caller, Id(id): Id) -> Result<Json<&'static RobotModel>, Error> {
+pub async fn get(_: Caller, Id(id): Id) -> Result<Json<&'static RobotModel>, Error> {
     let found = robot_models::get(&id).map_err(unreadable)?;
     found.map(Json).ok_or(Error::NotFound("robot model"))
 }
@@ -89,7 +82,7 @@ async fn get(_: Caller, Id(id): Id) -> Result<Json<&'static RobotModel>, Error> 
     params(("robot_id" = String, Path, description = "The robot")), request_body = PostureBody,
     responses((status = 200, description = "The pose in the base frame", body = PostureAnswer))
 )]
-async fn posture(
+pub async fn posture(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -98,7 +91,7 @@ async fn posture(
     let row = access::robot(&app, &caller, &robot_id).await?;
     let bytes = json_body(request, &app).await?;
     let robot = access::robot_body(&row)?;
-    let answer = app.compute(RequestClass::Calculation, move || {
+    let answer = app.compute(caller.class, move || {
         let body: PostureBody = parse_small(&bytes)?;
         Ok(operations::posture(&body, &Robot::try_from(&robot)?)?)
     });

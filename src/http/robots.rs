@@ -14,30 +14,17 @@ use crate::wire::time::rfc3339;
 use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
-use std::ops::ControlFlow;
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of robots.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new()
-        .routes(routes!(create, list))
-        .routes(routes!(get, edit))
-        .routes(routes!(checked))
-}
 
 /// Stores a robot with its nominal links.
 #[utoipa::path(
     post, path = "/v1/robots", tag = "robots", operation_id = "createRobot", request_body = RobotBody,
     responses((status = 201, description = "The robot, stored", body = RobotAnswer, headers(("Location" = String, description = "Its path"))))
 )]
-async fn create(State(app): State<App>, submission: Submission) -> Result<Response, Error> {
+pub async fn create(State(app): State<App>, submission: Submission) -> Result<Response, Error> {
     if submission.caller.robots.is_some() {
         return Err(Error::Forbidden(
             "this key is limited to certain robots, so it cannot make new ones",
         ));
-    }
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
     }
     let body: RobotBody = submission.json()?;
     Robot::try_from(&body)?;
@@ -61,7 +48,7 @@ async fn create(State(app): State<App>, submission: Submission) -> Result<Respon
     get, path = "/v1/robots", tag = "robots", operation_id = "listRobots", params(NamedListQuery),
     responses((status = 200, description = "One page", body = Page<RobotAnswer>))
 )]
-async fn list(
+pub async fn list(
     State(app): State<App>,
     caller: Caller,
     Query(query): Query<NamedListQuery>,
@@ -76,7 +63,7 @@ async fn list(
     get, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "getRobot", params(("robot_id" = String, Path, description = "The robot")),
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-async fn get(
+pub async fn get(
     State(app): State<App>,
     caller: Caller,
     Id(robot_id): Id,
@@ -93,15 +80,12 @@ async fn get(
     params(("robot_id" = String, Path, description = "The robot")), request_body = RobotPatchBody,
     responses((status = 200, description = "The robot, edited", body = RobotAnswer))
 )]
-async fn edit(
+pub async fn edit(
     State(app): State<App>,
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     let row = access::robot(&app, &submission.caller, &robot_id).await?;
-    if let Some(answer) = submission.replay(&app.store).await? {
-        return Ok(answer);
-    }
     access::require_in_use(&row)?;
     let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
     let EditedRobot {
@@ -151,16 +135,13 @@ fn links_stay(error: Error) -> Error {
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,
     responses((status = 200, description = "The robot", body = RobotAnswer))
 )]
-async fn checked(
+pub async fn checked(
     State(app): State<App>,
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
     access::robot(&app, &submission.caller, &robot_id).await?;
-    let reason = match submission.reason(&app.store).await? {
-        ControlFlow::Break(answer) => return Ok(answer),
-        ControlFlow::Continue(reason) => reason,
-    };
+    let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
         let row = robots::checked(tx, &robot_id, &reason, by).await?;

@@ -2,7 +2,7 @@
 
 use crate::http::index::Contract;
 use crate::http::limits::response_memory;
-use crate::http::routes::routes;
+use crate::http::routes::{ROUTES, routes};
 use crate::http::{App, auth, document, host, layers};
 use axum::middleware::{from_fn_with_state, map_response_with_state};
 use axum::{Extension, Router};
@@ -20,7 +20,7 @@ pub fn router(app: App) -> Router {
     let guarded = router
         .layer(Extension(contract))
         .layer(map_response_with_state(app.clone(), response_memory::count))
-        .layer(from_fn_with_state(app.clone(), auth::authorize))
+        .layer(from_fn_with_state((app.clone(), ROUTES), auth::authorize))
         .layer(Extension(app.limits.clone()))
         .layer(from_fn_with_state(app.clone(), host::check));
     layers::with_middleware(guarded, app.metrics.clone()).with_state(app)

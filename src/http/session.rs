@@ -6,19 +6,13 @@ use crate::http::{App, Error};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use utoipa_axum::{router::OpenApiRouter, routes};
-
-/// Routes of the session.
-pub fn router() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(sign_in, sign_out))
-}
 
 /// Signs this browser in with the key of the request.
 ///
 /// The answer sets a cookie that scripts cannot read. With it, links and new tabs need no `Authorization` header; requests that change
 /// something need the header `X-Kincal-Session: 1`. The session ends with the browser, with sign-out, or with the revocation of the key.
 #[utoipa::path(put, path = "/v1/session", tag = "service", operation_id = "signIn", responses((status = 204, description = "Signed in; the answer sets the cookie")))]
-async fn sign_in(
+pub async fn sign_in(
     State(app): State<App>,
     _caller: Caller,
     headers: HeaderMap,
@@ -27,7 +21,7 @@ async fn sign_in(
     let Some(key) = bearer(&headers)? else {
         return Ok(StatusCode::NO_CONTENT.into_response());
     };
-    let cookie = signing_in(key, is_secure(&app, &headers));
+    let cookie = signing_in(key, &app, &headers);
     Ok((
         StatusCode::NO_CONTENT,
         cookie_header(cookie),
@@ -38,8 +32,8 @@ async fn sign_in(
 
 /// Signs this browser out: the answer deletes the cookie.
 #[utoipa::path(delete, path = "/v1/session", tag = "service", operation_id = "signOut", responses((status = 204, description = "Signed out")))]
-async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
-    let cookie = signing_out(is_secure(&app, &headers));
+pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
+    let cookie = signing_out(&app, &headers);
     (StatusCode::NO_CONTENT, cookie_header(cookie)).into_response()
 }
 
@@ -48,12 +42,4 @@ fn cookie_header(value: Option<header::HeaderValue>) -> HeaderMap {
         .into_iter()
         .map(|value| (header::SET_COOKIE, value))
         .collect()
-}
-
-/// Whether the browser came by TLS: to this server, or to a proxy in front of it.
-fn is_secure(app: &App, headers: &HeaderMap) -> bool {
-    app.has_tls
-        || headers
-            .get(header::ORIGIN)
-            .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }

@@ -1,14 +1,15 @@
 //! The cookie of a signed-in browser, so that links and new tabs stay signed in.
 //!
-//! Its value is the key itself. A value that the server could check without the key would have to be derived from what the database stores,
-//! and then a copy of the database would be enough to make one; so far it is not. The cookie is `HttpOnly`, so no script reads it, which the
-//! tab's storage could not promise; it goes to `/v1` only, and it ends with the browser, with sign-out, or with the revocation of the key.
+//! Its value is the key itself. The server could check another value only if it followed from what the database stores; then anybody with a copy
+//! of the database could make one. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. It ends with the browser, with sign-out,
+//! or with the revocation of the key.
 //!
-//! Browsers send cookies by themselves, so a page of another origin could use one. Against that: `SameSite=Strict`, the header
-//! [`SESSION_HEADER`] on every request that changes something (a page of another origin cannot send it without a preflight request, which is
-//! not granted), and `Sec-Fetch-Site` where the browser sends it.
+//! Browsers send cookies by themselves, so a page of another origin could use one. Three things prevent this: `SameSite=Strict`; the header
+//! [`SESSION_HEADER`] on every request that changes something, which a page of another origin cannot send without a preflight request, and none is
+//! granted; and `Sec-Fetch-Site`, where the browser sends it.
 
-use crate::http::Error;
+use crate::http::headers::SEC_FETCH_SITE;
+use crate::http::{App, Error};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, header};
 
 /// Name of the cookie.
@@ -16,8 +17,7 @@ pub const SESSION_COOKIE: &str = "kincal_session";
 /// Header that a request with the cookie needs if it changes something; any value.
 pub const SESSION_HEADER: HeaderName = HeaderName::from_static("x-kincal-session");
 
-const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
-/// Cookies that are looked through in one request; a browser sends a handful.
+/// Most cookies that are read of one request; a browser sends a handful.
 const MAX_COOKIES: usize = 64;
 
 /// The key in the request's cookie; `None` without one.
@@ -63,18 +63,26 @@ fn cookie(headers: &HeaderMap) -> Option<&str> {
 }
 
 /// The header that signs a browser in; `None` for a text that cannot be a cookie, which no key is.
-pub fn signing_in(key: &str, is_secure: bool) -> Option<HeaderValue> {
+pub fn signing_in(key: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
     let is_plain = key
         .bytes()
         .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
     is_plain
-        .then(|| HeaderValue::from_str(&with_attributes(key, "", is_secure)).ok())
+        .then(|| HeaderValue::from_str(&with_attributes(key, "", is_secure(app, headers))).ok())
         .flatten()
 }
 
 /// The header that signs a browser out.
-pub fn signing_out(is_secure: bool) -> Option<HeaderValue> {
-    HeaderValue::from_str(&with_attributes("", "; Max-Age=0", is_secure)).ok()
+pub fn signing_out(app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
+    HeaderValue::from_str(&with_attributes("", "; Max-Age=0", is_secure(app, headers))).ok()
+}
+
+/// Whether the browser came by TLS: to this server, or to a proxy in front of it.
+fn is_secure(app: &App, headers: &HeaderMap) -> bool {
+    app.has_tls
+        || headers
+            .get(header::ORIGIN)
+            .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }
 
 fn with_attributes(value: &str, more: &str, is_secure: bool) -> String {

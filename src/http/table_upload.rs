@@ -1,20 +1,20 @@
-//! What an upload may be, and what its caller says about its columns.
+//! Media types of an upload, and the mapping of columns that its query states.
 
 use crate::http::creation::Submission;
-use crate::http::{App, Error};
-use crate::store;
-use crate::store::named_documents::{self, NamedDocumentKind};
+use crate::http::{App, Error, named_documents};
+use crate::store::named_documents::NamedDocumentKind;
 use crate::wire::columns::ColumnsBody;
 use crate::wire::multipart::is_multipart;
 use crate::wire::{Invalid, json, workbook};
 
-/// First bytes of a zip archive, which xlsx and ods are, and of old workbooks.
+/// First bytes of a zip archive; xlsx and ods are such archives.
 const ZIP: &[u8] = b"PK\x03\x04";
+/// First bytes of a workbook in the old binary format (xls).
 const OLD_WORKBOOK: &[u8] = b"\xD0\xCF\x11\xE0";
-/// What an upload may be.
+/// Media types that an upload may have, for error messages.
 const EXPECTED: &str = "text/csv, application/json, a workbook (xlsx, ods) or multipart/form-data with two files (save other workbooks as CSV first)";
 
-/// Refuses what is no table, no JSON and no form, before anything of it is read.
+/// Refuses other media types than those of tables, JSON and forms, before the body is parsed.
 pub fn refuse_other_types(submission: &Submission) -> Result<(), Error> {
     let media_type = submission.media_type.as_str();
     let is_table = ["text/csv", workbook::XLSX, workbook::ODS].contains(&media_type);
@@ -37,7 +37,7 @@ fn not_a_workbook() -> Error {
     }
 }
 
-/// The content type that a table is stored with: a workbook's own, whatever it was sent as.
+/// The content type that is stored with a table. A workbook is recognised by its bytes, whatever type it was sent with.
 pub fn table_type(bytes: &[u8], sent: String) -> Result<String, Error> {
     if is_multipart(&sent) {
         return Ok(sent);
@@ -50,7 +50,7 @@ pub fn table_type(bytes: &[u8], sent: String) -> Result<String, Error> {
     }
 }
 
-/// The mapping of a query: JSON, or the name of one that the robot has.
+/// The mapping of columns in a query: JSON, or the name of one of the robot's mappings.
 pub async fn stated_columns(
     app: &App,
     robot_id: &str,
@@ -62,15 +62,14 @@ pub async fn stated_columns(
     if stated.starts_with('{') {
         return Ok(ColumnsBody::parse(stated.as_bytes())?);
     }
-    let kind = NamedDocumentKind::Columns;
-    match named_documents::newest(&app.store, robot_id, kind, stated).await {
+    match named_documents::newest(app, robot_id, NamedDocumentKind::Columns, stated).await {
         Ok(row) => Ok(json::parse(row.content_json.as_bytes())?),
-        Err(store::Error::NotFound) => {
+        Err(Error::NotFound(_)) => {
             let detail = format!(
                 "the robot has no mapping of columns called {stated:?}: keep it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"
             );
             Err(Invalid::at("/columns", "unknown_mapping", detail).into())
         }
-        Err(error) => Err(error.into()),
+        Err(error) => Err(error),
     }
 }

@@ -1,10 +1,9 @@
-//! Checks whether an upload can have been measured on its robot. If it does not fit and the cause is clear, it is refused; otherwise it gets a
+//! Checks whether an upload can have been measured on its robot. An upload that does not fit is refused if the cause is clear, else it gets a
 //! warning.
 
 use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
 use crate::calibration::upload_checks::rotations::{self, ROTATION_SUSPECT};
 use crate::http::auth::Caller;
-use crate::http::limits::RequestClass;
 use crate::http::{App, Error, access};
 use crate::release::{KeptMisfit, keep_misfit};
 use crate::store::{PageRequest, robots};
@@ -13,7 +12,7 @@ use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::{Invalid, Issue};
 
-/// Most other robots for which the upload is tried.
+/// Most other robots with which the upload is compared.
 const MAX_OTHERS: u32 = 50;
 
 /// A measurement set that does not fit the nominal robot.
@@ -35,10 +34,10 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
     })
 }
 
-/// Checks whether the rotations of poses fit the robot as they were read. The warning if the caller insists on them.
+/// Checks whether the rotations of poses fit the robot. Returns a warning if they do not and the caller insists on them.
 ///
 /// # Errors
-/// The reading that fits, if there is one and the caller does not insist.
+/// [`Error::Invalid`] with the convention that fits, if they do not and the caller does not insist.
 pub fn check_rotations(
     robot: &Robot,
     set: &MeasurementSet,
@@ -67,10 +66,10 @@ pub fn check_rotations(
     .into())
 }
 
-/// Searches for the cause.
+/// Searches for the cause of a misfit.
 ///
 /// # Errors
-/// The cause, if it is clear and the caller did not insist on it.
+/// [`Error::Invalid`] with the cause, if it is clear and the caller does not insist.
 pub async fn diagnose(
     app: &App,
     caller: &Caller,
@@ -101,7 +100,7 @@ pub async fn diagnose(
         }
     }
     let explain = move || explanation(&misfit, &others);
-    let explanation = app.compute(RequestClass::Write, explain).await?;
+    let explanation = app.compute(caller.class, explain).await?;
     keep_misfit(explanation, insist).map_err(|suspicion| {
         Invalid {
             code: suspicion.code,

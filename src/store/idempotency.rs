@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use sqlx::any::AnyRow;
-use sqlx::{FromRow, Row};
+use sqlx::{Any, Executor, FromRow, Row};
 
 use super::{Error, Result, Store, Tx};
 use crate::wire::canonical;
@@ -71,6 +71,14 @@ const FORGET_OLD: &str =
 type Found = (String, i64, Option<String>, String, Vec<u8>);
 
 impl Store {
+    /// What a request with this key answers, if one took effect. Only reads.
+    ///
+    /// # Errors
+    /// [`Error::Database`].
+    pub async fn answered(&self, scope: &IdempotencyScope) -> Result<Option<IdempotentOutcome>> {
+        find(self.readers(), scope).await
+    }
+
     /// Deletes expired Idempotency-Keys and their answers.
     ///
     /// # Errors
@@ -104,9 +112,9 @@ impl Store {
         if let Some(scope) = scope
             && !claim(&mut tx, scope).await?
         {
-            let outcome = answer_again(&mut tx, scope).await?;
+            let outcome = find(tx.connection(), scope).await?;
             tx.rollback().await?;
-            return Ok(outcome);
+            return Ok(outcome.ok_or(Error::NotFound)?);
         }
         match effect(&mut tx).await {
             Ok(response) => {
@@ -226,23 +234,28 @@ impl FromRow<'_, AnyRow> for Answered {
     }
 }
 
-async fn answer_again(tx: &mut Tx, scope: &IdempotencyScope) -> Result<IdempotentOutcome> {
+async fn find(
+    connection: impl Executor<'_, Database = Any>,
+    scope: &IdempotencyScope,
+) -> Result<Option<IdempotentOutcome>> {
     let query = sqlx::query_as(FIND)
         .bind(&scope.holder)
         .bind(&scope.method)
         .bind(&scope.path)
         .bind(&scope.key);
-    let (request_sha256, status, location, content_type, body): Found =
-        query.fetch_one(tx.connection()).await?;
+    let found: Option<Found> = query.fetch_optional(connection).await?;
+    let Some((request_sha256, status, location, content_type, body)) = found else {
+        return Ok(None);
+    };
     if request_sha256 != scope.request_sha256 {
-        return Ok(IdempotentOutcome::Reused);
+        return Ok(Some(IdempotentOutcome::Reused));
     }
     let status =
         u16::try_from(status).map_err(|e| Error::Database(sqlx::Error::Decode(e.into())))?;
-    Ok(IdempotentOutcome::Replay(StoredResponse {
+    Ok(Some(IdempotentOutcome::Replay(StoredResponse {
         status,
         location,
         content_type,
         body,
-    }))
+    })))
 }

@@ -1,4 +1,4 @@
-//! Every limit on requests, memory and rate: [`permits`] has their numbers and hands them out, by the class of a request ([`request_class`]).
+//! Every limit on requests, memory and rate. [`permits`] has the numbers and hands out permits by the class of a request ([`request_class`]).
 
 mod permits;
 mod rate;

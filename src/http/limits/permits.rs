@@ -9,7 +9,7 @@
 //! 4. a permit to compute or to read a whole document ([`Limits::compute`]), for which it waits;
 //! 5. memory for a large answer until it is sent ([`Limits::answer`]).
 //!
-//! Withdraw, rollback and cancel have permits of their own ([`Limits::safety`]), so that no flood of other requests keeps them out.
+//! Withdraw, rollback and cancel have permits of their own ([`RequestClass::Safety`]), so that no flood of other requests keeps them out.
 
 use crate::config::LimitsConfig;
 use crate::http::Error;
@@ -28,7 +28,8 @@ pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;
 /// Concurrent reads. A read takes 0.1 ms of one of two cores, so the last one waits some 15 ms.
 const MAX_READS: usize = 256;
-/// Concurrent requests that compute or read a whole document, and store nothing. Other reads and writes have permits of their own, so that these requests cannot block them.
+/// Concurrent requests that compute or read a whole document, and store nothing. Other reads and writes have permits of their own, so that these
+/// requests cannot block them.
 const MAX_CALCULATIONS: usize = 64;
 /// Concurrent writes. SQLite has one writer, so a withdrawal may wait for this many writes.
 const MAX_WRITES: usize = 64;
@@ -46,14 +47,15 @@ const SMALL_BODIES_KIB: usize = 64 * 1024;
 pub const LARGE_BODY_BYTES: usize = 1024 * 1024;
 /// Memory of a large body, as a multiple of its size: parsing it takes more than the bytes.
 const LARGE_BODY_FACTOR: usize = 2;
-/// Memory of all large answers that are not sent yet. It is separate from that of bodies, so that clients that do not read their answers cannot block writes. A report of 100,000 points has 45 MiB.
+/// Memory of all large answers that are not sent yet. It is separate from that of bodies, so that clients that do not read their answers cannot
+/// block writes. A report of 100,000 points has 45 MiB.
 const ANSWERS_KIB: usize = 64 * 1024;
 /// Computations for requests that store nothing, and whole documents (reports, uploads, weights) that are read from the database. Reading a document
 /// takes several times its size in memory.
 const MAX_COMPUTING_READS: usize = 2;
 /// Computations for writes. They are separate from those for reads. Otherwise an upload would wait for dozens of pose plans.
 const MAX_COMPUTING_WRITES: usize = 8;
-/// Longest wait for a permit, where requests wait; then the request is refused, and clients retry.
+/// Longest wait for a permit. Then the request is refused, and the client retries.
 const PERMIT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Attempts with unknown keys per address before the answer is 429 instead of 401: burst, and rate per second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
@@ -84,14 +86,6 @@ fn take(semaphore: &Arc<Semaphore>, n: usize) -> Result<OwnedSemaphorePermit, Er
     Arc::clone(semaphore)
         .try_acquire_many_owned(n)
         .map_err(|_| Error::Busy)
-}
-
-/// Waits for a permit, at most [`PERMIT_TIMEOUT`].
-async fn wait_for(semaphore: &Arc<Semaphore>) -> Result<ComputePermit, Error> {
-    match timeout(PERMIT_TIMEOUT, Arc::clone(semaphore).acquire_owned()).await {
-        Ok(Ok(permit)) => Ok(ComputePermit(Arc::new(permit))),
-        Ok(Err(_)) | Err(_) => Err(Error::Busy),
-    }
 }
 
 impl Limits {
@@ -140,7 +134,7 @@ impl Limits {
 
     /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
     /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
-    /// ([`Limits::safety`]), so that nobody without a key can use them up.
+    /// ([`Limits::compute`]), so that nobody without a key can use them up.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -158,14 +152,6 @@ impl Limits {
         }
     }
 
-    /// Waits for a permit of [`RequestClass::Safety`]. It is a permit to compute as well.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
-    pub async fn safety(&self) -> Result<ComputePermit, Error> {
-        wait_for(&self.0.safety).await
-    }
-
     /// A permit to wait for a job, for a long poll or an event stream.
     ///
     /// # Errors
@@ -174,19 +160,24 @@ impl Limits {
         take(&self.0.waiting, 1)
     }
 
-    /// Waits for a permit to compute, or to read a whole document from the database. Take it before reading large inputs, so that waiting requests
-    /// hold none in memory, and before any row if a document is the answer: then few connections read documents, and only these keep memory for them
-    /// (40 clients took the process to 340 MiB instead of 470).
+    /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Take it before reading large
+    /// inputs, so that waiting requests hold none in memory. Take it before any row if a document is the answer: then few connections read documents,
+    /// and only these keep memory for them (40 clients took the process to 340 MiB instead of 470). A request of [`RequestClass::Safety`] takes its
+    /// only permit here.
     ///
     /// # Errors
     /// [`Error::Busy`].
     pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
-        match class {
+        let permits = match class {
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => {
-                wait_for(&self.0.computing_reads).await
+                &self.0.computing_reads
             }
-            RequestClass::Write => wait_for(&self.0.computing_writes).await,
-            RequestClass::Safety => self.safety().await,
+            RequestClass::Write => &self.0.computing_writes,
+            RequestClass::Safety => &self.0.safety,
+        };
+        match timeout(PERMIT_TIMEOUT, Arc::clone(permits).acquire_owned()).await {
+            Ok(Ok(permit)) => Ok(ComputePermit(Arc::new(permit))),
+            Ok(Err(_)) | Err(_) => Err(Error::Busy),
         }
     }
 
@@ -329,7 +320,7 @@ impl BodyBudget {
         match self.class {
             RequestClass::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),
             RequestClass::Write => self.permits.push(take(&self.limits.0.writes, 1)?),
-            // `admit` or `safety` gives these their permit.
+            // `admit` or `compute` gives these their permit.
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Safety => {}
         }
         Ok(self.permits)
@@ -418,7 +409,7 @@ mod tests {
         drop(all_memory);
         let mut reserve = Vec::new();
         for _ in 0..MAX_SAFETY {
-            reserve.push(limits.safety().await.unwrap());
+            reserve.push(limits.compute(RequestClass::Safety).await.unwrap());
         }
         assert_eq!(limits.0.safety.available_permits(), 0);
         assert!(
@@ -436,7 +427,7 @@ mod tests {
         let semaphore = &limits.0.safety;
         let (begun, has_begun) = tokio::sync::oneshot::channel();
         let (end, ends) = std::sync::mpsc::channel::<()>();
-        let permit = limits.safety().await.unwrap();
+        let permit = limits.compute(RequestClass::Safety).await.unwrap();
         let request = tokio::spawn(async move {
             permit
                 .run(move || {
