@@ -289,7 +289,7 @@ FAULTS = [
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
     Fault("an orientation that nobody knows is released", "service", "poses_are_refused_if_the_flange", [
-        ("(std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then_some(std_deg)", "(std_deg > 1e9).then_some(std_deg)")], "src/release"),
+        ("if links_std_deg > most_deg {", "if links_std_deg > 1e9 {")], "src/release"),
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
         ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [

@@ -1,21 +1,20 @@
 //! Gathers the evidence for a release: the facts of every job about a parameter set, and the points to compare it with the active one.
 
+use crate::calibration::CalibrationRequest;
 use crate::calibration::request::VerifySource;
-use crate::calibration::{CalibrationRequest, ROBOT_CHANGED};
 use crate::jobs::execution::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
-use crate::release::independence::hides_base;
-use crate::release::{Comparison, Session, UnscoredSession};
+use crate::release::independence::{hides_base, shown_evidence};
+use crate::release::{Comparison, Session, UnscoredSession, has_changed};
 use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_shape::Evidence;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
 
@@ -148,7 +147,11 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
-    let identification = identification_that_shows(&request, identification);
+    let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
+    let identification = Verification {
+        evidence: shown_evidence(&identification, is_base_hidden),
+        ..identification
+    };
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
@@ -184,10 +187,7 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
     // reports of older versions have no summary
     let has_changed = match later.summary_json.as_str() {
         "" => false,
-        text => {
-            let warnings = parsed::<ReportSummary>(text)?.warnings;
-            warnings.iter().any(|told| told.code == ROBOT_CHANGED)
-        }
+        text => has_changed(&parsed(text)?),
     };
     Ok(UnscoredSession {
         job_id: later.job_id,
@@ -213,7 +213,6 @@ pub fn repeats_own_upload(
     Ok(repeats(&request.robot, own, &set))
 }
 
-/// A session's facts. Versions that did not ask whether the base was checked stored more of them than they show.
 fn session(
     request: &CalibrationRequest,
     row: &VerificationRow,
@@ -226,24 +225,9 @@ fn session(
         seq: row.seq,
         is_base_hidden,
         verification: Verification {
-            evidence: match is_base_hidden {
-                true => Evidence::None,
-                false => verification.evidence,
-            },
+            evidence: shown_evidence(&verification, is_base_hidden),
             ..verification
         },
-    }
-}
-
-/// Likewise of an identification that was verified on another upload.
-fn identification_that_shows(request: &CalibrationRequest, found: Verification) -> Verification {
-    let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
-    Verification {
-        evidence: match found.evidence {
-            Evidence::IndependentSession if is_base_hidden => Evidence::SameUpload,
-            evidence => evidence,
-        },
-        ..found
     }
 }
 

@@ -30,6 +30,16 @@ const PER_CONFIGURATION: f64 = 3.0;
 /// Fewer degrees of freedom state nothing.
 const LEAST_FREEDOM: f64 = 1.0;
 
+/// The decision rule in force. A robot without a policy has the default. A policy without a rule was stored by an older version, which compared the
+/// figure alone.
+pub fn rule_in_force(stored: Option<DecisionRule>, has_policy: bool) -> DecisionRule {
+    match (stored, has_policy) {
+        (Some(rule), _) => rule,
+        (None, true) => DecisionRule::SimpleAcceptance,
+        (None, false) => DecisionRule::default(),
+    }
+}
+
 /// The points of one configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ConfigurationErrors {

@@ -1,12 +1,11 @@
 //! What a robot needs, from facts that are stored as columns.
 
 use crate::release::guard_band::{Within, within};
+use crate::release::trend::GROWTH;
 use crate::wire::job_answer::JobStatus;
 use crate::wire::overview::Need;
 use crate::wire::policy::DecisionRule;
 
-/// Growth of the error since the identification from which on a robot counts as drifted if its policy states no tolerance; as in the trend.
-const GROWTH: f64 = 1.5;
 /// A calibration is due if the limit is reached within this time, days.
 const SOON_DAYS: f64 = 14.0;
 

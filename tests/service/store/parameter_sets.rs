@@ -7,7 +7,7 @@ use kincal::store::{
     ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store, jobs, leases,
     measurement_sets, parameter_sets, policies, robots, verifications,
 };
-use kincal::wire::policy::DecisionRule;
+use kincal::wire::policy::{DecisionRule, PolicyBody};
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use std::time::Duration;
@@ -386,12 +386,11 @@ fn the_schema_itself_keeps_the_robots_policy() {
         let robot = a_robot(store, "r").await;
         let set_row = a_set(store, &robot).await;
         let candidate = a_candidate(store, &set_row).await;
-        let strict = PolicyRow {
+        let strict = PolicyBody {
             tolerance_mm: Some(0.2),
-            decision_rule: Some(DecisionRule::GuardedAcceptance),
-            independent_session_required: 1,
-            second_person_required: 1,
-            version: 0,
+            decision_rule: DecisionRule::GuardedAcceptance,
+            independent_session_required: true,
+            second_person_required: true,
         };
         let set = in_transaction(store, async |tx| {
             policies::put(tx, &robot.id, &strict, "boss").await
@@ -400,8 +399,11 @@ fn the_schema_itself_keeps_the_robots_policy() {
         assert_eq!(
             set,
             PolicyRow {
+                tolerance_mm: Some(0.2),
+                decision_rule: Some(DecisionRule::GuardedAcceptance),
+                independent_session_required: 1,
+                second_person_required: 1,
                 version: 1,
-                ..strict.clone()
             }
         );
         let write = async |evidence: &str, uncertainty_mm: f64, by: &str| {
@@ -450,10 +452,10 @@ fn the_schema_itself_counts_the_uncertainty_by_the_guarded_rule() {
             let robot = a_robot(store, "r").await;
             let set = a_set(store, &robot).await;
             let candidate = a_candidate(store, &set).await;
-            let policy = PolicyRow {
+            let policy = PolicyBody {
                 tolerance_mm: Some(0.2),
-                decision_rule: Some(rule),
-                ..PolicyRow::default()
+                decision_rule: rule,
+                ..PolicyBody::default()
             };
             in_transaction(store, async |tx| {
                 policies::put(tx, &robot.id, &policy, "boss").await
@@ -910,9 +912,9 @@ fn a_release_is_refused_when_the_policy_changed_since_its_checks() {
         let store = &database.store;
         let robot = a_robot(store, "r").await;
         let candidate = a_candidate(store, &a_set(store, &robot).await).await;
-        let loose = PolicyRow {
+        let loose = PolicyBody {
             tolerance_mm: Some(10.0),
-            ..PolicyRow::default()
+            ..PolicyBody::default()
         };
         in_transaction(store, async |tx| {
             policies::put(tx, &robot.id, &loose, "boss").await

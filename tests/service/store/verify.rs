@@ -4,11 +4,12 @@ use kincal::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys, frames,
-    leases, networks, parameter_sets, policies, verifications,
+    NewParameterSet, ParameterSetRow, Release, Result, Store, Tx, api_keys, frames, leases,
+    networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
+use kincal::wire::policy::PolicyBody;
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use sqlx::AssertSqlSafe;
@@ -171,12 +172,11 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
         networks::insert(tx, &lease.job_id, &network).await
     })
     .await;
-    let policy = PolicyRow {
+    let policy = PolicyBody {
         tolerance_mm: Some(0.1),
-        decision_rule: None,
-        independent_session_required: 1,
-        second_person_required: 1,
-        version: 0,
+        independent_session_required: true,
+        second_person_required: true,
+        ..PolicyBody::default()
     };
     // Of another robot, so that it blocks no release.
     let other = a_robot(store, "other").await;
