@@ -6,10 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{
-    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
-    job_sources,
-};
+use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sources};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::JobStatus;
@@ -160,7 +157,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     ANY_QUEUED,
     ANY_SUSPECT_QUEUED,
     CANCEL,
-    COUNT_BY_STATUS,
     BY_ID,
 ];
 
@@ -230,9 +226,6 @@ const CANCEL: &str = "
         finished_at_ms = case when status = 'queued' then (select now_ms from clock) else finished_at_ms end,
         status = case when status = 'queued' then 'cancelled' else status end
     where id = $1 and status in ('queued', 'running')";
-
-const COUNT_BY_STATUS: &str =
-    "select status, count(*) from job where status in ('queued', 'running') group by status";
 
 const BY_ID: &str = concat!(
     "select client, ",
@@ -366,16 +359,6 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
         .await?)
 }
 
-/// A robot's jobs, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
-}
-
 /// A robot's jobs by status, kind and whether they are archived.
 ///
 /// # Errors
@@ -455,23 +438,6 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
         .fetch_optional(store.readers())
         .await?;
     Ok(one.is_some())
-}
-
-/// How many jobs of all robots are queued, and how many are running.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS)
-        .fetch_all(store.readers())
-        .await?;
-    let of = |status: JobStatus| {
-        counts
-            .iter()
-            .find(|(s, _)| s == status.as_str())
-            .map_or(0, |(_, n)| *n)
-    };
-    Ok((of(JobStatus::Queued), of(JobStatus::Running)))
 }
 
 /// Cancels a job. A queued one is cancelled at once; the worker of a running one sees the request at its next heartbeat. An ended job stays.

@@ -6,9 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{
-    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
-};
+use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
@@ -248,20 +246,6 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
         .bind(id)
         .fetch_one(store.readers())
         .await?)
-}
-
-/// A robot's measurement sets, newest first.
-///
-/// # Errors
-/// [`Error::Database`].
-pub async fn list(
-    store: &Store,
-    robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<MeasurementSetRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
 }
 
 /// A robot's measurement sets by name and whether they are archived.

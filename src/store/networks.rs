@@ -6,7 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{AuditEvent, Hashed, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
@@ -325,20 +325,6 @@ pub async fn newest_residual(
         .bind(limit)
         .fetch_all(store.readers())
         .await?)
-}
-
-/// A robot's networks of both kinds, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(
-    store: &Store,
-    robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<NetworkRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
 }
 
 /// A robot's networks of both kinds by whether they are archived.

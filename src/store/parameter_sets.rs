@@ -11,8 +11,8 @@ use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
-    policies, robots, verifications,
+    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
+    verifications,
 };
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -362,20 +362,6 @@ pub async fn of_another_upload(
         .bind(except.as_str())
         .fetch_optional(store.readers())
         .await?)
-}
-
-/// A robot's parameter sets, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(
-    store: &Store,
-    robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<ParameterSetRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
 }
 
 /// A robot's parameter sets by status and whether they are archived.

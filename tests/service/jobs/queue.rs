@@ -5,20 +5,33 @@ use std::time::Duration;
 
 use kincal::jobs::{JobOutcome, JobSignals, queue};
 use kincal::store::{
-    Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store, jobs,
-    leases, parameter_sets,
+    Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, Result, Store, jobs, leases,
+    parameter_sets,
 };
 use kincal::wire::job::Method;
 
 use crate::computations::LONG;
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{
+    self, a_job, a_lone_job, a_robot, a_set, everything, in_transaction, new_job,
+};
 
 async fn claim(store: &Store, owner: &str) -> Lease {
-    leases::claim(store, owner, LONG)
+    fixtures::claim(store, owner, LONG)
         .await
-        .unwrap()
         .expect("a job waits")
+}
+
+/// How many jobs are queued, and how many are running.
+async fn queued_and_running(store: &Store) -> (i64, i64) {
+    let count = async |status: &'static str| {
+        sqlx::query_scalar("select count(*) from job where status = $1")
+            .bind(status)
+            .fetch_one(store.readers())
+            .await
+            .unwrap()
+    };
+    (count("queued").await, count("running").await)
 }
 
 /// Expires this lease.
@@ -98,13 +111,14 @@ fn a_posted_job_waits_with_what_was_asked() {
         );
         assert_eq!(jobs::get(store, &job.id).await.unwrap(), job);
         assert_eq!(
-            jobs::list(store, &set.robot_id, &PageRequest::default())
+            jobs::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items,
             [job]
         );
-        assert_eq!(jobs::queued_and_running(store).await.unwrap(), (1, 0));
+        assert_eq!(queued_and_running(store).await, (1, 0));
     });
 }
 
@@ -120,10 +134,8 @@ fn two_workers_never_get_the_same_job() {
                 let store = database.store.clone();
                 tokio::spawn(async move {
                     let mut claimed = Vec::new();
-                    while let Some(lease) = leases::claim(&store, &format!("worker {worker}"), LONG)
-                        .await
-                        .unwrap()
-                    {
+                    let owner = format!("worker {worker}");
+                    while let Some(lease) = fixtures::claim(&store, &owner, LONG).await {
                         claimed.push(lease.job_id);
                     }
                     claimed
@@ -136,10 +148,7 @@ fn two_workers_never_get_the_same_job() {
         }
         assert_eq!(all.len(), 60);
         assert_eq!(all.iter().collect::<HashSet<_>>().len(), 60);
-        assert_eq!(
-            jobs::queued_and_running(&database.store).await.unwrap(),
-            (0, 60)
-        );
+        assert_eq!(queued_and_running(&database.store).await, (0, 60));
     });
 }
 
@@ -163,7 +172,7 @@ fn the_highest_priority_goes_first_and_of_those_the_oldest() {
         for expected in [2, 4, 0, 1, 3] {
             assert_eq!(claim(store, "w").await.job_id, posted[expected]);
         }
-        assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
+        assert_eq!(fixtures::claim(store, "w", LONG).await, None);
     });
 }
 
@@ -279,9 +288,10 @@ fn a_job_is_finished_once() {
             }
         }
         assert_eq!(n_finished, 1);
-        let sets = parameter_sets::list(store, &job.robot_id, &PageRequest::default())
+        let sets = parameter_sets::search(store, &job.robot_id, &everything())
             .await
             .unwrap()
+            .page
             .items;
         assert_eq!(sets.len(), 1);
         assert_eq!(
@@ -356,7 +366,7 @@ fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
             (&error["code"], &error["status"]),
             (&"attempts_exhausted".into(), &500.into())
         );
-        assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
+        assert_eq!(fixtures::claim(store, "w", LONG).await, None);
     });
 }
 
@@ -384,7 +394,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
             .unwrap();
         assert_eq!(cancelled.status, JobStatus::Cancelled);
         assert!(cancelled.finished_at_ms.is_some());
-        assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
+        assert_eq!(fixtures::claim(store, "w", LONG).await, None);
         assert_eq!(
             queue::cancel(store, &signals, &waiting.id, "key_1")
                 .await
@@ -519,7 +529,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
             .execute(store.readers())
             .await
             .unwrap();
-        assert_eq!(jobs::queued_and_running(store).await.unwrap(), (10_000, 0));
+        assert_eq!(queued_and_running(store).await, (10_000, 0));
         let new = NewJob {
             robot_id: job.robot_id.clone(),
             measurement_set_id: job.measurement_set_id.clone(),
@@ -559,9 +569,7 @@ fn a_job_of_a_transaction_that_is_rolled_back_was_never_there() {
         queue::enqueue(&mut tx, &new_job(&set, "{}")).await.unwrap();
         drop(tx);
         assert_eq!(
-            leases::claim(store, "w", Duration::from_secs(1))
-                .await
-                .unwrap(),
+            fixtures::claim(store, "w", Duration::from_secs(1)).await,
             None
         );
     });

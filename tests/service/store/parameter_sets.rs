@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{
-    a_candidate, a_job, a_lone_job, a_robot, a_set, in_transaction, new_job, new_set,
+    a_candidate, a_job, a_lone_job, a_robot, a_set, claim, in_transaction, new_job, new_set,
 };
 
 /// The gate results that a release stores.
@@ -563,9 +563,8 @@ async fn scored(
         ..new_job(set, "{}")
     };
     in_transaction(store, async |tx| jobs::insert(tx, &new, None).await).await;
-    let lease = leases::claim(store, "worker_1", Duration::from_secs(60))
+    let lease = claim(store, "worker_1", Duration::from_secs(60))
         .await
-        .unwrap()
         .unwrap();
     in_transaction(store, async |tx| {
         let empty = "{}".to_owned().into();

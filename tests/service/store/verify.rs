@@ -16,7 +16,7 @@ use sqlx::AssertSqlSafe;
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, claim, in_transaction};
 use crate::store::idempotency::{make_a_robot, scope};
 
 pub async fn broken(store: &Store) -> Vec<&'static str> {
@@ -55,9 +55,8 @@ async fn succeed(tx: &mut Tx, lease: &Lease) -> Result<()> {
 /// A running job.
 async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
     a_job(store, set, "{}").await;
-    leases::claim(store, "worker_1", Duration::from_secs(60))
+    claim(store, "worker_1", Duration::from_secs(60))
         .await
-        .unwrap()
         .unwrap()
 }
 
