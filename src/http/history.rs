@@ -93,11 +93,11 @@ pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
         .collect();
     let rows = verifications::of_set(&app.store, &active.id).await?;
     let scored_jobs: Vec<ScoredJob> = rows
-        .iter()
+        .into_iter()
         .map(|row| ScoredJob {
             created_at_ms: row.created_at_ms,
-            measurement_set_id: row.measurement_set_id.clone(),
-            verification: row.into(),
+            measurement_set_id: row.measurement_set_id,
+            verification: row.found,
         })
         .collect();
     let scored = release::scored_sessions(&scored_jobs, &own_uploads);

@@ -138,11 +138,10 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
-    for row in &stored.rows {
-        let verification = Verification::from(row);
-        match verification.kind {
-            VerificationKind::Identification => identification = Some((row.seq, verification)),
-            VerificationKind::Session => sessions.push(session(&request, row, verification)),
+    for row in stored.rows {
+        match row.found.kind {
+            VerificationKind::Identification => identification = Some((row.seq, row.found)),
+            VerificationKind::Session => sessions.push(session(&request, row)),
         }
     }
     let (identification_seq, identification) =
@@ -213,20 +212,16 @@ pub fn repeats_own_upload(
     Ok(repeats(&request.robot, own, &set))
 }
 
-fn session(
-    request: &CalibrationRequest,
-    row: &VerificationRow,
-    verification: Verification,
-) -> Session {
+fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {
     let is_base_hidden = hides_base(request.set.frame, row.frame);
     Session {
-        job_id: row.job_id.clone(),
-        measurement_set_id: row.measurement_set_id.clone(),
+        job_id: row.job_id,
+        measurement_set_id: row.measurement_set_id,
         seq: row.seq,
         is_base_hidden,
         verification: Verification {
-            evidence: shown_evidence(&verification, is_base_hidden),
-            ..verification
+            evidence: shown_evidence(&row.found, is_base_hidden),
+            ..row.found
         },
     }
 }

@@ -406,7 +406,7 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
 
 /// Errors of the verified parameter set on the points that were held out when it was identified.
 fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
-    let found = inputs.parameter_set.as_ref()?.verification.as_ref()?;
+    let found = &inputs.parameter_set.as_ref()?.verification.as_ref()?.found;
     Some(HeldOut {
         nominal_rms_mm: found.before_rms_mm?,
         identified_rms_mm: found.after_rms_mm?,

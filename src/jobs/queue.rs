@@ -80,7 +80,7 @@ pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Re
     let Some(row) = verifications::insert(tx, job_id, &found).await? else {
         return Ok(());
     };
-    match release::check_state_change(&Verification::from(&row)) {
+    match release::check_state_change(&row.found) {
         Some(CheckStateChange::Begins) => {
             robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
         }

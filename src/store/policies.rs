@@ -14,20 +14,18 @@ pub struct PolicyRow {
     pub tolerance_mm: Option<f64>,
     /// How that rms is compared with it; none in a policy that an older version stored.
     pub decision_rule: Option<DecisionRule>,
-    /// 1: another measuring session must have verified the set.
-    pub independent_session_required: i64,
-    /// 1: the key that releases must not be the one that uploaded.
-    pub second_person_required: i64,
+    /// Another measuring session must have verified the set.
+    pub independent_session_required: bool,
+    /// The key that releases must not be the one that uploaded.
+    pub second_person_required: bool,
     /// Number of changes; 0 if never set.
     pub version: i64,
 }
 
 from_row!(PolicyRow {
     tolerance_mm,
-    independent_session_required,
-    second_person_required,
     version
-} optional { decision_rule });
+} optional { decision_rule } flags { independent_session_required, second_person_required });
 
 impl PolicyRow {
     /// The policy with the decision rule that is in force.
@@ -35,8 +33,8 @@ impl PolicyRow {
         PolicyBody {
             tolerance_mm: self.tolerance_mm,
             decision_rule,
-            independent_session_required: self.independent_session_required == 1,
-            second_person_required: self.second_person_required == 1,
+            independent_session_required: self.independent_session_required,
+            second_person_required: self.second_person_required,
         }
     }
 }
@@ -82,8 +80,8 @@ fn as_changed(set: &PolicyChange) -> Value {
         changed_at_ms,
         ..
     } = set;
-    let mut entry = json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required == 1,
-        "second_person_required": policy.second_person_required == 1, "version": policy.version,
+    let mut entry = json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required,
+        "second_person_required": policy.second_person_required, "version": policy.version,
         "changed_by": changed_by, "changed_at_ms": changed_at_ms});
     // entries of older versions do not have it
     if let Some(rule) = policy.decision_rule {

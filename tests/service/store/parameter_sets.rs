@@ -401,8 +401,8 @@ fn the_schema_itself_keeps_the_robots_policy() {
             PolicyRow {
                 tolerance_mm: Some(0.2),
                 decision_rule: Some(DecisionRule::GuardedAcceptance),
-                independent_session_required: 1,
-                second_person_required: 1,
+                independent_session_required: true,
+                second_person_required: true,
                 version: 1,
             }
         );
