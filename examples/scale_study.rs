@@ -8,7 +8,7 @@
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use kincal::jobs::queue;
+use kincal::jobs::queue::{self, AttemptEnd};
 use kincal::store::leases::{self, Eligible};
 use kincal::store::{
     Lease, ListRequest, NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation,
@@ -122,7 +122,7 @@ async fn main() {
     })
     .await;
     for lease in &claimed {
-        queue::fail(&store, lease, "{}")
+        queue::end(&store, lease, &AttemptEnd::Failed("{}".into()))
             .await
             .expect("the lease is ours");
     }

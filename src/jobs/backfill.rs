@@ -2,7 +2,7 @@
 //! before the server accepts requests.
 
 use crate::jobs::JobInputs;
-use crate::jobs::execution::{parsed, request_of, run_verification, since};
+use crate::jobs::execution::{parsed, requests_of, run_verification, since};
 use crate::jobs::queue;
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
@@ -86,9 +86,9 @@ async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Resul
 
 /// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
 fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
-    let request = request_of(inputs).ok()?;
+    let (body, request) = requests_of(inputs).ok()?;
     if inputs.job.kind.scores() {
-        let outcome = run_verification(&request, inputs, &mut |_| ControlFlow::Continue(()));
+        let outcome = run_verification(&body, &request, inputs, &mut |_| ControlFlow::Continue(()));
         return outcome.ok()?.verification;
     }
     let mut report: Report = serde_json::from_str(report).ok()?;

@@ -67,11 +67,8 @@ pub(super) fn estimate_of_checked(
     estimate_json: Option<&str>,
     robot: &RobotRow,
 ) -> Result<Option<Estimate>, Unreadable> {
-    let Some(text) = estimate_json else {
-        return Ok(None);
-    };
-    let stored: StoredEstimate = serde_json::from_str(text)?;
-    stored_estimate(estimate_json, robot, stored.model)
+    let found = estimate_of(estimate_json, &body_of(robot)?)?;
+    Ok(found.map(|(_, estimate)| estimate))
 }
 
 /// The session that the robot was last identified from; none if it cannot be read.

@@ -24,6 +24,7 @@ use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::report_summary::summary_json;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
+use crate::wire::verification::Verification;
 use crate::wire::{Invalid, Problem, json};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -39,10 +40,9 @@ pub fn compute(
     inputs: &JobInputs,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
-    let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
-    let request = request_of(inputs)?;
+    let (body, request) = requests_of(inputs)?;
     if body.kind.scores() {
-        return run_verification(&request, inputs, progress);
+        return run_verification(&body, &request, inputs, progress);
     }
     let calibrated = match held_values(&body, &request, inputs)? {
         Some(held) => run_timed(
@@ -52,28 +52,11 @@ pub fn compute(
         None => run_calibration(&request, progress)?,
     };
     let another = is_verified_anew(&request, &parsed(&inputs.sources, &request)?);
-    let report = calibrated
-        .report(
-            &inputs.job.id,
-            inputs.job.parameter_set_input_id.as_deref(),
-            another,
-            insisted_on(inputs),
-        )
-        .map_err(broken)?;
+    let since = since(inputs, &request)?;
+    let facts = |report: &Report| identification_facts(&request, report, another, since);
+    let outcome = outcome(inputs, &calibrated, another, facts)?;
     let content = ParameterSetContent::from(&calibrated.core);
-    let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
-        verification: Some(identification_facts(
-            &request,
-            &report,
-            another,
-            since(inputs, &request)?,
-        )),
-        summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json: report_json.into(),
-        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?
-            .into(),
         parameter_set: Some(NewParameterSet {
             body_json: serde_json::to_string(&content).map_err(broken)?,
             sha256: content.sha256().map_err(broken)?,
@@ -88,6 +71,36 @@ pub fn compute(
             .map(NewNetwork::try_from)
             .transpose()
             .map_err(broken)?,
+        ..outcome
+    })
+}
+
+/// The outcome of a job, without what only an identification stores.
+fn outcome(
+    inputs: &JobInputs,
+    calibrated: &Calibrated,
+    is_another_session: bool,
+    facts: impl FnOnce(&Report) -> Verification,
+) -> Result<JobOutcome, JobFailure> {
+    let report = calibrated
+        .report(
+            &inputs.job.id,
+            inputs.job.parameter_set_input_id.as_deref(),
+            is_another_session,
+            insisted_on(inputs),
+        )
+        .map_err(broken)?;
+    let report_json = serde_json::to_string(&report).map_err(broken)?;
+    Ok(JobOutcome {
+        summary_json: summary_json(&report_json).map_err(broken)?,
+        report_json: report_json.into(),
+        convergence_json: serde_json::to_string(&calibrated.convergence())
+            .map_err(broken)?
+            .into(),
+        verification: Some(facts(&report)),
+        parameter_set: None,
+        network: None,
+        residual_network: None,
         result_sha256: report.result_sha256,
     })
 }
@@ -114,6 +127,7 @@ fn held_values(
 
 /// Verifies or checks a parameter set, or verifies the nominal robot; identifies nothing.
 pub(super) fn run_verification(
+    body: &JobRequestBody,
     request: &CalibrationRequest,
     inputs: &JobInputs,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
@@ -128,7 +142,6 @@ pub(super) fn run_verification(
         .transpose()
         .map_err(broken)?
         .map(|content| content.identified_robot(None));
-    let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let checked = identified.as_ref().filter(|_| body.kind == Kind::Check);
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
@@ -153,27 +166,8 @@ pub(super) fn run_verification(
         None => calibration::verify(request, identified.as_ref(), monitor),
     };
     let calibrated = run_timed(&scored, progress)?;
-    let report = calibrated
-        .report(
-            &inputs.job.id,
-            inputs.job.parameter_set_input_id.as_deref(),
-            another,
-            insisted_on(inputs),
-        )
-        .map_err(broken)?;
-    let report_json = serde_json::to_string(&report).map_err(broken)?;
-    Ok(JobOutcome {
-        summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json: report_json.into(),
-        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?
-            .into(),
-        verification: Some(session_facts(request, &report, since)),
-        parameter_set: None,
-        network: None,
-        residual_network: None,
-        result_sha256: report.result_sha256,
-    })
+    let facts = |report: &Report| session_facts(request, report, since);
+    outcome(inputs, &calibrated, another, facts)
 }
 
 /// Whether a job's own points were measured since the robot's last session that did not fit.
@@ -360,8 +354,14 @@ fn residual_network_file(core: &CalibrationReport) -> Result<Option<StoredNetwor
 /// # Errors
 /// [`JobFailure::Failed`] if a stored document cannot be read.
 pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
-    let request: JobRequestBody =
-        json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
+    requests_of(inputs).map(|(_, request)| request)
+}
+
+/// The request as it was posted, and the core's.
+pub(super) fn requests_of(
+    inputs: &JobInputs,
+) -> Result<(JobRequestBody, CalibrationRequest), JobFailure> {
+    let posted: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
     let robot = Robot::try_from(&body).map_err(broken)?;
     let n_joints = robot.links.len();
@@ -391,17 +391,17 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
             .map(|content| (&content).into()),
         network: network.transpose().map_err(broken)?,
         residual_network: residual_network.transpose().map_err(broken)?,
-        previous: previous_session(&request, inputs, n_joints),
+        previous: previous_session(&posted, inputs, n_joints),
         robot,
     };
-    let mut request = request
+    let mut request = posted
         .calibration_request(parts)
         .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
     request.held_out = held_out(inputs);
     request.refused_as = insisted_on(inputs).map(str::to_owned);
     let scored = inputs.parameter_set.as_ref();
     request.scored_frame = scored.map(|input| input.set.row.frame);
-    Ok(request)
+    Ok((posted, request))
 }
 
 /// Errors of the verified parameter set on the points that were held out when it was identified.

@@ -3,7 +3,8 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use kincal::jobs::{JobOutcome, JobSignals, queue};
+use kincal::jobs::queue::{self, AttemptEnd};
+use kincal::jobs::{JobOutcome, JobSignals};
 use kincal::store::{
     Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, Result, Store, jobs, leases,
     parameter_sets,
@@ -67,6 +68,11 @@ fn an_outcome(report_json: &str) -> JobOutcome {
     }
 }
 
+async fn finish(store: &Store, lease: &Lease, report_json: &str) -> Result<()> {
+    let outcome = Box::new(an_outcome(report_json));
+    queue::end(store, lease, &AttemptEnd::Finished(outcome)).await
+}
+
 fn is_lost<T: std::fmt::Debug>(result: &Result<T>) -> bool {
     matches!(result, Err(Error::Conflict(Conflict::LeaseLost)))
 }
@@ -76,13 +82,15 @@ async fn assert_all_refused(store: &Store, lease: &Lease) {
     assert!(is_lost(
         &leases::heartbeat(store, lease, LONG, Some("{}")).await
     ));
-    assert!(is_lost(
-        &queue::finish(store, lease, &an_outcome("stale")).await
-    ));
-    assert!(is_lost(&queue::fail(store, lease, "{}").await));
-    assert!(is_lost(&queue::end_cancelled(store, lease).await));
-    assert!(is_lost(&queue::hand_back(store, lease).await));
-    assert!(is_lost(&queue::give_up(store, lease).await));
+    for end in [
+        AttemptEnd::Finished(Box::new(an_outcome("stale"))),
+        AttemptEnd::Failed("{}".into()),
+        AttemptEnd::Cancelled,
+        AttemptEnd::HandedBack,
+        AttemptEnd::GaveUp,
+    ] {
+        assert!(is_lost(&queue::end(store, lease, &end).await), "{end:?}");
+    }
 }
 
 #[test]
@@ -258,9 +266,7 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
             jobs::get(store, &job.id).await.unwrap().parameter_set_id,
             None
         );
-        queue::finish(store, &second, &an_outcome("fresh"))
-            .await
-            .unwrap();
+        finish(store, &second, "fresh").await.unwrap();
         assert_all_refused(store, &stale).await;
         assert_eq!(jobs::report(store, &job.id).await.unwrap(), "fresh");
     });
@@ -275,9 +281,7 @@ fn a_job_is_finished_once() {
         let finishes: Vec<_> = (0..8)
             .map(|i| {
                 let (store, lease) = (store.clone(), lease.clone());
-                tokio::spawn(async move {
-                    queue::finish(&store, &lease, &an_outcome(&i.to_string())).await
-                })
+                tokio::spawn(async move { finish(&store, &lease, &i.to_string()).await })
             })
             .collect();
         let mut n_finished = 0;
@@ -321,7 +325,7 @@ fn of_a_finish_that_fails_halfway_nothing_is_stored() {
         })
         .await;
         assert!(matches!(
-            queue::finish(store, &lease, &an_outcome("x")).await,
+            finish(store, &lease, "x").await,
             Err(Error::Conflict(Conflict::Duplicate))
         ));
         assert_eq!(
@@ -349,7 +353,9 @@ fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
         for attempt in 1..=3 {
             let lease = claim(store, "panics").await;
             assert_eq!(lease.attempt, attempt);
-            queue::give_up(store, &lease).await.unwrap();
+            queue::end(store, &lease, &AttemptEnd::GaveUp)
+                .await
+                .unwrap();
             let (queued, failed, _) = expire(store).await;
             let expected = if attempt < 3 {
                 (vec![job.id.clone()], vec![])
@@ -378,7 +384,9 @@ fn a_job_handed_back_has_its_attempt_again() {
         for _ in 0..5 {
             let lease = claim(store, "leaves").await;
             assert_eq!(lease.attempt, 1);
-            queue::hand_back(store, &lease).await.unwrap();
+            queue::end(store, &lease, &AttemptEnd::HandedBack)
+                .await
+                .unwrap();
             assert_all_refused(store, &lease).await;
         }
     });
@@ -424,7 +432,9 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
                 .unwrap()
                 .cancel_requested
         );
-        queue::end_cancelled(store, &lease).await.unwrap();
+        queue::end(store, &lease, &AttemptEnd::Cancelled)
+            .await
+            .unwrap();
         assert_eq!(
             jobs::get(store, &running.id).await.unwrap().status,
             JobStatus::Cancelled
@@ -436,9 +446,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         queue::cancel(store, &signals, &unheard.id, "key_1")
             .await
             .unwrap();
-        queue::finish(store, &lease, &an_outcome("too late"))
-            .await
-            .unwrap();
+        finish(store, &lease, "too late").await.unwrap();
         let cancelled = jobs::get(store, &unheard.id).await.unwrap();
         assert_eq!(
             (
@@ -458,7 +466,9 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         queue::cancel(store, &signals, &failing.id, "key_1")
             .await
             .unwrap();
-        queue::fail(store, &lease, "{}").await.unwrap();
+        queue::end(store, &lease, &AttemptEnd::Failed("{}".into()))
+            .await
+            .unwrap();
         let cancelled = jobs::get(store, &failing.id).await.unwrap();
         assert_eq!(
             (cancelled.status, cancelled.error_json),
@@ -466,7 +476,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         );
 
         let finished = a_lone_job(&database.store, "{}").await;
-        queue::finish(store, &claim(store, "w").await, &an_outcome("done"))
+        finish(store, &claim(store, "w").await, "done")
             .await
             .unwrap();
         assert_eq!(
@@ -507,7 +517,9 @@ fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
         queue::cancel(store, &signals, &left.id, "key_1")
             .await
             .unwrap();
-        queue::hand_back(store, &lease).await.unwrap();
+        queue::end(store, &lease, &AttemptEnd::HandedBack)
+            .await
+            .unwrap();
         assert_eq!(
             jobs::get(store, &left.id).await.unwrap().status,
             JobStatus::Cancelled
@@ -614,7 +626,9 @@ fn a_death_uses_up_no_attempt_and_an_attempt_counts_as_no_death() {
             wait_until_expired(store, &lease).await;
             assert_eq!(expire(store).await.0, std::slice::from_ref(&job.id));
             let lease = claim(store, "it panics").await;
-            queue::give_up(store, &lease).await.unwrap();
+            queue::end(store, &lease, &AttemptEnd::GaveUp)
+                .await
+                .unwrap();
             let (queued, failed, _) = expire(store).await;
             assert_eq!(
                 (queued.len(), failed.len()),
