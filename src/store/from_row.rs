@@ -76,6 +76,7 @@ mod tests {
     use crate::wire::job_answer::JobStatus;
     use crate::wire::measurement::Frame;
     use crate::wire::parameter_set::ParameterSetStatus;
+    use crate::wire::policy::DecisionRule;
     use crate::wire::report_shape::Evidence;
     use crate::wire::verification::{Fit, VerificationKind};
 
@@ -83,22 +84,22 @@ mod tests {
     #[test]
     fn every_enum_of_a_row_is_read_by_the_name_that_is_written() {
         macro_rules! check {
-            ($($name:ident: $($variant:ident)*;)*) => {
-                $($(
-                    let value = $name::$variant;
+            ($($name:ident: $variants:expr;)*) => {
+                $(for value in $variants {
                     let read: $name = super::variant(value.as_str().to_owned(), "column").unwrap();
                     assert_eq!(read, value);
-                )*)*
+                })*
             };
         }
         check! {
-            Kind: Identify Verify Check;
-            JobStatus: Queued Running Succeeded Failed Cancelled;
-            Frame: Base Instrument;
-            ParameterSetStatus: Candidate Released Superseded Withdrawn;
-            Evidence: None SameUpload IndependentSession;
-            Fit: Fits SetFarOff DoesNotFit;
-            VerificationKind: Identification Session;
+            Kind: Kind::ALL;
+            JobStatus: JobStatus::ALL;
+            Frame: [Frame::Base, Frame::Instrument];
+            ParameterSetStatus: ParameterSetStatus::ALL;
+            Evidence: Evidence::ALL;
+            DecisionRule: DecisionRule::ALL;
+            Fit: [Fit::Fits, Fit::SetFarOff, Fit::DoesNotFit];
+            VerificationKind: VerificationKind::ALL;
         }
         assert!(super::variant::<Fit>("not_thought_of".into(), "fit").is_err());
     }

@@ -1,6 +1,7 @@
 //! What a robot has under a name: mappings of the columns of its files, work frames and tools. A document is never changed: the next version of its
 //! name takes its place.
 
+use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
@@ -21,16 +22,7 @@ pub enum NamedDocumentKind {
     Tool,
 }
 
-impl NamedDocumentKind {
-    /// Its name in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Columns => "columns",
-            Self::WorkFrame => "work_frame",
-            Self::Tool => "tool",
-        }
-    }
-}
+names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool" });
 
 /// One version of a document.
 #[derive(Clone, Debug, PartialEq)]
