@@ -214,7 +214,7 @@ FAULTS = [
     Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
         ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
-        ("else if has_warning(report, CHECK_CHANGED) { // whatever", "else if false { // whatever")], "src/release"),
+        ("else if has_warning(report, CHECK_CHANGED) { // the set", "else if false { // the set")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
         ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
     Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [

@@ -27,7 +27,7 @@ pub(super) fn estimate_json(
     Ok(Some(text.into()))
 }
 
-/// Reads a stored estimate. None where there is none, or where the robot's links or joint map were others then.
+/// Reads a stored estimate. None if there is none, if it is of another model, or if the robot's links or joint map have changed since.
 ///
 /// # Errors
 /// If the document cannot be read.
@@ -59,7 +59,7 @@ pub fn estimate_of(
     Ok(Some((stored.model, Estimate::try_from(&stored)?)))
 }
 
-/// The estimate that was kept with the set that a job checks; none where there is none, or where the robot's links or joint map were others then.
+/// As [`estimate_of`], without the model, for the set that a job checks.
 ///
 /// # Errors
 /// If the document cannot be read.

@@ -66,7 +66,7 @@ pub struct ParsedEvidence {
     pub content: ParameterSetContent,
     /// Content of the active set.
     pub active: Option<ParameterSetContent>,
-    /// Whether the active set was identified from the same points, as far as can be told: those held out here may have been fitted there.
+    /// Whether the active set was identified from the same points, as far as is known. The points held out here may then have been fitted there.
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,

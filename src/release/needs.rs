@@ -86,7 +86,7 @@ fn drift(facts: &NeedFacts) -> Option<String> {
     if let Some(tolerance) = facts.tolerance_mm {
         let expanded = facts.session_expanded_mm;
         return match within(now, expanded, tolerance, facts.decision_rule) {
-            // of a session that states no uncertainty, the figure alone says that it still holds
+            // without a stated uncertainty, the figure alone decides
             Within::Yes | Within::Unknown => None,
             Within::No => Some(format!(
                 "the newest session has {now:.3} mm rms; the tolerance is {tolerance:.3} mm"

@@ -90,7 +90,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.content_type)
         .bind(new.body.content().as_slice())
         .bind(&new.result_json);
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let row: FramesRow = query
         .fetch_one(tx.connection())
         .await

@@ -295,7 +295,7 @@ impl Audited for JobWithClient {
 /// # Errors
 /// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`super::Error::NotFound`] if something that it names does not exist, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let id = new_id("job");
     let query = sqlx::query_as(INSERT)
         .bind(&id)

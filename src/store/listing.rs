@@ -13,7 +13,7 @@ use crate::wire::page::{ArchivedFilter, Sort};
 pub struct ListRequest {
     /// The page.
     pub page: PageRequest,
-    /// Order of the items. A cursor of another order is as none.
+    /// Order of the items. A cursor of another order is ignored.
     pub sort: Sort,
     /// Whether archived items are listed.
     pub archived: ArchivedFilter,

@@ -217,7 +217,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.serial_number.as_deref())
         .bind(new.insisted_on.as_deref())
         .bind(new.reading_json.as_deref());
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let row: MeasurementSetRow = query
         .fetch_one(tx.connection())
         .await

@@ -171,7 +171,7 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
         NamedDocumentKind::Columns => "col",
         NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => "doc",
     };
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     robots::lock(tx, new.robot_id).await?;
     let row: NamedDocumentRow = sqlx::query_as(INSERT)
         .bind(new_id(prefix))

@@ -66,7 +66,7 @@ pub struct InvalidCursor;
 /// Longest name in a cursor, bytes: a name has at most 200 characters of four bytes.
 const MAX_NAME_BYTES: usize = 800;
 
-/// First letter of a cursor's text, by its order; none for the newest first.
+/// First letter of a cursor's text for each order but the newest first, which has none.
 const LETTERS: [(Sort, &str); 3] = [
     (Sort::Oldest, "a"),
     (Sort::Name, "n"),

@@ -290,7 +290,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
         .bind(new_id("rob"))
         .bind(&new.name)
         .bind(&new.body_json);
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let row: RobotRow = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::RobotCreated, &row.id, as_created(&row));
     Ok(row)

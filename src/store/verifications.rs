@@ -55,7 +55,7 @@ impl VerificationRow {
             "before_rms_mm": found.before_rms_mm, "after_rms_mm": found.after_rms_mm, "is_better": i64::from(found.is_better), "fit": found.fit.as_str(),
             "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "check_seq": found.check_seq,
             "verified_uncertainty_mm": found.uncertainty_mm});
-        // entries of older versions have neither
+        // Entries of older versions have neither field.
         if let Some(expanded_mm) = found.after_expanded_mm {
             entry["after_expanded_mm"] = json!(expanded_mm);
         }
