@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
 /// An API key.
@@ -37,15 +37,7 @@ from_row!(ApiKeyRow {
     revoked_at_ms
 });
 
-impl ListRow for ApiKeyRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(ApiKeyRow);
 
 /// An API key to be stored.
 #[derive(Clone, Debug, PartialEq)]

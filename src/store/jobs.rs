@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sources};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
@@ -74,15 +74,7 @@ pub struct JobRow {
 
 from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
 
-impl ListRow for JobRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(JobRow);
 
 impl JobRow {
     /// Whether status, attempt or progress differ from an earlier state of the job.

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
@@ -68,15 +68,7 @@ from_row!(MeasurementSetRow {
     sort_name
 } parsed { frame });
 
-impl ListRow for MeasurementSetRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: &self.sort_name,
-            id: &self.id,
-        }
-    }
-}
+list_row!(MeasurementSetRow, sort_name);
 
 /// A measurement set to be stored.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
@@ -90,15 +90,7 @@ pub(super) const LIST: ListQueries = list_queries!(
     "$5"
 );
 
-impl ListRow for NamedDocumentRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(NamedDocumentRow);
 
 const BY_ID: &str = concat!(
     "select ",

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
@@ -49,15 +49,7 @@ from_row!(NetworkRow {
     joint_map_version
 });
 
-impl ListRow for NetworkRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(NetworkRow);
 
 /// A network of link parameters and its weights.
 #[derive(Clone, Debug, PartialEq)]

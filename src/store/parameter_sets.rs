@@ -7,7 +7,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::estimates;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
@@ -72,15 +72,7 @@ pub struct ParameterSetRow {
 
 from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
 
-impl ListRow for ParameterSetRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(ParameterSetRow);
 
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
@@ -391,10 +383,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         ParameterSetStatus::Withdrawn => return Err(Conflict::Withdrawn.into()),
         ParameterSetStatus::Candidate | ParameterSetStatus::Superseded => {}
     }
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
-        .bind(&set.robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let active = active_in(tx, &set.robot_id).await?;
     let active = active.map(|active| active.id);
     if active != release.checked.active {
         return Err(Conflict::ActiveChanged.into());
@@ -449,10 +438,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 /// As [`release`].
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
-        .bind(&set.robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let active = active_in(tx, &set.robot_id).await?;
     let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
         .bind(&set.robot_id)
         .fetch_optional(tx.connection())
@@ -465,18 +451,9 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     if let Some(active) = active {
         withdraw(tx, &active.id, &release.reason, &release.released_by).await?;
     }
-    let checked = CheckedState {
-        active: None,
-        ..release.checked.clone()
-    };
-    self::release(
-        tx,
-        &Release {
-            checked,
-            ..release.clone()
-        },
-    )
-    .await
+    let mut release = release.clone();
+    release.checked.active = None;
+    self::release(tx, &release).await
 }
 
 /// Withdraws a set in any state. If it was the active one, the robot has none afterwards.
@@ -505,6 +482,13 @@ async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
         .execute(tx.connection())
         .await?;
     get_in(tx, id).await
+}
+
+async fn active_in(tx: &mut Tx, robot_id: &str) -> Result<Option<ParameterSetRow>> {
+    Ok(sqlx::query_as(ACTIVE)
+        .bind(robot_id)
+        .fetch_optional(tx.connection())
+        .await?)
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
