@@ -7,7 +7,7 @@ use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::estimate::stored_estimate;
-use crate::jobs::execution::request_of;
+use crate::jobs::request::request_of;
 use crate::operations::{self, IdentifiedSet};
 use crate::release::{self, ScoredJob};
 use crate::store::{ParameterSetRow, estimates, jobs, parameter_sets, policies, verifications};

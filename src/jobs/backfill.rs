@@ -2,8 +2,9 @@
 //! before the server accepts requests.
 
 use crate::jobs::JobInputs;
-use crate::jobs::execution::{parsed, requests_of, run_verification, since};
+use crate::jobs::execution::run_verification;
 use crate::jobs::queue;
+use crate::jobs::request::{measured_since, points_of, requests_of};
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
 use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};
@@ -95,8 +96,8 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     report
         .warnings
         .extend(missing_misfit_warning(&request, &report));
-    let since = since(inputs, &request).ok()?;
-    let sources = parsed(&inputs.sources, &request).ok()?;
+    let since = measured_since(inputs, &request).ok()?;
+    let sources = points_of(&inputs.sources, &request).ok()?;
     Some(identification_facts(
         &request,
         &report,

@@ -1,13 +1,12 @@
 //! The estimate of a job's result, as it is stored and as a later session is compared with it.
 
 use crate::calibration::CalibrationReport;
-use crate::calibration::request::{Estimate, PreviousSession};
+use crate::calibration::request::Estimate;
 use crate::jobs::JobInputs;
 use crate::release::is_usable;
 use crate::store::{Hashed, RobotRow};
 use crate::wire::estimate::{StoredEstimate, geometry_sha256};
-use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobRequestBody, Kind, Model};
+use crate::wire::job::Model;
 use crate::wire::json;
 use crate::wire::robot::RobotBody;
 
@@ -69,32 +68,6 @@ pub(super) fn estimate_of_checked(
 ) -> Result<Option<Estimate>, Unreadable> {
     let found = estimate_of(estimate_json, &body_of(robot)?)?;
     Ok(found.map(|(_, estimate)| estimate))
-}
-
-/// The session that the robot was last identified from; none if it cannot be read.
-pub(super) fn previous_session(
-    request: &JobRequestBody,
-    inputs: &JobInputs,
-    n_joints: usize,
-) -> Option<PreviousSession> {
-    let input = inputs
-        .parameter_set
-        .as_ref()
-        .filter(|_| request.kind == Kind::Identify)?;
-    let frames = input
-        .frames
-        .as_ref()
-        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
-        .transpose()
-        .ok()?;
-    let set = input.set.parse(n_joints).ok()?;
-    let model = request.model_for(inputs.set.row.frame);
-    let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
-    Some(PreviousSession {
-        set,
-        frames: frames.map(|content| (&content).into()),
-        estimate,
-    })
 }
 
 fn body_of(robot: &RobotRow) -> Result<RobotBody, Unreadable> {

@@ -2,7 +2,7 @@
 
 use crate::calibration::CalibrationRequest;
 use crate::calibration::request::VerifySource;
-use crate::jobs::execution::request_of;
+use crate::jobs::request::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     self, Compared, PointsToCompare, compare_on_set, points_to_compare,

@@ -1,5 +1,6 @@
 //! The queue's rules on top of the job table.
 
+use super::compute::problem_json;
 use super::{JobOutcome, JobSignals};
 use crate::release::facts::facts_at_end;
 use crate::release::{self, CheckStateChange};
@@ -143,8 +144,4 @@ pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> R
         signals.job_changed(job_id);
     }
     Ok(expired)
-}
-
-pub(super) fn problem_json(problem: &Problem) -> String {
-    serde_json::json!(problem).to_string()
 }

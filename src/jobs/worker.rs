@@ -7,6 +7,7 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
+use super::compute::problem_json;
 use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, reached};
 use super::queue::{self, AttemptEnd};
 use super::run_alone::{Permit, RunAlone};
@@ -357,7 +358,7 @@ async fn cancelled_and_unresponsive(control: &Control) {
 /// The problem of a computation that failed internally; the cause goes to the log only.
 fn internal(job_id: &str, what: &str) -> String {
     tracing::error!(job_id, what, "a computation failed");
-    queue::problem_json(&Problem::new(
+    problem_json(&Problem::new(
         500,
         "internal",
         "the computation failed; the server's log has the cause under the job's id",
