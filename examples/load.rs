@@ -7,9 +7,9 @@
 mod hostile;
 
 use anyhow::{Context, ensure};
+use kincal::store::leases::{self, Eligible};
 use kincal::store::{
-    NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs, leases, measurement_sets,
-    robots,
+    NewJob, NewMeasurementSet, NewRobot, Store, StoreLocation, jobs, measurement_sets, robots,
 };
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -412,9 +412,12 @@ async fn claims(data_dir: &std::path::Path) -> anyhow::Result<()> {
     let mut times = Vec::new();
     for _ in 0..CLAIMS {
         let begun = Instant::now();
-        leases::claim(&store, "load", Duration::from_secs(60))
+        let mut tx = store.begin().await?;
+        let minute = Duration::from_secs(60);
+        leases::claim_in(&mut tx, Eligible::Unsuspected, "load", minute)
             .await?
             .context("a job")?;
+        tx.commit().await?;
         times.push(begun.elapsed());
     }
     println!(

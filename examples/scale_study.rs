@@ -8,10 +8,11 @@
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use kincal::jobs::queue;
+use kincal::jobs::queue::{self, AttemptEnd};
+use kincal::store::leases::{self, Eligible};
 use kincal::store::{
-    NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation, jobs, leases,
-    measurement_sets, robots,
+    Lease, ListRequest, NewJob, NewMeasurementSet, NewRobot, PageRequest, Store, StoreLocation,
+    jobs, measurement_sets, robots,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{JobRequestBody, Method};
@@ -46,12 +47,7 @@ async fn main() {
 
     let mut claimed = Vec::new();
     measured("claim a job", async || {
-        claimed.push(
-            leases::claim(&store, "study", Duration::from_secs(600))
-                .await
-                .expect("it answers")
-                .expect("jobs wait"),
-        );
+        claimed.push(claim(&store).await);
     })
     .await;
     measured("renew a lease", async || {
@@ -61,9 +57,10 @@ async fn main() {
             .expect("the lease is ours");
     })
     .await;
-    let set = measurement_sets::list(&store, robot, &PageRequest::default())
+    let set = measurement_sets::search(&store, robot, &page())
         .await
         .expect("a list")
+        .page
         .items
         .remove(0);
     let new = NewJob {
@@ -99,12 +96,12 @@ async fn main() {
     })
     .await;
     measured("list 50 jobs of a robot", async || {
-        drop(jobs::list(&store, robot, &page()).await.expect("a list"))
+        drop(jobs::search(&store, robot, &page()).await.expect("a list"))
     })
     .await;
     measured("list 50 sets of a robot", async || {
         drop(
-            measurement_sets::list(&store, robot, &page())
+            measurement_sets::search(&store, robot, &page())
                 .await
                 .expect("a list"),
         )
@@ -125,7 +122,7 @@ async fn main() {
     })
     .await;
     for lease in &claimed {
-        queue::fail(&store, lease, "{}")
+        queue::end(&store, lease, &AttemptEnd::Failed("{}".into()))
             .await
             .expect("the lease is ours");
     }
@@ -144,11 +141,19 @@ async fn main() {
     store.close().await;
 }
 
-fn page() -> PageRequest {
-    PageRequest {
+fn page() -> ListRequest {
+    ListRequest::all(&PageRequest {
         limit: 50,
         cursor: None,
-    }
+    })
+}
+
+async fn claim(store: &Store) -> Lease {
+    let mut tx = store.begin().await.expect("a transaction");
+    let lease = Duration::from_secs(600);
+    let job = leases::claim_in(&mut tx, Eligible::Unsuspected, "study", lease).await;
+    tx.commit().await.expect("a commit");
+    Lease::new(&job.expect("it answers").expect("jobs wait"), "study")
 }
 
 /// Robots, and rows of sets and queued jobs, made in the database.

@@ -215,7 +215,7 @@ FAULTS = [
     Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
         ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
-        ("else if has_warning(report, CHECK_CHANGED) { // whatever", "else if false { // whatever")], "src/release"),
+        ("else if has_warning(report, CHECK_CHANGED) { // the set", "else if false { // the set")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
         ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
     Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [
@@ -290,7 +290,7 @@ FAULTS = [
     Fault("a flange turned as nobody knows", "service", "how_the_flange_is_turned", [
         ("MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 *", "MAX_FLANGE_ROTATION_STD_RAD: f64 = 500.0 *")], "src/calibration"),
     Fault("an orientation that nobody knows is released", "service", "poses_are_refused_if_the_flange", [
-        ("(std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then(|| {", "(std_deg > 1e9).then(|| {")], "src/release"),
+        ("if links_std_deg > most_deg {", "if links_std_deg > 1e9 {")], "src/release"),
     Fault("a joint that counts the other way is no misfit", "service", "an_identified_robot_that_is_wrong", [
         ("delta_rad.abs() > UNMASTERED_RAD &&", "delta_rad.abs() > 100.0 &&")], "src/calibration"),
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [

@@ -240,7 +240,7 @@ fn from_store(error: &store::Error) -> Problem {
             (409, "nothing_to_roll_back_to", error.to_string())
         }
         E::Conflict(_) => (409, "conflict", error.to_string()),
-        E::NoRoom { .. } => (
+        E::LowDiskSpace { .. } => (
             507,
             "no_room",
             format!("{error}: free space on the disk, or move the data directory"),

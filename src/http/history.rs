@@ -6,7 +6,7 @@ use crate::http::list_query::PlainListQuery;
 use crate::http::{App, Error, access, parameter_sets as answers};
 use crate::jobs::JobInputs;
 use crate::jobs::estimate::stored_estimate;
-use crate::jobs::execution::request_of;
+use crate::jobs::request::request_of;
 use crate::operations::{self, IdentifiedSet};
 use crate::release::{self, ScoredJob};
 use crate::store::{ParameterSetRow, estimates, jobs, parameter_sets, policies, verifications};
@@ -84,11 +84,11 @@ pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
         .collect();
     let rows = verifications::of_set(&app.store, &active.id).await?;
     let scored_jobs: Vec<ScoredJob> = rows
-        .iter()
+        .into_iter()
         .map(|row| ScoredJob {
             created_at_ms: row.created_at_ms,
-            measurement_set_id: row.measurement_set_id.clone(),
-            verification: row.into(),
+            measurement_set_id: row.measurement_set_id,
+            verification: row.found,
         })
         .collect();
     let scored = release::scored_sessions(&scored_jobs, &own_uploads);

@@ -44,7 +44,7 @@ pub async fn readyz(State(app): State<App>) -> Result<String, Error> {
     }
     let limitations = [
         app.store
-            .short_of_room()
+            .low_disk_space()
             .map(|short| format!(", but new robots, uploads and jobs are refused: {short}")),
         stuck
             .filter(|stuck| stuck.duration >= STUCK)

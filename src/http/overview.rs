@@ -5,20 +5,18 @@ use crate::http::extract::Query;
 use crate::http::history::trend;
 use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error};
+use crate::release::guard_band::rule_in_force;
+use crate::release::may_have_trend;
 use crate::release::needs::{NeedFacts, need};
 use crate::store::overview::{self, OverviewRow};
 use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ParameterSetStatus;
-use crate::wire::policy::DecisionRule;
 use crate::wire::time::rfc3339;
 use crate::wire::verification::Fit;
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
-
-/// Fewest sessions for which a trend is computed.
-const MIN_SESSIONS: i64 = 3;
 
 /// Every robot with what it needs most and why: for whoever looks after hundreds of them. Newest robots first; the need is for sorting.
 #[utoipa::path(
@@ -33,7 +31,7 @@ pub async fn list(
     let found = overview::list(&app.store, caller.robots.as_deref(), &query.request()?).await?;
     let mut items = Vec::with_capacity(found.page.items.len());
     for row in found.page.items {
-        let days_to_limit = if row.n_sessions >= MIN_SESSIONS {
+        let days_to_limit = if may_have_trend(row.n_sessions) {
             trend(&app, &row.id).await?.days_to_limit
         } else {
             None
@@ -122,22 +120,17 @@ fn robot(row: OverviewRow, days_to_limit: Option<f64>) -> Result<RobotOverview, 
 }
 
 fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
-    let is_newer = match (row.newest_created_at_ms, row.active_created_at_ms) {
-        (Some(newest), Some(active)) => newest > active && row.newest_id != row.active_id,
-        (newest, None) => newest.is_some(),
-        (None, Some(_)) => false,
-    };
     NeedFacts {
         must_be_checked: row.check_job_id.is_some(),
         tolerance_mm: row.tolerance_mm,
-        // a tolerance without a rule was stored by an older version
-        decision_rule: row.decision_rule.unwrap_or(DecisionRule::SimpleAcceptance),
+        decision_rule: rule_in_force(row.decision_rule, row.tolerance_mm.is_some()),
         released_rms_mm: row.active_after_rms_mm,
         is_released: row.active_id.is_some(),
         session_rms_mm: row.session_rms_mm,
         session_expanded_mm: row.session_expanded_mm,
         is_far_off: row.session_fit == Some(Fit::SetFarOff),
-        has_newer: is_newer,
+        // an absent set is older than any
+        has_newer: row.newest_created_at_ms > row.active_created_at_ms,
         last_job: row.job_status,
         days_to_limit,
     }

@@ -4,7 +4,8 @@ use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
 use crate::http::{App, Error, access};
-use crate::store::{PolicyRow, Tx, policies};
+use crate::release::guard_band::rule_in_force;
+use crate::store::{Tx, policies};
 use crate::wire::policy::PolicyBody;
 use axum::Json;
 use axum::extract::State;
@@ -23,7 +24,8 @@ pub async fn get(
 ) -> Result<Json<PolicyBody>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
     let row = policies::get(&app.store, &robot_id).await?;
-    Ok(Json(PolicyBody::from(&row)))
+    let rule = rule_in_force(row.decision_rule, row.version > 0);
+    Ok(Json(row.body(rule)))
 }
 
 /// Sets the robot's release policy; requires the scope `admin`.
@@ -40,14 +42,10 @@ pub async fn put(
     access::robot(&app, &submission.caller, &robot_id).await?;
     let policy: PolicyBody = submission.json()?;
     policy.check()?;
-    let row = PolicyRow::from(&policy);
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
-        stored_json(
-            200,
-            None,
-            &PolicyBody::from(&policies::put(tx, &robot_id, &row, by).await?),
-        )
+        policies::put(tx, &robot_id, &policy, by).await?;
+        stored_json(200, None, &policy)
     };
     submission.create(&app.store, effect).await
 }

@@ -2,8 +2,9 @@
 //! before the server accepts requests.
 
 use crate::jobs::JobInputs;
-use crate::jobs::execution::{parsed, request_of, run_verification, since};
+use crate::jobs::execution::run_verification;
 use crate::jobs::queue;
+use crate::jobs::request::{measured_since, points_of, requests_of};
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
 use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};
@@ -86,17 +87,17 @@ async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Resul
 
 /// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
 fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
-    let request = request_of(inputs).ok()?;
+    let (body, request) = requests_of(inputs).ok()?;
     if inputs.job.kind.scores() {
-        let outcome = run_verification(&request, inputs, &mut |_| ControlFlow::Continue(()));
+        let outcome = run_verification(&body, &request, inputs, &mut |_| ControlFlow::Continue(()));
         return outcome.ok()?.verification;
     }
     let mut report: Report = serde_json::from_str(report).ok()?;
     report
         .warnings
         .extend(missing_misfit_warning(&request, &report));
-    let since = since(inputs, &request).ok()?;
-    let sources = parsed(&inputs.sources, &request).ok()?;
+    let since = measured_since(inputs, &request).ok()?;
+    let sources = points_of(&inputs.sources, &request).ok()?;
     Some(identification_facts(
         &request,
         &report,

@@ -9,11 +9,10 @@ use crate::store::{
     jobs, measurement_sets, networks, parameter_sets, robot_versions, verifications,
 };
 use crate::wire::job::Kind;
-use crate::wire::verification::Verification;
-
-use crate::wire::Invalid;
 use crate::wire::job_answer::ProgressAnswer;
 use crate::wire::measurement::{MeasurementSet, from_upload};
+use crate::wire::verification::Verification;
+use crate::wire::{Invalid, Problem};
 
 /// Computes a job from its inputs alone. It reports progress at least once per iteration, and stops with [`JobFailure::Cancelled`] when the monitor
 /// returns `Break`. It runs on a blocking thread and may panic.
@@ -157,6 +156,29 @@ pub enum JobFailure {
         /// Problem details for the client.
         problem_json: String,
     },
+}
+
+impl JobFailure {
+    /// Fails the job with these problem details.
+    pub(super) fn failed(problem: &Problem) -> Self {
+        Self::Failed {
+            problem_json: problem_json(problem),
+        }
+    }
+
+    /// Failure for a stored document that cannot be read or written: an internal error, not the client's.
+    pub(super) fn broken(cause: impl std::fmt::Display) -> Self {
+        tracing::error!(%cause, "a job's stored documents cannot be read or written");
+        Self::failed(&Problem::new(
+            500,
+            "internal",
+            "a stored document of this job cannot be read or written; the log has the cause",
+        ))
+    }
+}
+
+pub(super) fn problem_json(problem: &Problem) -> String {
+    serde_json::json!(problem).to_string()
 }
 
 impl JobInputs {

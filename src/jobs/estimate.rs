@@ -1,13 +1,12 @@
 //! The estimate of a job's result, as it is stored and as a later session is compared with it.
 
 use crate::calibration::CalibrationReport;
-use crate::calibration::request::{Estimate, PreviousSession};
+use crate::calibration::request::Estimate;
 use crate::jobs::JobInputs;
 use crate::release::is_usable;
 use crate::store::{Hashed, RobotRow};
 use crate::wire::estimate::{StoredEstimate, geometry_sha256};
-use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobRequestBody, Kind, Model};
+use crate::wire::job::Model;
 use crate::wire::json;
 use crate::wire::robot::RobotBody;
 
@@ -27,7 +26,7 @@ pub(super) fn estimate_json(
     Ok(Some(text.into()))
 }
 
-/// Reads a stored estimate. None where there is none, or where the robot's links or joint map were others then.
+/// Reads a stored estimate. None if there is none, if it is of another model, or if the robot's links or joint map have changed since.
 ///
 /// # Errors
 /// If the document cannot be read.
@@ -59,7 +58,7 @@ pub fn estimate_of(
     Ok(Some((stored.model, Estimate::try_from(&stored)?)))
 }
 
-/// The estimate that was kept with the set that a job checks; none where there is none, or where the robot's links or joint map were others then.
+/// As [`estimate_of`], without the model, for the set that a job checks.
 ///
 /// # Errors
 /// If the document cannot be read.
@@ -67,37 +66,8 @@ pub(super) fn estimate_of_checked(
     estimate_json: Option<&str>,
     robot: &RobotRow,
 ) -> Result<Option<Estimate>, Unreadable> {
-    let Some(text) = estimate_json else {
-        return Ok(None);
-    };
-    let stored: StoredEstimate = serde_json::from_str(text)?;
-    stored_estimate(estimate_json, robot, stored.model)
-}
-
-/// The session that the robot was last identified from; none if it cannot be read.
-pub(super) fn previous_session(
-    request: &JobRequestBody,
-    inputs: &JobInputs,
-    n_joints: usize,
-) -> Option<PreviousSession> {
-    let input = inputs
-        .parameter_set
-        .as_ref()
-        .filter(|_| request.kind == Kind::Identify)?;
-    let frames = input
-        .frames
-        .as_ref()
-        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
-        .transpose()
-        .ok()?;
-    let set = input.set.parse(n_joints).ok()?;
-    let model = request.model_for(inputs.set.row.frame);
-    let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
-    Some(PreviousSession {
-        set,
-        frames: frames.map(|content| (&content).into()),
-        estimate,
-    })
+    let found = estimate_of(estimate_json, &body_of(robot)?)?;
+    Ok(found.map(|(_, estimate)| estimate))
 }
 
 fn body_of(robot: &RobotRow) -> Result<RobotBody, Unreadable> {

@@ -1,21 +1,20 @@
 //! Gathers the evidence for a release: the facts of every job about a parameter set, and the points to compare it with the active one.
 
+use crate::calibration::CalibrationRequest;
 use crate::calibration::request::VerifySource;
-use crate::calibration::{CalibrationRequest, ROBOT_CHANGED};
-use crate::jobs::execution::request_of;
+use crate::jobs::request::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
 use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
-use crate::release::independence::hides_base;
-use crate::release::{Comparison, Session, UnscoredSession};
+use crate::release::independence::{hides_base, shown_evidence};
+use crate::release::{Comparison, Session, UnscoredSession, has_changed};
 use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_shape::Evidence;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
 
@@ -67,7 +66,7 @@ pub struct ParsedEvidence {
     pub content: ParameterSetContent,
     /// Content of the active set.
     pub active: Option<ParameterSetContent>,
-    /// Whether the active set was identified from the same points, as far as can be told: those held out here may have been fitted there.
+    /// Whether the active set was identified from the same points, as far as is known. The points held out here may then have been fitted there.
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
@@ -139,16 +138,19 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
-    for row in &stored.rows {
-        let verification = Verification::from(row);
-        match verification.kind {
-            VerificationKind::Identification => identification = Some((row.seq, verification)),
-            VerificationKind::Session => sessions.push(session(&request, row, verification)),
+    for row in stored.rows {
+        match row.found.kind {
+            VerificationKind::Identification => identification = Some((row.seq, row.found)),
+            VerificationKind::Session => sessions.push(session(&request, row)),
         }
     }
     let (identification_seq, identification) =
         identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
-    let identification = identification_that_shows(&request, identification);
+    let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
+    let identification = Verification {
+        evidence: shown_evidence(&identification, is_base_hidden),
+        ..identification
+    };
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
@@ -184,10 +186,7 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
     // reports of older versions have no summary
     let has_changed = match later.summary_json.as_str() {
         "" => false,
-        text => {
-            let warnings = parsed::<ReportSummary>(text)?.warnings;
-            warnings.iter().any(|told| told.code == ROBOT_CHANGED)
-        }
+        text => has_changed(&parsed(text)?),
     };
     Ok(UnscoredSession {
         job_id: later.job_id,
@@ -213,37 +212,17 @@ pub fn repeats_own_upload(
     Ok(repeats(&request.robot, own, &set))
 }
 
-/// A session's facts. Versions that did not ask whether the base was checked stored more of them than they show.
-fn session(
-    request: &CalibrationRequest,
-    row: &VerificationRow,
-    verification: Verification,
-) -> Session {
+fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {
     let is_base_hidden = hides_base(request.set.frame, row.frame);
     Session {
-        job_id: row.job_id.clone(),
-        measurement_set_id: row.measurement_set_id.clone(),
+        job_id: row.job_id,
+        measurement_set_id: row.measurement_set_id,
         seq: row.seq,
         is_base_hidden,
         verification: Verification {
-            evidence: match is_base_hidden {
-                true => Evidence::None,
-                false => verification.evidence,
-            },
-            ..verification
+            evidence: shown_evidence(&row.found, is_base_hidden),
+            ..row.found
         },
-    }
-}
-
-/// Likewise of an identification that was verified on another upload.
-fn identification_that_shows(request: &CalibrationRequest, found: Verification) -> Verification {
-    let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
-    Verification {
-        evidence: match found.evidence {
-            Evidence::IndependentSession if is_base_hidden => Evidence::SameUpload,
-            evidence => evidence,
-        },
-        ..found
     }
 }
 

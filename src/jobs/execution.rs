@@ -1,30 +1,26 @@
-//! Converts a job's stored inputs to a `calibration` request, runs it, and converts the result to rows. Except for durations, the same inputs
-//! give the same result on any worker.
+//! Runs a job: computes its request, and converts the result to rows. Except for durations, the same inputs give the same result on any worker.
 
 use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::{
-    self, CalibrationReport, CalibrationRequest, Event, HeldOut, ReleasedSet, calibrate,
+    self, CalibrationReport, CalibrationRequest, Event, ReleasedSet, calibrate,
 };
-use crate::jobs::estimate::{estimate_json, estimate_of_checked, previous_session};
+use crate::jobs::estimate::{estimate_json, estimate_of_checked};
+use crate::jobs::request::{insisted_on, measured_since, points_of, requests_of};
 use crate::jobs::result_check;
-use crate::jobs::{JobFailure, JobInputs, JobOutcome, MeasurementSetInput, ParameterSetInput};
-use crate::release::facts::{
-    MeasuredSince, evidence_of, identification_facts, repeats, session_facts,
-};
+use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
+use crate::release::facts::{evidence_of, identification_facts, session_facts};
 use crate::release::independence::{is_another_session, is_verified_anew};
 use crate::release::{insisted_warning, is_usable};
 use crate::store::{NewNetwork, NewParameterSet};
-use crate::wire::frames::FramesContent;
-use crate::wire::job::{JobParts, JobRequestBody, Kind};
+use crate::wire::Problem;
+use crate::wire::job::{JobRequestBody, Kind};
 use crate::wire::job_answer::{ProgressAnswer, Stage};
-use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report::{self, RunContext};
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::report_summary::summary_json;
-use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::safetensors::{self, ResidualOrigin, StoredNetwork};
-use crate::wire::{Invalid, Problem, json};
+use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -39,10 +35,9 @@ pub fn compute(
     inputs: &JobInputs,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<JobOutcome, JobFailure> {
-    let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
-    let request = request_of(inputs)?;
+    let (body, request) = requests_of(inputs)?;
     if body.kind.scores() {
-        return run_verification(&request, inputs, progress);
+        return run_verification(&body, &request, inputs, progress);
     }
     let calibrated = match held_values(&body, &request, inputs)? {
         Some(held) => run_timed(
@@ -51,43 +46,56 @@ pub fn compute(
         )?,
         None => run_calibration(&request, progress)?,
     };
-    let another = is_verified_anew(&request, &parsed(&inputs.sources, &request)?);
-    let report = calibrated
-        .report(
-            &inputs.job.id,
-            inputs.job.parameter_set_input_id.as_deref(),
-            another,
-            insisted_on(inputs),
-        )
-        .map_err(broken)?;
+    let another = is_verified_anew(&request, &points_of(&inputs.sources, &request)?);
+    let since = measured_since(inputs, &request)?;
+    let facts = |report: &Report| identification_facts(&request, report, another, since);
+    let outcome = outcome(inputs, &calibrated, another, facts)?;
     let content = ParameterSetContent::from(&calibrated.core);
-    let report_json = serde_json::to_string(&report).map_err(broken)?;
     Ok(JobOutcome {
-        verification: Some(identification_facts(
-            &request,
-            &report,
-            another,
-            since(inputs, &request)?,
-        )),
-        summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json: report_json.into(),
-        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?
-            .into(),
         parameter_set: Some(NewParameterSet {
-            body_json: serde_json::to_string(&content).map_err(broken)?,
-            sha256: content.sha256().map_err(broken)?,
-            estimate_json: estimate_json(&calibrated.core, inputs).map_err(broken)?,
+            body_json: serde_json::to_string(&content).map_err(JobFailure::broken)?,
+            sha256: content.sha256().map_err(JobFailure::broken)?,
+            estimate_json: estimate_json(&calibrated.core, inputs).map_err(JobFailure::broken)?,
         }),
         residual_network: residual_network_file(&calibrated.core)?
             .map(NewNetwork::try_from)
             .transpose()
-            .map_err(broken)?,
+            .map_err(JobFailure::broken)?,
         network: calibrated
             .network
             .map(NewNetwork::try_from)
             .transpose()
-            .map_err(broken)?,
+            .map_err(JobFailure::broken)?,
+        ..outcome
+    })
+}
+
+/// The outcome of a job, without what only an identification stores.
+fn outcome(
+    inputs: &JobInputs,
+    calibrated: &Calibrated,
+    is_another_session: bool,
+    facts: impl FnOnce(&Report) -> Verification,
+) -> Result<JobOutcome, JobFailure> {
+    let report = calibrated
+        .report(
+            &inputs.job.id,
+            inputs.job.parameter_set_input_id.as_deref(),
+            is_another_session,
+            insisted_on(inputs),
+        )
+        .map_err(JobFailure::broken)?;
+    let report_json = serde_json::to_string(&report).map_err(JobFailure::broken)?;
+    Ok(JobOutcome {
+        summary_json: summary_json(&report_json).map_err(JobFailure::broken)?,
+        report_json: report_json.into(),
+        convergence_json: serde_json::to_string(&calibrated.convergence())
+            .map_err(JobFailure::broken)?
+            .into(),
+        verification: Some(facts(&report)),
+        parameter_set: None,
+        network: None,
+        residual_network: None,
         result_sha256: report.result_sha256,
     })
 }
@@ -102,10 +110,12 @@ fn held_values(
         return Ok(None);
     }
     let (Some(input), Some(session)) = (&inputs.parameter_set, &request.previous) else {
-        return Err(broken("a partial recalibration without its parameter set"));
+        return Err(JobFailure::broken(
+            "a partial recalibration without its parameter set",
+        ));
     };
     let content: ParameterSetContent =
-        serde_json::from_str(&input.row.body_json).map_err(broken)?;
+        serde_json::from_str(&input.row.body_json).map_err(JobFailure::broken)?;
     Ok(Some(Held {
         links: content.kinematic_links(),
         session: session.clone(),
@@ -114,6 +124,7 @@ fn held_values(
 
 /// Verifies or checks a parameter set, or verifies the nominal robot; identifies nothing.
 pub(super) fn run_verification(
+    body: &JobRequestBody,
     request: &CalibrationRequest,
     inputs: &JobInputs,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
@@ -126,19 +137,18 @@ pub(super) fn run_verification(
         .as_ref()
         .map(parse)
         .transpose()
-        .map_err(broken)?
+        .map_err(JobFailure::broken)?
         .map(|content| content.identified_robot(None));
-    let body: JobRequestBody = json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
     let checked = identified.as_ref().filter(|_| body.kind == Kind::Check);
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
-    let estimate = estimate_of_checked(kept, &inputs.robot).map_err(broken)?;
+    let estimate = estimate_of_checked(kept, &inputs.robot).map_err(JobFailure::broken)?;
     let identified_from = match &inputs.parameter_set {
-        Some(input) => parsed(std::iter::once(&input.set).chain(&input.sources), request)?,
+        Some(input) => points_of(std::iter::once(&input.set).chain(&input.sources), request)?,
         None => vec![],
     };
     let another = is_another_session(&request.robot, &request.set, &identified_from);
-    let since = since(inputs, request)?;
+    let since = measured_since(inputs, request)?;
     let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
         Some(robot) => {
             let released = ReleasedSet {
@@ -153,51 +163,8 @@ pub(super) fn run_verification(
         None => calibration::verify(request, identified.as_ref(), monitor),
     };
     let calibrated = run_timed(&scored, progress)?;
-    let report = calibrated
-        .report(
-            &inputs.job.id,
-            inputs.job.parameter_set_input_id.as_deref(),
-            another,
-            insisted_on(inputs),
-        )
-        .map_err(broken)?;
-    let report_json = serde_json::to_string(&report).map_err(broken)?;
-    Ok(JobOutcome {
-        summary_json: summary_json(&report_json).map_err(broken)?,
-        report_json: report_json.into(),
-        convergence_json: serde_json::to_string(&report::convergence(&calibrated.core))
-            .map_err(broken)?
-            .into(),
-        verification: Some(session_facts(request, &report, since)),
-        parameter_set: None,
-        network: None,
-        residual_network: None,
-        result_sha256: report.result_sha256,
-    })
-}
-
-/// Whether a job's own points were measured since the robot's last session that did not fit.
-pub(super) fn since(
-    inputs: &JobInputs,
-    request: &CalibrationRequest,
-) -> Result<MeasuredSince, JobFailure> {
-    let earlier = parsed(&inputs.earlier.sets, request)?;
-    Ok(MeasuredSince {
-        check_seq: inputs.earlier.check_seq,
-        is_repeat: inputs.earlier.exceeds_limits || repeats(&request.robot, &earlier, &request.set),
-    })
-}
-
-/// The points of uploads of the request's robot.
-pub(super) fn parsed<'a>(
-    uploads: impl IntoIterator<Item = &'a MeasurementSetInput>,
-    request: &CalibrationRequest,
-) -> Result<Vec<MeasurementSet>, JobFailure> {
-    let n_joints = request.robot.links.len();
-    let uploads = uploads.into_iter();
-    uploads
-        .map(|input| input.parse(n_joints).map_err(broken))
-        .collect()
+    let facts = |report: &Report| session_facts(request, report, since);
+    outcome(inputs, &calibrated, another, facts)
 }
 
 /// A finished calibration: the core's report and the durations of its stages.
@@ -290,17 +257,27 @@ fn run_timed(
     };
     let core = computation(&mut monitor).map_err(|error| match error {
         calibration::Error::Cancelled => JobFailure::Cancelled,
-        calibration::Error::Unusable { code, detail } => failed(&Problem::new(422, code, detail)),
+        calibration::Error::Unusable { code, detail } => {
+            JobFailure::failed(&Problem::new(422, code, detail))
+        }
     })?;
     clock.stop();
     if !result_check::is_finite(&core) {
         let detail = "the result holds a number that is not finite; nothing was kept. Look for a row with a wild value in the set";
-        return Err(failed(&Problem::new(422, "result_not_finite", detail)));
+        return Err(JobFailure::failed(&Problem::new(
+            422,
+            "result_not_finite",
+            detail,
+        )));
     }
     if !result_check::has_plausible_size(&core) {
         let detail = "the fit ran away to links or targets of more than 10 m; nothing was kept. Look for rows whose joints and position do not belong \
                       together";
-        return Err(failed(&Problem::new(422, "fit_diverged", detail)));
+        return Err(JobFailure::failed(&Problem::new(
+            422,
+            "fit_diverged",
+            detail,
+        )));
     }
     // The network of a result that cannot be used is not stored.
     let network = core
@@ -309,20 +286,12 @@ fn run_timed(
         .filter(|_| is_usable(&core))
         .map(safetensors::write)
         .transpose()
-        .map_err(broken)?;
+        .map_err(JobFailure::broken)?;
     Ok(Calibrated {
         core,
         network,
         clock,
     })
-}
-
-/// Code of the suspicion that the uploader of the set, of the set to verify on, or of a set that the result rests on overrode with `insist`.
-fn insisted_on(inputs: &JobInputs) -> Option<&str> {
-    std::iter::once(&inputs.set)
-        .chain(&inputs.verify_set)
-        .chain(&inputs.sources)
-        .find_map(|input| input.row.insisted_on.as_deref())
 }
 
 /// The safetensors file of the residual network, if the corrections use one.
@@ -352,81 +321,7 @@ fn residual_network_file(core: &CalibrationReport) -> Result<Option<StoredNetwor
     };
     safetensors::write_residual(network, origin)
         .map(Some)
-        .map_err(broken)
-}
-
-/// Converts stored inputs to the core's request.
-///
-/// # Errors
-/// [`JobFailure::Failed`] if a stored document cannot be read.
-pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
-    let request: JobRequestBody =
-        json::parse(inputs.job.request_json.as_bytes()).map_err(broken)?;
-    let body: RobotBody = json::parse(inputs.robot.body_json.as_bytes()).map_err(broken)?;
-    let robot = Robot::try_from(&body).map_err(broken)?;
-    let n_joints = robot.links.len();
-    let frames = inputs
-        .frames
-        .as_ref()
-        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
-    let network = inputs
-        .network
-        .as_ref()
-        .map(|network| safetensors::read(&network.weights));
-    let residual_network = inputs
-        .residual_network
-        .as_ref()
-        .map(|network| safetensors::read_residual(&network.weights));
-    let parts = JobParts {
-        set: inputs.set.parse(n_joints).map_err(broken)?,
-        verify_set: inputs
-            .verify_set
-            .as_ref()
-            .map(|set| set.parse(n_joints))
-            .transpose()
-            .map_err(broken)?,
-        frames: frames
-            .transpose()
-            .map_err(broken)?
-            .map(|content| (&content).into()),
-        network: network.transpose().map_err(broken)?,
-        residual_network: residual_network.transpose().map_err(broken)?,
-        previous: previous_session(&request, inputs, n_joints),
-        robot,
-    };
-    let mut request = request
-        .calibration_request(parts)
-        .map_err(|invalid: Invalid| failed(&Problem::new(422, invalid.code, invalid.summary())))?;
-    request.held_out = held_out(inputs);
-    request.refused_as = insisted_on(inputs).map(str::to_owned);
-    let scored = inputs.parameter_set.as_ref();
-    request.scored_frame = scored.map(|input| input.set.row.frame);
-    Ok(request)
-}
-
-/// Errors of the verified parameter set on the points that were held out when it was identified.
-fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
-    let found = inputs.parameter_set.as_ref()?.verification.as_ref()?;
-    Some(HeldOut {
-        nominal_rms_mm: found.before_rms_mm?,
-        identified_rms_mm: found.after_rms_mm?,
-    })
-}
-
-/// Failure for a stored document that cannot be read or written: an internal error, not the client's.
-fn broken(cause: impl std::fmt::Display) -> JobFailure {
-    tracing::error!(%cause, "a job's stored documents cannot be read or written");
-    failed(&Problem::new(
-        500,
-        "internal",
-        "a stored document of this job cannot be read or written; the log has the cause",
-    ))
-}
-
-fn failed(problem: &Problem) -> JobFailure {
-    JobFailure::Failed {
-        problem_json: serde_json::json!(problem).to_string(),
-    }
+        .map_err(JobFailure::broken)
 }
 
 /// Measures how long stages take.

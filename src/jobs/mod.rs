@@ -16,6 +16,7 @@ mod progress;
 pub mod queue;
 mod relay;
 pub mod release_check;
+pub mod request;
 mod result_check;
 mod run_alone;
 mod worker;

@@ -1,5 +1,6 @@
 //! The queue's rules on top of the job table.
 
+use super::compute::problem_json;
 use super::{JobOutcome, JobSignals};
 use crate::release::facts::facts_at_end;
 use crate::release::{self, CheckStateChange};
@@ -34,16 +35,47 @@ pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str)
     Ok(job)
 }
 
-/// Ends a job and stores its results in one transaction. If the lease is lost, nothing is stored. If cancellation was requested, the job is
-/// cancelled and no result is stored.
+/// How an attempt at a job ends.
+#[derive(Debug)]
+pub enum AttemptEnd {
+    /// With its results. If cancellation was requested, the job is cancelled and no result is stored.
+    Finished(Box<JobOutcome>),
+    /// As failed, with problem details in JSON.
+    Failed(String),
+    /// As cancelled.
+    Cancelled,
+    /// The job is queued again, and the attempt does not count.
+    HandedBack,
+    /// The computation panicked or took too long, or the inputs cannot be read. The attempt counts; [`expire`] decides whether there is another.
+    GaveUp,
+    /// The lease is lost: nothing is written.
+    LeaseLost,
+}
+
+/// Ends an attempt in one transaction. If the lease is lost, nothing is stored.
 ///
 /// # Errors
 /// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
-pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
+pub async fn end(store: &Store, lease: &Lease, end: &AttemptEnd) -> Result<()> {
+    if matches!(end, AttemptEnd::LeaseLost) {
+        return Ok(());
+    }
     let mut tx = store.begin().await?;
+    match end {
+        AttemptEnd::Finished(outcome) => finish(&mut tx, lease, outcome).await?,
+        AttemptEnd::Failed(problem_json) => leases::fail(&mut tx, lease, problem_json).await?,
+        AttemptEnd::Cancelled => leases::cancelled(&mut tx, lease).await?,
+        AttemptEnd::HandedBack => leases::hand_back(&mut tx, lease).await?,
+        AttemptEnd::GaveUp => leases::give_up(&mut tx, lease).await?,
+        AttemptEnd::LeaseLost => {}
+    }
+    tx.commit().await
+}
+
+async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> {
     if outcome.verification.is_some() {
         // Locks the robot, because releases of the same robot count its verifications.
-        robots::lock_of_job(&mut tx, &lease.job_id).await?;
+        robots::lock_of_job(tx, &lease.job_id).await?;
     }
     let result = JobResult {
         report_json: &outcome.report_json,
@@ -51,23 +83,23 @@ pub async fn finish(store: &Store, lease: &Lease, outcome: &JobOutcome) -> Resul
         convergence_json: &outcome.convergence_json,
         result_sha256: &outcome.result_sha256,
     };
-    if !leases::succeed(&mut tx, lease, &result).await? {
-        return tx.commit().await;
+    if !leases::succeed(tx, lease, &result).await? {
+        return Ok(());
     }
     if let Some(parameter_set) = &outcome.parameter_set {
-        parameter_sets::insert(&mut tx, &lease.job_id, parameter_set).await?;
+        parameter_sets::insert(tx, &lease.job_id, parameter_set).await?;
     }
     if let Some(found) = &outcome.verification {
-        record_facts(&mut tx, &lease.job_id, found).await?;
+        record_facts(tx, &lease.job_id, found).await?;
     }
     // The residual network is stored first: lists are newest first, and clients take the first network of a job for `network_id`.
     if let Some(network) = &outcome.residual_network {
-        networks::insert_residual(&mut tx, &lease.job_id, network).await?;
+        networks::insert_residual(tx, &lease.job_id, network).await?;
     }
     if let Some(network) = &outcome.network {
-        networks::insert(&mut tx, &lease.job_id, network).await?;
+        networks::insert(tx, &lease.job_id, network).await?;
     }
-    tx.commit().await
+    Ok(())
 }
 
 /// Stores what a job found about a parameter set, and what follows for the robot's state. The transaction has locked the robot's row.
@@ -80,53 +112,13 @@ pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Re
     let Some(row) = verifications::insert(tx, job_id, &found).await? else {
         return Ok(());
     };
-    match release::check_state_change(&Verification::from(&row)) {
+    match release::check_state_change(&row.found) {
         Some(CheckStateChange::Begins) => {
             robots::begin_check(tx, &row.robot_id, job_id, row.seq).await
         }
         Some(CheckStateChange::Ends) => robots::end_check(tx, &row.robot_id, job_id).await,
         None => Ok(()),
     }
-}
-
-/// Ends a job as failed, with problem details.
-///
-/// # Errors
-/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
-pub async fn fail(store: &Store, lease: &Lease, problem_json: &str) -> Result<()> {
-    let mut tx = store.begin().await?;
-    leases::fail(&mut tx, lease, problem_json).await?;
-    tx.commit().await
-}
-
-/// Ends a job as cancelled.
-///
-/// # Errors
-/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
-pub async fn end_cancelled(store: &Store, lease: &Lease) -> Result<()> {
-    let mut tx = store.begin().await?;
-    leases::cancelled(&mut tx, lease).await?;
-    tx.commit().await
-}
-
-/// Puts a job back into the queue without counting this attempt.
-///
-/// # Errors
-/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
-pub async fn hand_back(store: &Store, lease: &Lease) -> Result<()> {
-    let mut tx = store.begin().await?;
-    leases::hand_back(&mut tx, lease).await?;
-    tx.commit().await
-}
-
-/// Ends the lease of a computation that panicked. The attempt counts; [`expire`] decides whether there is another.
-///
-/// # Errors
-/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
-pub async fn give_up(store: &Store, lease: &Lease) -> Result<()> {
-    let mut tx = store.begin().await?;
-    leases::give_up(&mut tx, lease).await?;
-    tx.commit().await
 }
 
 /// Requeues or fails jobs whose leases have expired, and signals their listeners.
@@ -152,8 +144,4 @@ pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> R
         signals.job_changed(job_id);
     }
     Ok(expired)
-}
-
-pub(super) fn problem_json(problem: &Problem) -> String {
-    serde_json::json!(problem).to_string()
 }

@@ -4,13 +4,13 @@ use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::PointsToCompare;
 use crate::release::facts::ArchivedItem;
+use crate::release::guard_band::rule_in_force;
 use crate::release::{Comparison, Decision, Facts, UnscoredSession, decide};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
     PolicyRow, Release, RobotRow, Store, audit, job_sources, jobs, measurement_sets,
     parameter_sets, policies, robots,
 };
-use crate::wire::policy::PolicyBody;
 use crate::wire::release::Gate;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::{Issue, json};
@@ -275,6 +275,6 @@ fn run_gates(
         uploaders,
         approver: &request.approver,
         change_reason: request.purpose.change_reason(),
-        policy: &PolicyBody::from(policy),
+        policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
     }))
 }

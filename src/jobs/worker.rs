@@ -7,9 +7,11 @@ use tokio::sync::watch;
 use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
+use super::compute::problem_json;
 use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, reached};
+use super::queue::{self, AttemptEnd};
 use super::run_alone::{Permit, RunAlone};
-use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals, queue};
+use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals};
 use crate::store::leases::{self, Eligible};
 use crate::store::{Conflict, Error, JobRow, Lease, Result, Store, jobs};
 use crate::wire::Problem;
@@ -49,18 +51,6 @@ impl WorkerContext {
             run_alone: Arc::new(RunAlone::new(lease)),
         }
     }
-}
-
-/// How an attempt ended.
-enum AttemptEnd {
-    Finished(Box<JobOutcome>),
-    Failed(String),
-    Cancelled,
-    HandedBack,
-    /// The computation panicked or took too long, or the inputs cannot be read. The job gets another attempt, if one is left.
-    GaveUp,
-    /// The lease is lost: nothing is written.
-    LeaseLost,
 }
 
 /// Time for a computation to stop after it was asked to.
@@ -302,7 +292,7 @@ impl Attempt<'_> {
         let (store, lease) = (self.store, &self.lease);
         let lease_holds = || !self.heartbeat.is_lost();
         loop {
-            match try_to_end(store, lease, &ended).await {
+            match queue::end(store, lease, &ended).await {
                 Ok(()) => break,
                 Err(Error::Conflict(Conflict::LeaseLost)) => {
                     tracing::warn!(
@@ -365,21 +355,10 @@ async fn cancelled_and_unresponsive(control: &Control) {
     tokio::time::sleep(CANCEL_TIMEOUT).await;
 }
 
-async fn try_to_end(store: &Store, lease: &Lease, ended: &AttemptEnd) -> Result<()> {
-    match ended {
-        AttemptEnd::Finished(outcome) => queue::finish(store, lease, outcome).await,
-        AttemptEnd::Failed(problem_json) => queue::fail(store, lease, problem_json).await,
-        AttemptEnd::Cancelled => queue::end_cancelled(store, lease).await,
-        AttemptEnd::HandedBack => queue::hand_back(store, lease).await,
-        AttemptEnd::GaveUp => queue::give_up(store, lease).await,
-        AttemptEnd::LeaseLost => Ok(()),
-    }
-}
-
 /// The problem of a computation that failed internally; the cause goes to the log only.
 fn internal(job_id: &str, what: &str) -> String {
     tracing::error!(job_id, what, "a computation failed");
-    queue::problem_json(&Problem::new(
+    problem_json(&Problem::new(
         500,
         "internal",
         "the computation failed; the server's log has the cause under the job's id",

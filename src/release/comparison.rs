@@ -35,14 +35,14 @@ pub enum PointsToCompare {
     VerifySet,
     /// The points of the set's own upload that were held out when it was identified.
     VerifySubset {
-        /// Whether the active set was identified from the same upload, as far as can be told: then it may have been fitted to these points.
+        /// Whether the active set was identified from the same upload, as far as is known. It may then have been fitted to these points.
         is_fitted_by_active: bool,
     },
     /// There are none.
     None,
 }
 
-/// Sessions that are evidence show most, each upload once. Without any, the held-out points have to do.
+/// The sessions that are evidence, each upload once; without any, the held-out points.
 pub fn points_to_compare(
     sessions: &[Session],
     identification: &Verification,

@@ -126,8 +126,8 @@ impl Facts<'_> {
         }
     }
 
-    /// How many times worse the set is on a session than on the points that were held out when it was identified, where that is worth a word
-    /// ([`times_worse`]). Whether it is still good enough is for the policy's tolerance to say: without one, such a session supports nothing.
+    /// How many times larger the set's errors are on a session than on the points held out when it was identified; `None` if the difference is small
+    /// ([`times_worse`]). The policy's tolerance decides whether they are still small enough. Without a tolerance, such a session supports nothing.
     pub fn times_worse(&self, session: &Session) -> Option<f64> {
         let identified_mm = self.identification.after_rms_mm;
         let identified_mm = identified_mm.filter(|_| self.identification.n_points > 0)?;
@@ -153,8 +153,8 @@ impl Facts<'_> {
     }
 }
 
-/// Strength of a report's verification: whether its points to verify say anything of the robot, nobody overrode a refusal of its uploads, and the
-/// points come from another session.
+/// Strength of a report's verification. Its points are evidence if they show the robot's errors and nobody overrode a refusal of its uploads; they are
+/// strong evidence if they come from another session.
 pub fn evidence_of(
     core: &CalibrationReport,
     is_insisted_on: bool,
@@ -206,7 +206,7 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// What the instrument states for a coordinate of a point, rms, mm; 0 where it states nothing.
+    /// Standard deviation that the instrument states for a coordinate of a point, rms, mm; 0 if it states none.
     fn instrument_std_mm(&self) -> f64 {
         let points = &self.set.points;
         let stated = points.iter().filter_map(|p| p.position_std_mm());
@@ -215,8 +215,8 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm: of the links and of those with corrections, whichever reaches
-/// further.
+/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm. It reaches from the larger rms of the links and of the links with
+/// corrections to the larger upper end.
 fn after_expanded_mm(report: &Report, measured: Measured<'_>) -> Option<f64> {
     let points: Vec<&PointReport> = counted(&report.per_point, Subset::Verify).collect();
     let errors_mm = errors_mm(&report.per_point, Subset::Verify);
@@ -351,14 +351,14 @@ pub fn session_facts(
     } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
     } else if has_warning(report, CHECK_CHANGED) {
-        // whatever the size of the change, the set no longer holds: it counts as one that is far off
+        // the set no longer holds, however small the change is: it counts as far off
         Fit::SetFarOff
     } else {
         Fit::Fits
     };
     let is_small = request.set.n_distinct_configurations() < FEWEST_TO_PROVE;
     // Without the errors at the identification it cannot be decided whether the session fits.
-    // A check can speak against a set. What holds in a few poses is no evidence for a release.
+    // A check can be evidence against a set. Its few poses are no evidence for a release.
     let counts = request.held_out.is_some()
         && report.check.is_none()
         && !is_small

@@ -10,8 +10,7 @@ use crate::release::session_gates::{
 use crate::release::sessions::{Session, supports};
 use crate::release::texts::{errors_in_words, sessions};
 use crate::release::tolerance_gates::{errors_within_tolerance, uncertainty};
-use crate::release::verdict::INSISTED;
-use crate::release::verdict::TOO_MANY_OUTLIERS;
+use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::{Evidence, SubsetReport};
@@ -23,13 +22,15 @@ const SAME_MM: f64 = 0.001;
 /// Ratio of the active set's errors on new points to the candidate's above which the robot must have changed.
 const CHANGED: f64 = 3.0;
 
-/// Mean movement of the tool by the final fit over the rms error of the verified fit, at most. 62 simulated uploads of 25 and 60 poses had 0.03 to 1.1
-/// (`examples/final_fit_study.rs`): more says that the two halves of the upload do not belong together.
+/// Largest ratio of the tool's mean movement by the final fit to the rms error of the verified fit. 62 simulated uploads of 25 and 60 poses had 0.03
+/// to 1.1 (`examples/final_fit_study.rs`). A larger ratio shows that the two halves of the upload do not belong together.
 const MAX_MOVED: f64 = 2.0;
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
-    let mut gates = vec![
+    let unusable = [withdrawn(facts), joint_map(facts), archived(facts)];
+    let mut gates: Vec<Gate> = unusable.into_iter().flatten().collect();
+    gates.extend([
         verified(facts),
         errors_improved(facts),
         final_fit(facts),
@@ -41,60 +42,50 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
         sessions_fit(facts),
         scored_on_later_sessions(facts),
         better_than_nominal(facts),
-    ];
-    gates.extend([
         better_than_active(facts),
         evidence(facts),
         uncertainty(facts),
         errors_within_tolerance(facts),
-    ]);
-    gates.extend([
         identity(facts),
         change(facts),
         orientation(facts),
         second_person(facts),
     ]);
-    // A rollback brings a cell back to a set that it knows, also on an archived robot.
-    let archived = facts
-        .archived
-        .filter(|archived| !(facts.is_rollback && *archived == ArchivedItem::Robot));
-    if let Some(archived) = archived {
-        let detail = match archived {
-            ArchivedItem::ParameterSet => {
-                "the set is archived: restore it first (`kincal restore`)"
-            }
-            ArchivedItem::Robot => "the robot is archived: restore it first (`kincal restore`)",
-        };
-        gates.insert(0, Gate::new("archived", false, detail));
-    }
-    if facts.has_other_joint_map {
-        gates.insert(
-            0,
-            Gate::new(
-                "joint_map_changed",
-                false,
-                "the set was identified with a joint map that the robot no longer has: identify anew from its upload",
-            ),
-        );
-    }
-    if let Some(id) = facts.withdrawn_source {
-        let detail = format!(
-            "the set rests on {id}, which was withdrawn: another session has to show that this one is right"
-        );
-        let is_shown = facts.evidence() == Evidence::IndependentSession;
-        gates.push(Gate::new("source_withdrawn", is_shown, detail).warned(true));
-    }
-    if facts.is_withdrawn {
-        gates.insert(
-            0,
-            Gate::new(
-                "withdrawn",
-                false,
-                "the set was withdrawn, which is for good: identify anew, or release another set",
-            ),
-        );
-    }
+    gates.extend(source_withdrawn(facts));
     gates
+}
+
+fn withdrawn(facts: &Facts<'_>) -> Option<Gate> {
+    let detail = "the set was withdrawn, which is for good: identify anew, or release another set";
+    facts
+        .is_withdrawn
+        .then(|| Gate::new("withdrawn", false, detail))
+}
+
+fn joint_map(facts: &Facts<'_>) -> Option<Gate> {
+    let detail = "the set was identified with a joint map that the robot no longer has: identify anew from its upload";
+    facts
+        .has_other_joint_map
+        .then(|| Gate::new("joint_map_changed", false, detail))
+}
+
+/// A rollback is possible on an archived robot too: the cell needs a set that it knows.
+fn archived(facts: &Facts<'_>) -> Option<Gate> {
+    let detail = match facts.archived? {
+        ArchivedItem::ParameterSet => "the set is archived: restore it first (`kincal restore`)",
+        ArchivedItem::Robot if facts.is_rollback => return None,
+        ArchivedItem::Robot => "the robot is archived: restore it first (`kincal restore`)",
+    };
+    Some(Gate::new("archived", false, detail))
+}
+
+fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
+    let id = facts.withdrawn_source?;
+    let detail = format!(
+        "the set rests on {id}, which was withdrawn: another session has to show that this one is right"
+    );
+    let is_shown = facts.evidence() == Evidence::IndependentSession;
+    Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
 }
 
 fn verified(facts: &Facts<'_>) -> Gate {
@@ -141,7 +132,7 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Both errors of the verify points, where a warning names some of them as outliers.
+/// Errors of the verify points with and without outliers, if a warning names outliers.
 fn with_and_without_outliers(facts: &Facts<'_>) -> String {
     let (Some(all), Some(without)) = (facts.report.verify, facts.report.verify_without_outliers)
     else {
@@ -159,12 +150,12 @@ fn with_and_without_outliers(facts: &Facts<'_>) -> String {
     )
 }
 
-/// The verified errors are those of the fit to the identify subset. They say something of the delivered parameters only if these have the tool near
-/// to where that fit has it.
+/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if these place the tool nearly where
+/// that fit places it.
 fn final_fit(facts: &Facts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {
-        // without a final fit, only the uncertainty shows that points leave open where the tool is
+        // without a final fit, only the uncertainty shows that the points do not determine where the tool is
         let is_open = facts.report.tool_uncertainty_absent_because.is_some();
         let mut warnings = facts.report.warnings.iter();
         return match warnings.find(|told| is_open && told.code == TOOL_UNCERTAIN) {
@@ -294,7 +285,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
 
 fn evidence(facts: &Facts<'_>) -> Gate {
     let evidence = facts.evidence();
-    let remarks = remarks_on_sessions(facts);
+    let limits = limits_of_sessions(facts);
     let detail = match evidence {
         Evidence::IndependentSession => {
             "independent_session: another session, measured anew, was scored"
@@ -306,17 +297,17 @@ fn evidence(facts: &Facts<'_>) -> Gate {
     };
     let passed =
         !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
-    let is_doubtful = evidence != Evidence::IndependentSession || !remarks.is_empty();
-    Gate::new("evidence", passed, format!("{detail}{remarks}")).warned(is_doubtful)
+    let is_doubtful = evidence != Evidence::IndependentSession || !limits.is_empty();
+    Gate::new("evidence", passed, format!("{detail}{limits}")).warned(is_doubtful)
 }
 
-/// Why sessions that were scored and fit support less than they seem to.
-fn remarks_on_sessions(facts: &Facts<'_>) -> String {
-    let mut remarks = String::new();
+/// Why sessions that fit are weak evidence, or none.
+fn limits_of_sessions(facts: &Facts<'_>) -> String {
+    let mut limits = String::new();
     let fits = |session: &&Session| session.verification.fit == Fit::Fits;
     let mut fitting = facts.sessions.iter().filter(fits);
     if let Some(session) = fitting.clone().find(|session| session.is_base_hidden) {
-        remarks += &format!(
+        limits += &format!(
             ". The base was not checked by the session of job {}: the set was identified from positions in the base frame, and in the instrument's \
              frame the base is placed anew. Measure a session in the base frame (frame=base)",
             session.job_id
@@ -324,7 +315,7 @@ fn remarks_on_sessions(facts: &Facts<'_>) -> String {
     }
     let is_repeat = |session: &&Session| session.verification.evidence == Evidence::SameUpload;
     if let Some(session) = fitting.clone().find(is_repeat) {
-        remarks += &format!(
+        limits += &format!(
             ". The session of job {} repeats the poses that the set was identified from, and nothing in its noise shows that they were measured anew: \
              measure other poses",
             session.job_id
@@ -332,20 +323,20 @@ fn remarks_on_sessions(facts: &Facts<'_>) -> String {
     }
     let worse = fitting.find_map(|session| Some((session, facts.times_worse(session)?)));
     if let Some((session, times)) = worse {
-        let judged = match facts.policy.tolerance_mm {
+        let by_tolerance = match facts.policy.tolerance_mm {
             Some(_) => "the tolerance decides whether that is good enough",
             None => {
                 "the robot's policy has no tolerance that says whether that is good enough, so this session supports nothing: identify anew, or set tolerance_mm"
             }
         };
-        remarks += &format!(
-            ". In the session of job {} the errors are {times:.1} times those of the points held out when the set was identified ({}; then {}): {judged}",
+        limits += &format!(
+            ". In the session of job {} the errors are {times:.1} times those of the points held out when the set was identified ({}; then {}): {by_tolerance}",
             session.job_id,
             errors_in_words(&session.verification),
             errors_in_words(facts.identification)
         );
     }
-    remarks
+    limits
 }
 
 fn second_person(facts: &Facts<'_>) -> Gate {

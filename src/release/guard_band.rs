@@ -23,12 +23,22 @@ use std::cmp::Ordering;
 pub const FEWEST_CONFIGURATIONS: usize = 5;
 /// Probability that the mean square error over the workspace is below the upper end of the interval.
 const BELOW: f64 = 0.975;
-/// The same of a normal number, in standard deviations.
+/// Half-width of the 95 % interval of a normal variable, in standard deviations.
 const COVERAGE: f64 = 1.959_963_984_540_054;
-/// Equations of a configuration that are independent of each other, at most.
+/// Largest number of independent equations of a configuration.
 const PER_CONFIGURATION: f64 = 3.0;
-/// Fewer degrees of freedom state nothing.
+/// Fewest degrees of freedom of which an uncertainty is stated.
 const LEAST_FREEDOM: f64 = 1.0;
+
+/// The decision rule in force. A robot without a policy has the default. A policy without a rule was stored by an older version, which compared the
+/// figure alone.
+pub fn rule_in_force(stored: Option<DecisionRule>, has_policy: bool) -> DecisionRule {
+    match (stored, has_policy) {
+        (Some(rule), _) => rule,
+        (None, true) => DecisionRule::SimpleAcceptance,
+        (None, false) => DecisionRule::default(),
+    }
+}
 
 /// The points of one configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -58,7 +68,7 @@ pub fn expanded_mm(
     let away = |own: &ConfigurationErrors| own.sum_mm2 - mean_mm2 * own.n_points as f64;
     let squares: f64 = configurations.iter().map(|own| away(own) * away(own)).sum();
     let variance = c / (c - 1.0) * squares / (n as f64 * n as f64);
-    // no scatter at all: as many as there can be
+    // without any scatter, the largest number of degrees of freedom
     let freedom = (2.0 * mean_mm2 * mean_mm2 / variance).min(most);
     let freedom = if freedom.is_nan() { most } else { freedom };
     let left = (freedom * share).max(LEAST_FREEDOM);
@@ -73,9 +83,9 @@ pub fn expanded_mm(
 pub enum Within {
     /// It is, by the rule.
     Yes,
-    /// The figure is, and its uncertainty reaches beyond: under the guarded rule it is not accepted.
+    /// The figure is, but not with its uncertainty: the guarded rule does not accept it.
     InGuardBand,
-    /// The figure is, and its uncertainty is not known: under the guarded rule it is not accepted.
+    /// The figure is, and its uncertainty is unknown: the guarded rule does not accept it.
     Unknown,
     /// The figure is beyond the tolerance.
     No,
@@ -83,7 +93,7 @@ pub enum Within {
 
 /// Compares a figure with a tolerance, all mm.
 pub fn within(figure: f64, expanded: Option<f64>, tolerance: f64, rule: DecisionRule) -> Within {
-    // a figure that is not a number is within nothing
+    // NaN is within no tolerance
     if figure.partial_cmp(&tolerance).is_none_or(Ordering::is_gt) {
         return Within::No;
     }

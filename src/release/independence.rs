@@ -4,11 +4,25 @@ use crate::calibration::request::VerifySource;
 use crate::calibration::{CalibrationRequest, is_anew};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::{Verification, VerificationKind};
 
 /// Whether a session cannot show an error of the set's base: the set was identified from positions in the base frame, and those of the session
 /// are in the instrument's, so that the base is placed anew.
 pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
     identified_in == Frame::Base && session_in == Frame::Instrument
+}
+
+/// Evidence of a session or of an identification as it was stored, without what its base does not show. Versions that did not ask whether the base
+/// was checked stored more.
+pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
+    match (is_base_hidden, found.kind, found.evidence) {
+        (true, VerificationKind::Session, _) => Evidence::None,
+        (true, VerificationKind::Identification, Evidence::IndependentSession) => {
+            Evidence::SameUpload
+        }
+        (_, _, evidence) => evidence,
+    }
 }
 
 /// Whether the points to verify come from another session than the fitted ones and the `sources` of what was held, and would show a wrong base too.

@@ -9,6 +9,7 @@ mod gates;
 pub mod guard_band;
 pub mod independence;
 pub mod needs;
+mod orientation;
 mod provenance;
 mod robot_gates;
 mod session_gates;
@@ -24,9 +25,9 @@ pub use comparison::Comparison;
 pub use decision::{Decision, decide};
 pub use facts::{Facts, LastCheck};
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
-pub use sessions::{Session, UnscoredSession};
+pub use sessions::{Session, UnscoredSession, has_changed};
 pub use suspicions::{KeptMisfit, keep_misfit};
-pub use trend::{ScoredJob, ScoredSession, scored_sessions, trend};
+pub use trend::{ScoredJob, ScoredSession, may_have_trend, scored_sessions, trend};
 pub use verdict::{
     NO_USE, headline, insisted_warning, is_usable, refused_as, unusable_because, why_no_evidence,
     why_same_upload,

@@ -1,12 +1,11 @@
 //! What a robot needs, from facts that are stored as columns.
 
 use crate::release::guard_band::{Within, within};
+use crate::release::trend::GROWTH;
 use crate::wire::job_answer::JobStatus;
 use crate::wire::overview::Need;
 use crate::wire::policy::DecisionRule;
 
-/// Growth of the error since the identification from which on a robot counts as drifted if its policy states no tolerance; as in the trend.
-const GROWTH: f64 = 1.5;
 /// A calibration is due if the limit is reached within this time, days.
 const SOON_DAYS: f64 = 14.0;
 
@@ -87,7 +86,7 @@ fn drift(facts: &NeedFacts) -> Option<String> {
     if let Some(tolerance) = facts.tolerance_mm {
         let expanded = facts.session_expanded_mm;
         return match within(now, expanded, tolerance, facts.decision_rule) {
-            // of a session that states no uncertainty, the figure alone says that it still holds
+            // without a stated uncertainty, the figure alone decides
             Within::Yes | Within::Unknown => None,
             Within::No => Some(format!(
                 "the newest session has {now:.3} mm rms; the tolerance is {tolerance:.3} mm"

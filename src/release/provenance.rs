@@ -1,17 +1,11 @@
 //! Where a parameter set comes from, and what follows for its use.
 
-use crate::calibration::{
-    MAX_FLANGE_ROTATION_STD_RAD, ORIENTATION_NOT_KNOWN, last_joint_zero_remedy,
-    last_joint_zero_unknown,
-};
+use crate::calibration::{ORIENTATION_NOT_KNOWN, last_joint_zero_remedy, last_joint_zero_unknown};
+use crate::release::orientation::{Orientation, POSE_NOT_SEEN};
 use crate::release::verdict::WRONG_ROBOT;
-use crate::wire::angle::to_degrees;
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::Provenance;
 use crate::wire::report_summary::ReportSummary;
-
-/// Warning of older versions that the positions do not show how the flange is turned.
-const POSE_NOT_SEEN: &str = "pose_not_seen";
 
 /// Provenance of the parameters that a report is about, with the warnings that its users should see.
 pub fn provenance(report: ReportSummary, measuring_frame: Option<Frame>) -> Provenance {
@@ -37,46 +31,31 @@ pub fn wrong_robot(provenance: &Provenance) -> Option<(&'static str, &str)> {
     })
 }
 
-/// Reason why the flange's rotation is unknown for a robot of so many links; `None` if it is known. Reports of older versions have only a warning
-/// for it.
+/// Reason why the flange's rotation is unknown for a robot of so many links; `None` if it is known.
 pub fn orientation_unknown(provenance: &Provenance, n_links: usize) -> Option<String> {
     let remedy =
         "identify from a reflector off the last axis, or from two, at poses that move every joint";
-    let most = to_degrees(MAX_FLANGE_ROTATION_STD_RAD);
-    let last_zero = provenance.last_joint_zero_std_deg;
-    match provenance.flange_rotation_std_deg {
-        Some(std) if std > most && shown_by_positions(std, last_zero) <= most => Some(format!(
+    let orientation = Orientation::new(
+        provenance.flange_rotation_std_deg,
+        provenance.last_joint_zero_std_deg,
+        &provenance.warnings,
+    );
+    Some(match orientation {
+        Orientation::Known => return None,
+        Orientation::LastJointZeroUnknown { std_deg } => format!(
             "{}. {}",
-            last_joint_zero_unknown(std, n_links),
+            last_joint_zero_unknown(std_deg, n_links),
             last_joint_zero_remedy(n_links)
-        )),
-        Some(std) if std > most => Some(format!(
-            "the measured positions do not show how the flange is turned: it may be off by {std:.2}°, one standard deviation: {remedy}"
-        )),
-        None if provenance.warnings.iter().any(|w| w.code == POSE_NOT_SEEN) => Some(format!(
-            "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
-                 that identified this set: identify it again, or {remedy}"
-        )),
-        None if provenance
-            .warnings
-            .iter()
-            .any(|w| w.code == ORIENTATION_NOT_KNOWN) =>
-        {
-            Some(format!(
-                "by how much the flange may be turned could not be computed: {remedy}"
-            ))
+        ),
+        Orientation::NotShown { std_deg, .. } => format!(
+            "the measured positions do not show how the flange is turned: it may be off by {std_deg:.2}°, one standard deviation: {remedy}"
+        ),
+        Orientation::NotComputed => {
+            format!("by how much the flange may be turned could not be computed: {remedy}")
         }
-        _ => None,
-    }
-}
-
-/// One standard deviation of the flange's rotation without the zero of the last joint, degrees.
-pub fn shown_by_positions(
-    flange_rotation_std_deg: f64,
-    last_joint_zero_std_deg: Option<f64>,
-) -> f64 {
-    let zero = last_joint_zero_std_deg.unwrap_or(0.0);
-    (flange_rotation_std_deg * flange_rotation_std_deg - zero * zero)
-        .max(0.0)
-        .sqrt()
+        Orientation::NotComputedByOlderVersion => format!(
+            "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
+             that identified this set: identify it again, or {remedy}"
+        ),
+    })
 }

@@ -1,11 +1,10 @@
 //! The gates that compare a set with the robot: its identity, how much the parameters change, and whether its orientation is known.
 
 use crate::calibration::{
-    BASE_FRAME_OFF, MAX_FLANGE_ROTATION_STD_RAD, ORIENTATION_NOT_KNOWN, implausible_changes,
-    last_joint_zero_remedy, last_joint_zero_unknown,
+    BASE_FRAME_OFF, implausible_changes, last_joint_zero_remedy, last_joint_zero_unknown,
 };
 use crate::release::facts::Facts;
-use crate::release::provenance::shown_by_positions;
+use crate::release::orientation::Orientation;
 use crate::release::texts::verify_request;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
@@ -89,7 +88,7 @@ pub fn change(facts: &Facts<'_>) -> Gate {
         );
     }
     let found = found.join("; ");
-    if let Some(unknown) = orientation_unknown(facts).filter(|_| !facts.is_rollback) {
+    if let Some(unknown) = unknown_because(orientation_of(facts)).filter(|_| !facts.is_rollback) {
         let detail = format!(
             "{found}, and {unknown}: no reason makes up for that. Identify from a reflector off the last axis, or from two"
         );
@@ -117,37 +116,40 @@ pub fn change(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Why the orientation counts as unknown, if it does. The zero of the last joint is not counted: it turns the tool about the last axis and says
-/// nothing against the other links.
-fn orientation_unknown(facts: &Facts<'_>) -> Option<String> {
+fn orientation_of(facts: &Facts<'_>) -> Orientation {
     let report = &facts.report;
-    let Some(std_deg) = report.flange_rotation_std_deg else {
-        let mut warnings = report.warnings.iter();
-        let is_not_computed = warnings.any(|warning| warning.code == ORIENTATION_NOT_KNOWN);
-        return is_not_computed
-            .then(|| "by how much the flange may be turned could not be computed".into());
-    };
-    let std_deg = shown_by_positions(std_deg, report.last_joint_zero_std_deg);
-    (std_deg.to_radians() > MAX_FLANGE_ROTATION_STD_RAD).then(|| {
-        format!(
-            "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
-        )
-    })
+    Orientation::new(
+        report.flange_rotation_std_deg,
+        report.last_joint_zero_std_deg,
+        &report.warnings,
+    )
+}
+
+/// Why the orientation counts as unknown, if it does. The zero of the last joint is not counted: it says nothing against the other links.
+fn unknown_because(orientation: Orientation) -> Option<String> {
+    match orientation {
+        Orientation::NotComputed => {
+            Some("by how much the flange may be turned could not be computed".into())
+        }
+        Orientation::NotShown { links_std_deg, .. } => Some(format!(
+            "the measured positions do not show how the flange is turned ({links_std_deg:.1}°, one standard deviation)"
+        )),
+        _ => None,
+    }
 }
 
 /// Points of one upload fit equally well with a wrongly rotated flange. Another session shows at least that the reflector's positions are right.
 pub fn orientation(facts: &Facts<'_>) -> Gate {
     let name = "orientation_known";
-    let most_deg = MAX_FLANGE_ROTATION_STD_RAD.to_degrees();
     let n_links = facts.robot.links.len();
-    let std_deg = facts.report.flange_rotation_std_deg;
-    let (found, remedy) = match (orientation_unknown(facts), std_deg) {
-        (Some(unknown), _) => (unknown, String::new()),
-        (None, Some(std_deg)) if std_deg > most_deg => (
-            last_joint_zero_unknown(std_deg, n_links),
-            format!(". {}", last_joint_zero_remedy(n_links)),
-        ),
-        _ => return Gate::new(name, true, "the orientation of the flange is not in doubt"),
+    let orientation = orientation_of(facts);
+    let (found, remedy) = if let Some(unknown) = unknown_because(orientation) {
+        (unknown, String::new())
+    } else if let Orientation::LastJointZeroUnknown { std_deg } = orientation {
+        let remedy = format!(". {}", last_joint_zero_remedy(n_links));
+        (last_joint_zero_unknown(std_deg, n_links), remedy)
+    } else {
+        return Gate::new(name, true, "the orientation of the flange is not in doubt");
     };
     if facts.is_rollback {
         let detail = format!("{found}; the set was active before{remedy}");

@@ -1,6 +1,8 @@
 //! Sessions on which a set was scored after its identification.
 
+use crate::calibration::ROBOT_CHANGED;
 use crate::wire::report_shape::Evidence;
+use crate::wire::report_summary::ReportSummary;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 
 /// A job that scored the set on another session. Lists are in the order of the robot's counter.
@@ -29,6 +31,14 @@ pub struct UnscoredSession {
     pub seq: i64,
     /// Whether that job found that the robot has changed.
     pub has_changed: bool,
+}
+
+/// Whether a job found that the robot has changed.
+pub fn has_changed(report: &ReportSummary) -> bool {
+    report
+        .warnings
+        .iter()
+        .any(|told| told.code == ROBOT_CHANGED)
 }
 
 /// Whether a session shows that robot and set are in order: its points were measured anew and fit the robot, and the set is better than nominal on

@@ -43,23 +43,23 @@ pub fn uncertainty(facts: &Facts<'_>) -> Gate {
 
 /// A figure that is compared with the tolerance.
 struct Figure<'a> {
-    /// The points that it is of.
-    of: String,
+    /// Its points, in words.
+    points: String,
     rms_mm: f64,
     expanded_mm: Option<f64>,
     found: &'a Verification,
 }
 
-/// The measured errors must be within the tolerance too: on the held-out points and in every session that fits the robot, measured anew or not. By
-/// the guarded rule their uncertainty counts, and a figure without one is not accepted. The schema's triggers enforce this too.
+/// The measured errors must be within the tolerance too: on the held-out points and in every session that fits the robot, measured anew or not.
+/// Under the guarded rule their uncertainty counts, and a figure without one is not accepted. The schema's triggers enforce this too.
 pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let rule = facts.policy.decision_rule;
     let Some(tolerance) = facts.policy.tolerance_mm else {
         return Gate::new(name, true, "the robot's policy has no tolerance");
     };
-    let figure = |of: String, found| Figure {
-        of,
+    let figure = |points: String, found| Figure {
+        points,
         rms_mm: found_mm(found),
         expanded_mm: found.after_expanded_mm,
         found,
@@ -72,8 +72,8 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     });
     let own = Some(facts.identification).filter(|found| found.n_points > 0);
     let own = own.map(|found| figure("on the points held out".into(), found));
-    let judged = |figure: &Figure<'_>| within(figure.rms_mm, figure.expanded_mm, tolerance, rule);
-    let severity = |figure: &Figure<'_>| match judged(figure) {
+    let compare = |figure: &Figure<'_>| within(figure.rms_mm, figure.expanded_mm, tolerance, rule);
+    let severity = |figure: &Figure<'_>| match compare(figure) {
         Within::Yes => 0,
         Within::InGuardBand => 1,
         Within::Unknown => 2,
@@ -94,7 +94,7 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
             ),
         );
     };
-    let within = judged(&worst);
+    let within = compare(&worst);
     Gate::new(
         name,
         within == Within::Yes,
@@ -102,7 +102,7 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     )
 }
 
-/// An error that is not known is beyond every tolerance.
+/// An unknown error exceeds every tolerance.
 fn found_mm(found: &Verification) -> f64 {
     found.after_rms_mm.unwrap_or(f64::INFINITY)
 }
@@ -118,7 +118,7 @@ fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64, rule: DecisionR
     };
     let said = format!(
         "largest rms on verify points, {}: {:.4} mm{interval}; the tolerance is {tolerance} mm, rule {}: {compared}",
-        figure.of,
+        figure.points,
         figure.rms_mm,
         rule.as_str()
     );

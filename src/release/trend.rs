@@ -15,8 +15,8 @@ const MIN_SESSIONS: usize = 4;
 const MIN_DAYS: f64 = 1.0;
 /// Confidence of the stated interval.
 const CONFIDENCE: f64 = 0.95;
-/// Limit if the robot's policy has none: this factor times the first error.
-const GROWTH: f64 = 1.5;
+/// Growth of the error that counts as drift if the robot's policy has no tolerance.
+pub const GROWTH: f64 = 1.5;
 /// Longest forecast, days.
 const MAX_DAYS: f64 = 3_650.0;
 
@@ -38,6 +38,11 @@ pub struct ScoredJob {
     pub measurement_set_id: String,
     /// What it found.
     pub verification: Verification,
+}
+
+/// Whether a released set that was scored on so many later sessions can have a trend. Its own held-out points count as one session more.
+pub fn may_have_trend(n_later_sessions: i64) -> bool {
+    n_later_sessions + 1 >= MIN_SESSIONS as i64
 }
 
 /// The errors of the released set on its own held-out points and on later sessions; the newest, if there are many. `own_uploads` are those that the

@@ -9,7 +9,7 @@ use crate::calibration::{
 use crate::wire::report_shape::Report;
 use crate::wire::warning::Warning;
 
-/// Warnings that the identified robot is wrong. Such a set corrects no targets and is not released.
+/// Warnings that the identified robot is wrong. Such a set must not correct targets and cannot be released.
 pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
 
 /// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
@@ -25,7 +25,7 @@ pub const NO_USE: [&str; 6] = {
     ]
 };
 
-/// Warning of so many outliers that somebody has to check the file first.
+/// Warning of so many outliers that a person has to check the file first.
 pub const TOO_MANY_OUTLIERS: &str = "outliers_review";
 
 /// Warning of a report whose upload was accepted with `insist`. Such a report is no evidence.
@@ -60,7 +60,7 @@ pub fn refused_as(report: &Report) -> Option<&'static str> {
     codes.find(|code| insisted.detail.contains(code))
 }
 
-/// As [`unusable_because`], for the headline: what was refused and insisted on is told before what a wrong file looks like.
+/// As [`unusable_because`], for the headline. A refusal that the uploader overrode comes before the warnings that a wrong file causes.
 pub fn headline(report: &Report) -> Option<&'static str> {
     let code = unusable_because(report)?;
     let is_explained = [JOINT_MAP, NO_FIT].contains(&code);

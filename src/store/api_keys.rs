@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListQueries, list_queries, list_row};
+use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
 /// An API key.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +37,8 @@ from_row!(ApiKeyRow {
     revoked_at_ms
 });
 
+list_row!(ApiKeyRow);
+
 /// An API key to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewApiKey {
@@ -55,7 +58,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, LIST, REVOKE, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, FIND, GET, REVOKE, BY_ID];
 
 const INSERT: &str = concat!(
     "insert into api_key (id, name, key_sha256, scopes_json, robots_json, created_at_ms)
@@ -72,14 +75,8 @@ const FIND: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from api_key where id = $1");
 
-const LIST: &str = concat!(
-    "select ",
-    columns!(),
-    " from api_key
-     where (created_at_ms, id) < ($1, $2)
-     order by created_at_ms desc, id desc
-     limit cast($3 as bigint)"
-);
+pub(super) const LIST: ListQueries =
+    list_queries!(columns!(), "api_key", "1 = 1", "$1", "$2", "$3");
 
 const REVOKE: &str = concat!(
     "update api_key set revoked_at_ms = coalesce(revoked_at_ms, (select now_ms from clock))
@@ -168,13 +165,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<ApiKeyRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
+    listing::page(store, &LIST, &[], &ListRequest::all(request)).await
 }
 
 /// Revokes a key; revoking it again changes nothing.

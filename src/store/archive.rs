@@ -1,6 +1,7 @@
 //! What was archived: robots, measurement sets, jobs, candidates and networks. An archived item keeps its row and everything that rests on it; lists
 //! leave it out.
 
+use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
@@ -22,17 +23,10 @@ pub enum Archivable {
     Network,
 }
 
-impl Archivable {
-    fn as_str(self) -> &'static str {
-        match self {
-            Self::Robot => "robot",
-            Self::MeasurementSet => "measurement_set",
-            Self::Job => "job",
-            Self::ParameterSet => "parameter_set",
-            Self::Network => "network",
-        }
-    }
-}
+names!(Archivable {
+    Robot = "robot", MeasurementSet = "measurement_set", Job = "job",
+    ParameterSet = "parameter_set", Network = "network",
+});
 
 /// An archived item.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -93,10 +93,10 @@ impl Store {
     }
 
     /// The error if the disk is nearly full and new data is refused.
-    pub fn short_of_room(&self) -> Option<Error> {
+    pub fn low_disk_space(&self) -> Option<Error> {
         self.free_bytes()
             .filter(|free| *free < RESERVE_BYTES)
-            .map(|free| Error::NoRoom {
+            .map(|free| Error::LowDiskSpace {
                 free_mib: free >> 20,
             })
     }
@@ -215,9 +215,9 @@ impl Tx {
     /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing must still work then, so they do not call this function.
     ///
     /// # Errors
-    /// [`Error::NoRoom`].
-    pub(crate) fn needs_room(&self) -> Result<()> {
-        self.store.short_of_room().map_or(Ok(()), Err)
+    /// [`Error::LowDiskSpace`].
+    pub(crate) fn require_disk_space(&self) -> Result<()> {
+        self.store.low_disk_space().map_or(Ok(()), Err)
     }
 
     /// Adds an entry to the audit chain, if this transaction is committed.

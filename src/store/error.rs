@@ -27,7 +27,7 @@ pub enum Error {
     Database(#[source] sqlx::Error),
     /// The disk is nearly full. The remaining space is reserved for ending jobs, releasing and withdrawing.
     #[error("only {free_mib} MiB are left on the disk")]
-    NoRoom {
+    LowDiskSpace {
         /// Free space, MiB.
         free_mib: u64,
     },
@@ -81,7 +81,7 @@ pub enum Conflict {
     /// A parameter set was released with the joint map that is to be changed.
     #[error("a parameter set was released with the joint map of this robot")]
     JointMapReleased,
-    /// The robot has no set to go back to.
+    /// The robot has no set to roll back to.
     #[error("the robot has no superseded parameter set to go back to")]
     NothingToRollBackTo,
     /// Something that must be unique exists already.
@@ -102,7 +102,7 @@ impl Error {
     pub fn reason(&self) -> &'static str {
         match self {
             Error::Database(error) => reason(error),
-            Error::NoRoom { .. } => "its disk is nearly full",
+            Error::LowDiskSpace { .. } => "its disk is nearly full",
             _ => "it does not do what it should",
         }
     }

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::{AuditEvent, Conflict, Error, Hashed, Page, PageRequest, Result, Store, Tx};
+use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
 /// Frames found from one upload of sweeps.
@@ -44,7 +44,7 @@ pub struct NewFrames {
     pub result_json: String,
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, LIST, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BY_ID];
 
 const INSERT: &str = "
     insert into frames (id, robot_id, content_type, body, result_json, created_at_ms)
@@ -53,14 +53,6 @@ const INSERT: &str = "
 
 const GET: &str =
     "select id, robot_id, content_type, result_json, created_at_ms from frames where id = $1";
-
-const BODY: &str = "select body from frames where id = $1";
-
-const LIST: &str = "
-    select id, robot_id, content_type, result_json, created_at_ms from frames
-    where robot_id = $1 and (created_at_ms, id) < ($2, $3)
-    order by created_at_ms desc, id desc
-    limit cast($4 as bigint)";
 
 const BY_ID: &str = "
     select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit cast($2 as bigint)";
@@ -98,7 +90,7 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
         .bind(&new.content_type)
         .bind(new.body.content().as_slice())
         .bind(&new.result_json);
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let row: FramesRow = query
         .fetch_one(tx.connection())
         .await
@@ -117,30 +109,4 @@ pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
         .bind(id)
         .fetch_one(store.readers())
         .await?)
-}
-
-/// The uploaded bytes.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
-pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
-}
-
-/// A robot's frames, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<FramesRow>> {
-    let keyset = request.keyset();
-    let query = sqlx::query_as(LIST)
-        .bind(robot_id)
-        .bind(keyset.created_at_ms)
-        .bind(keyset.id)
-        .bind(keyset.limit);
-    let rows: Vec<FramesRow> = query.fetch_all(store.readers()).await?;
-    Ok(request.page(rows, |row| (row.created_at_ms, &row.id)))
 }

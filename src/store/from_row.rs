@@ -4,15 +4,20 @@ use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as NotAName;
 
-/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are enums that are stored by name; the schema allows only these names, `optional` ones may be null; `nested` fields are structs that are read from the same row.
+/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are enums that are stored by name; the schema allows only
+/// these names. `optional` ones may be null. `flags` are booleans that are stored as 0 or 1, `counts` are numbers of things. `nested` fields are
+/// structs that are read from the same row.
 macro_rules! from_row {
-    ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(optional { $($optional:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
+    ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(optional { $($optional:ident),* $(,)? })?
+        $(flags { $($flag:ident),* $(,)? })? $(counts { $($count:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
         impl<'r> sqlx::FromRow<'r, sqlx::any::AnyRow> for $row {
             fn from_row(row: &'r sqlx::any::AnyRow) -> sqlx::Result<Self> {
                 Ok($row {
                     $($field: sqlx::Row::try_get(row, stringify!($field))?,)*
                     $($($parsed: $crate::store::from_row::parse(row, stringify!($parsed))?,)*)?
                     $($($optional: $crate::store::from_row::parse_optional(row, stringify!($optional))?,)*)?
+                    $($($flag: sqlx::Row::try_get::<i64, _>(row, stringify!($flag))? == 1,)*)?
+                    $($($count: $crate::store::from_row::count(row, stringify!($count))?,)*)?
                     $($($nested: sqlx::FromRow::from_row(row)?,)*)?
                 })
             }
@@ -44,6 +49,20 @@ pub(crate) fn parse_optional<T: for<'de> Deserialize<'de>>(
     name.map(|name| variant(name, column)).transpose()
 }
 
+/// Reads a number of things.
+///
+/// # Errors
+/// If the column is missing, is no integer, or is negative.
+pub(crate) fn count(row: &sqlx::any::AnyRow, column: &str) -> sqlx::Result<usize> {
+    let n: i64 = sqlx::Row::try_get(row, column)?;
+    n.try_into().map_err(
+        |source: std::num::TryFromIntError| sqlx::Error::ColumnDecode {
+            index: column.into(),
+            source: source.into(),
+        },
+    )
+}
+
 fn variant<T: for<'de> Deserialize<'de>>(name: String, column: &str) -> sqlx::Result<T> {
     T::deserialize(name.into_deserializer()).map_err(|source: NotAName| sqlx::Error::ColumnDecode {
         index: column.into(),
@@ -57,6 +76,7 @@ mod tests {
     use crate::wire::job_answer::JobStatus;
     use crate::wire::measurement::Frame;
     use crate::wire::parameter_set::ParameterSetStatus;
+    use crate::wire::policy::DecisionRule;
     use crate::wire::report_shape::Evidence;
     use crate::wire::verification::{Fit, VerificationKind};
 
@@ -64,22 +84,22 @@ mod tests {
     #[test]
     fn every_enum_of_a_row_is_read_by_the_name_that_is_written() {
         macro_rules! check {
-            ($($name:ident: $($variant:ident)*;)*) => {
-                $($(
-                    let value = $name::$variant;
+            ($($name:ident: $variants:expr;)*) => {
+                $(for value in $variants {
                     let read: $name = super::variant(value.as_str().to_owned(), "column").unwrap();
                     assert_eq!(read, value);
-                )*)*
+                })*
             };
         }
         check! {
-            Kind: Identify Verify Check;
-            JobStatus: Queued Running Succeeded Failed Cancelled;
-            Frame: Base Instrument;
-            ParameterSetStatus: Candidate Released Superseded Withdrawn;
-            Evidence: None SameUpload IndependentSession;
-            Fit: Fits SetFarOff DoesNotFit;
-            VerificationKind: Identification Session;
+            Kind: Kind::ALL;
+            JobStatus: JobStatus::ALL;
+            Frame: [Frame::Base, Frame::Instrument];
+            ParameterSetStatus: ParameterSetStatus::ALL;
+            Evidence: Evidence::ALL;
+            DecisionRule: DecisionRule::ALL;
+            Fit: [Fit::Fits, Fit::SetFarOff, Fit::DoesNotFit];
+            VerificationKind: VerificationKind::ALL;
         }
         assert!(super::variant::<Fit>("not_thought_of".into(), "fit").is_err());
     }

@@ -5,11 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{
-    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
-    job_sources,
-};
+use super::listing::{self, ListQueries, list_queries, list_row};
+use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sources};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::JobStatus;
@@ -77,15 +74,7 @@ pub struct JobRow {
 
 from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
 
-impl ListRow for JobRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(JobRow);
 
 impl JobRow {
     /// Whether status, attempt or progress differ from an earlier state of the job.
@@ -160,7 +149,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     ANY_QUEUED,
     ANY_SUSPECT_QUEUED,
     CANCEL,
-    COUNT_BY_STATUS,
     BY_ID,
 ];
 
@@ -231,9 +219,6 @@ const CANCEL: &str = "
         status = case when status = 'queued' then 'cancelled' else status end
     where id = $1 and status in ('queued', 'running')";
 
-const COUNT_BY_STATUS: &str =
-    "select status, count(*) from job where status in ('queued', 'running') group by status";
-
 const BY_ID: &str = concat!(
     "select client, ",
     columns!(),
@@ -302,7 +287,7 @@ impl Audited for JobWithClient {
 /// # Errors
 /// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`super::Error::NotFound`] if something that it names does not exist, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let id = new_id("job");
     let query = sqlx::query_as(INSERT)
         .bind(&id)
@@ -364,16 +349,6 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
         .bind(id)
         .fetch_one(tx.connection())
         .await?)
-}
-
-/// A robot's jobs, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(store: &Store, robot_id: &str, request: &PageRequest) -> Result<Page<JobRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
 }
 
 /// A robot's jobs by status, kind and whether they are archived.
@@ -455,23 +430,6 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
         .fetch_optional(store.readers())
         .await?;
     Ok(one.is_some())
-}
-
-/// How many jobs of all robots are queued, and how many are running.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn queued_and_running(store: &Store) -> Result<(i64, i64)> {
-    let counts: Vec<(String, i64)> = sqlx::query_as(COUNT_BY_STATUS)
-        .fetch_all(store.readers())
-        .await?;
-    let of = |status: JobStatus| {
-        counts
-            .iter()
-            .find(|(s, _)| s == status.as_str())
-            .map_or(0, |(_, n)| *n)
-    };
-    Ok((of(JobStatus::Queued), of(JobStatus::Running)))
 }
 
 /// Cancels a job. A queued one is cancelled at once; the worker of a running one sees the request at its next heartbeat. An ended job stays.

@@ -250,22 +250,6 @@ pub async fn claim_in(
         .await?)
 }
 
-/// Takes the next waiting job, suspects last, in its own transaction. For tests and studies.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Result<Option<Lease>> {
-    for eligible in [Eligible::Unsuspected, Eligible::Suspect] {
-        let mut tx = store.begin().await?;
-        let claimed = claim_in(&mut tx, eligible, owner, lease).await?;
-        tx.commit().await?;
-        if let Some(job) = claimed {
-            return Ok(Some(Lease::new(&job, owner)));
-        }
-    }
-    Ok(None)
-}
-
 /// Renews a lease, stores the progress if there is some, and reads the cancel flag, all in one statement.
 ///
 /// # Errors

@@ -13,7 +13,7 @@ use crate::wire::page::{ArchivedFilter, Sort};
 pub struct ListRequest {
     /// The page.
     pub page: PageRequest,
-    /// Order of the items. A cursor of another order is as none.
+    /// Order of the items. A cursor of another order is ignored.
     pub sort: Sort,
     /// Whether archived items are listed.
     pub archived: ArchivedFilter,
@@ -169,18 +169,37 @@ macro_rules! list_queries {
 }
 pub(super) use list_queries;
 
-/// Fields of a row that lists are ordered by.
-pub(super) struct ListKey<'a> {
-    pub(super) created_at_ms: i64,
-    /// Lower-case name as the database has it; empty for lists without names.
-    pub(super) name: &'a str,
-    pub(super) id: &'a str,
-}
-
 /// A row of a list.
 pub(super) trait ListRow: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
-    fn key(&self) -> ListKey<'_>;
+    fn created_at_ms(&self) -> i64;
+
+    fn id(&self) -> &str;
+
+    /// Lower-case name as the database has it; empty for lists without names.
+    fn name(&self) -> &str {
+        ""
+    }
 }
+
+/// Implements [`ListRow`] for a row with `created_at_ms` and `id`, and perhaps a field with its name.
+macro_rules! list_row {
+    ($row:ident $(, $name:ident)?) => {
+        impl $crate::store::listing::ListRow for $row {
+            fn created_at_ms(&self) -> i64 {
+                self.created_at_ms
+            }
+
+            fn id(&self) -> &str {
+                &self.id
+            }
+
+            $(fn name(&self) -> &str {
+                &self.$name
+            })?
+        }
+    };
+}
+pub(super) use list_row;
 
 type Rows<T> = QueryAs<'static, Any, T, AnyArguments>;
 
@@ -224,20 +243,13 @@ pub(super) async fn page<T: ListRow>(
     let mut rows = query.fetch_all(store.readers()).await?;
     let more = rows.len() > limit;
     rows.truncate(limit);
-    let next_cursor = rows.last().filter(|_| more).map(|last| {
-        let ListKey {
-            created_at_ms,
-            name,
-            id,
-        } = last.key();
-        Cursor {
-            sort: request.sort,
-            key: match is_by_name {
-                true => CursorKey::Name(name.to_owned()),
-                false => CursorKey::CreatedAtMs(created_at_ms),
-            },
-            id: id.to_owned(),
-        }
+    let next_cursor = rows.last().filter(|_| more).map(|last| Cursor {
+        sort: request.sort,
+        key: match is_by_name {
+            true => CursorKey::Name(last.name().to_owned()),
+            false => CursorKey::CreatedAtMs(last.created_at_ms()),
+        },
+        id: last.id().to_owned(),
     });
     Ok(Page {
         items: rows,

@@ -5,10 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{
-    AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
-};
+use super::listing::{self, ListQueries, list_queries, list_row};
+use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
@@ -70,15 +68,7 @@ from_row!(MeasurementSetRow {
     sort_name
 } parsed { frame });
 
-impl ListRow for MeasurementSetRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: &self.sort_name,
-            id: &self.id,
-        }
-    }
-}
+list_row!(MeasurementSetRow, sort_name);
 
 /// A measurement set to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -219,7 +209,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
         .bind(new.serial_number.as_deref())
         .bind(new.insisted_on.as_deref())
         .bind(new.reading_json.as_deref());
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let row: MeasurementSetRow = query
         .fetch_one(tx.connection())
         .await
@@ -248,20 +238,6 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
         .bind(id)
         .fetch_one(store.readers())
         .await?)
-}
-
-/// A robot's measurement sets, newest first.
-///
-/// # Errors
-/// [`Error::Database`].
-pub async fn list(
-    store: &Store,
-    robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<MeasurementSetRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
 }
 
 /// A robot's measurement sets by name and whether they are archived.

@@ -6,110 +6,48 @@ use sqlx::{Connection, Executor, SqlSafeStr};
 use super::database::RESERVE_BYTES;
 use super::{Engine, Error, Result, Store};
 
-/// The schema's steps, the same numbers on both engines: (version, name, SQLite, PostgreSQL).
+/// A step of the schema: its version, its name, and its SQL on SQLite and on PostgreSQL.
+macro_rules! step {
+    ($version:literal, $number:literal, $name:literal) => {
+        (
+            $version,
+            $name,
+            include_str!(concat!(
+                "../../migrations/sqlite/",
+                $number,
+                "_",
+                $name,
+                ".sql"
+            )),
+            include_str!(concat!(
+                "../../migrations/postgres/",
+                $number,
+                "_",
+                $name,
+                ".sql"
+            )),
+        )
+    };
+}
+
 const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
-    (
-        1,
-        "initial",
-        include_str!("../../migrations/sqlite/0001_initial.sql"),
-        include_str!("../../migrations/postgres/0001_initial.sql"),
-    ),
-    (
-        2,
-        "trust",
-        include_str!("../../migrations/sqlite/0002_trust.sql"),
-        include_str!("../../migrations/postgres/0002_trust.sql"),
-    ),
-    (
-        3,
-        "turns",
-        include_str!("../../migrations/sqlite/0003_turns.sql"),
-        include_str!("../../migrations/postgres/0003_turns.sql"),
-    ),
-    (
-        4,
-        "release",
-        include_str!("../../migrations/sqlite/0004_release.sql"),
-        include_str!("../../migrations/postgres/0004_release.sql"),
-    ),
-    (
-        5,
-        "residual_networks",
-        include_str!("../../migrations/sqlite/0005_residual_networks.sql"),
-        include_str!("../../migrations/postgres/0005_residual_networks.sql"),
-    ),
-    (
-        6,
-        "results",
-        include_str!("../../migrations/sqlite/0006_results.sql"),
-        include_str!("../../migrations/postgres/0006_results.sql"),
-    ),
-    (
-        7,
-        "documents_last",
-        include_str!("../../migrations/sqlite/0007_documents_last.sql"),
-        include_str!("../../migrations/postgres/0007_documents_last.sql"),
-    ),
-    (
-        8,
-        "verification",
-        include_str!("../../migrations/sqlite/0008_verification.sql"),
-        include_str!("../../migrations/postgres/0008_verification.sql"),
-    ),
-    (
-        9,
-        "insisted",
-        include_str!("../../migrations/sqlite/0009_insisted.sql"),
-        include_str!("../../migrations/postgres/0009_insisted.sql"),
-    ),
-    (
-        10,
-        "far_off",
-        include_str!("../../migrations/sqlite/0010_far_off.sql"),
-        include_str!("../../migrations/postgres/0010_far_off.sql"),
-    ),
-    (
-        11,
-        "report_summary",
-        include_str!("../../migrations/sqlite/0011_report_summary.sql"),
-        include_str!("../../migrations/postgres/0011_report_summary.sql"),
-    ),
-    (
-        12,
-        "mend_and_put_away",
-        include_str!("../../migrations/sqlite/0012_mend_and_put_away.sql"),
-        include_str!("../../migrations/postgres/0012_mend_and_put_away.sql"),
-    ),
-    (
-        13,
-        "columns",
-        include_str!("../../migrations/sqlite/0013_columns.sql"),
-        include_str!("../../migrations/postgres/0013_columns.sql"),
-    ),
-    (
-        17,
-        "estimate",
-        include_str!("../../migrations/sqlite/0017_estimate.sql"),
-        include_str!("../../migrations/postgres/0017_estimate.sql"),
-    ),
-    (
-        18,
-        "check",
-        include_str!("../../migrations/sqlite/0018_check.sql"),
-        include_str!("../../migrations/postgres/0018_check.sql"),
-    ),
-    (
-        19,
-        "named_documents",
-        include_str!("../../migrations/sqlite/0019_named_documents.sql"),
-        include_str!("../../migrations/postgres/0019_named_documents.sql"),
-    ),
-    (
-        20,
-        "job_sources",
-        include_str!("../../migrations/sqlite/0020_job_sources.sql"),
-        include_str!("../../migrations/postgres/0020_job_sources.sql"),
-    ),
+    step!(1, "0001", "initial"),
+    step!(2, "0002", "trust"),
+    step!(3, "0003", "turns"),
+    step!(4, "0004", "release"),
+    step!(5, "0005", "residual_networks"),
+    step!(6, "0006", "results"),
+    step!(7, "0007", "documents_last"),
+    step!(8, "0008", "verification"),
+    step!(9, "0009", "insisted"),
+    step!(10, "0010", "far_off"),
+    step!(11, "0011", "report_summary"),
+    step!(12, "0012", "mend_and_put_away"),
+    step!(13, "0013", "columns"),
+    step!(17, "0017", "estimate"),
+    step!(18, "0018", "check"),
+    step!(19, "0019", "named_documents"),
+    step!(20, "0020", "job_sources"),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

@@ -98,6 +98,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         audit::ALL_QUERIES,
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
+        &api_keys::LIST.texts(),
         archive::ALL_QUERIES,
         named_documents::ALL_QUERIES,
         &named_documents::LIST.texts(),

@@ -1,12 +1,13 @@
 //! What a robot has under a name: mappings of the columns of its files, work frames and tools. A document is never changed: the next version of its
 //! name takes its place.
 
+use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
@@ -21,16 +22,7 @@ pub enum NamedDocumentKind {
     Tool,
 }
 
-impl NamedDocumentKind {
-    /// Its name in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Columns => "columns",
-            Self::WorkFrame => "work_frame",
-            Self::Tool => "tool",
-        }
-    }
-}
+names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool" });
 
 /// One version of a document.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,15 +90,7 @@ pub(super) const LIST: ListQueries = list_queries!(
     "$5"
 );
 
-impl ListRow for NamedDocumentRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(NamedDocumentRow);
 
 const BY_ID: &str = concat!(
     "select ",
@@ -179,7 +163,7 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
         NamedDocumentKind::Columns => "col",
         NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => "doc",
     };
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     robots::lock(tx, new.robot_id).await?;
     let row: NamedDocumentRow = sqlx::query_as(INSERT)
         .bind(new_id(prefix))

@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
-use super::{AuditEvent, Hashed, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
+use super::listing::{self, ListQueries, list_queries, list_row};
+use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
@@ -49,15 +49,7 @@ from_row!(NetworkRow {
     joint_map_version
 });
 
-impl ListRow for NetworkRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(NetworkRow);
 
 /// A network of link parameters and its weights.
 #[derive(Clone, Debug, PartialEq)]
@@ -325,20 +317,6 @@ pub async fn newest_residual(
         .bind(limit)
         .fetch_all(store.readers())
         .await?)
-}
-
-/// A robot's networks of both kinds, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(
-    store: &Store,
-    robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<NetworkRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
 }
 
 /// A robot's networks of both kinds by whether they are archived.

@@ -81,7 +81,7 @@ const LIST: &str = "
     left join job j on j.id = (select k.id from job k where k.robot_id = r.id order by k.created_at_ms desc, k.id desc limit 1)
     where replace($1, r.id, '') <> $1";
 
-/// A page of robots as in their list, with what each needs to be judged by; `only` limits it to those that a key may see.
+/// A page of robots as in their list, with the facts that decide what each needs; `only` limits it to those that a key may see.
 ///
 /// # Errors
 /// [`super::Error::Database`].

@@ -66,7 +66,7 @@ pub struct InvalidCursor;
 /// Longest name in a cursor, bytes: a name has at most 200 characters of four bytes.
 const MAX_NAME_BYTES: usize = 800;
 
-/// First letter of a cursor's text, by its order; none for the newest first.
+/// First letter of a cursor's text for each order but the newest first, which has none.
 const LETTERS: [(Sort, &str); 3] = [
     (Sort::Oldest, "a"),
     (Sort::Name, "n"),
@@ -130,53 +130,8 @@ impl Default for PageRequest {
     }
 }
 
-/// Bind values of a list query: rows before (`created_at_ms`, `id`), one more than fits on the page.
-pub(crate) struct Keyset {
-    pub(crate) created_at_ms: i64,
-    pub(crate) id: String,
-    pub(crate) limit: i64,
-}
-
 impl PageRequest {
     pub(super) fn limit(&self) -> usize {
         self.limit.clamp(1, MAX_PAGE) as usize
-    }
-
-    pub(crate) fn keyset(&self) -> Keyset {
-        let limit = self.limit() as i64 + 1;
-        match self.cursor.clone() {
-            Some(Cursor {
-                key: CursorKey::CreatedAtMs(created_at_ms),
-                id,
-                ..
-            }) => Keyset {
-                created_at_ms,
-                id,
-                limit,
-            },
-            _ => Keyset {
-                created_at_ms: i64::MAX,
-                id: String::new(),
-                limit,
-            },
-        }
-    }
-
-    /// The page made of the rows of a query with [`PageRequest::keyset`].
-    pub(crate) fn page<T>(&self, mut rows: Vec<T>, key: impl Fn(&T) -> (i64, &str)) -> Page<T> {
-        let more = rows.len() > self.limit();
-        rows.truncate(self.limit());
-        let next_cursor = rows.last().filter(|_| more).map(|last| {
-            let (created_at_ms, id) = key(last);
-            Cursor {
-                sort: Sort::Newest,
-                key: CursorKey::CreatedAtMs(created_at_ms),
-                id: id.to_owned(),
-            }
-        });
-        Page {
-            items: rows,
-            next_cursor,
-        }
     }
 }

@@ -7,12 +7,12 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::estimates;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
-    policies, robots, verifications,
+    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
+    verifications,
 };
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -72,15 +72,7 @@ pub struct ParameterSetRow {
 
 from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
 
-impl ListRow for ParameterSetRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: "",
-            id: &self.id,
-        }
-    }
-}
+list_row!(ParameterSetRow);
 
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
@@ -364,20 +356,6 @@ pub async fn of_another_upload(
         .await?)
 }
 
-/// A robot's parameter sets, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn list(
-    store: &Store,
-    robot_id: &str,
-    request: &PageRequest,
-) -> Result<Page<ParameterSetRow>> {
-    Ok(search(store, robot_id, &ListRequest::all(request))
-        .await?
-        .page)
-}
-
 /// A robot's parameter sets by status and whether they are archived.
 ///
 /// # Errors
@@ -405,10 +383,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         ParameterSetStatus::Withdrawn => return Err(Conflict::Withdrawn.into()),
         ParameterSetStatus::Candidate | ParameterSetStatus::Superseded => {}
     }
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
-        .bind(&set.robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let active = active_in(tx, &set.robot_id).await?;
     let active = active.map(|active| active.id);
     if active != release.checked.active {
         return Err(Conflict::ActiveChanged.into());
@@ -463,10 +438,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 /// As [`release`].
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
-    let active: Option<ParameterSetRow> = sqlx::query_as(ACTIVE)
-        .bind(&set.robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let active = active_in(tx, &set.robot_id).await?;
     let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
         .bind(&set.robot_id)
         .fetch_optional(tx.connection())
@@ -479,18 +451,9 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     if let Some(active) = active {
         withdraw(tx, &active.id, &release.reason, &release.released_by).await?;
     }
-    let checked = CheckedState {
-        active: None,
-        ..release.checked.clone()
-    };
-    self::release(
-        tx,
-        &Release {
-            checked,
-            ..release.clone()
-        },
-    )
-    .await
+    let mut release = release.clone();
+    release.checked.active = None;
+    self::release(tx, &release).await
 }
 
 /// Withdraws a set in any state. If it was the active one, the robot has none afterwards.
@@ -519,6 +482,13 @@ async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
         .execute(tx.connection())
         .await?;
     get_in(tx, id).await
+}
+
+async fn active_in(tx: &mut Tx, robot_id: &str) -> Result<Option<ParameterSetRow>> {
+    Ok(sqlx::query_as(ACTIVE)
+        .bind(robot_id)
+        .fetch_optional(tx.connection())
+        .await?)
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {

@@ -12,54 +12,29 @@ use crate::wire::policy::{DecisionRule, PolicyBody};
 pub struct PolicyRow {
     /// Largest uncertainty of the tool's position, and largest rms on verify points, mm.
     pub tolerance_mm: Option<f64>,
-    /// How that rms is compared with it; none in a policy of an older version, which compares the figure alone.
+    /// How that rms is compared with it; none in a policy that an older version stored.
     pub decision_rule: Option<DecisionRule>,
-    /// 1: another measuring session must have verified the set.
-    pub independent_session_required: i64,
-    /// 1: the key that releases must not be the one that uploaded.
-    pub second_person_required: i64,
+    /// Another measuring session must have verified the set.
+    pub independent_session_required: bool,
+    /// The key that releases must not be the one that uploaded.
+    pub second_person_required: bool,
     /// Number of changes; 0 if never set.
     pub version: i64,
 }
 
 from_row!(PolicyRow {
     tolerance_mm,
-    independent_session_required,
-    second_person_required,
     version
-} optional { decision_rule });
+} optional { decision_rule } flags { independent_session_required, second_person_required });
 
 impl PolicyRow {
-    /// The rule in force: of a policy that was never stored the usual one, of one that an older version stored the one of that time.
-    pub fn rule(&self) -> DecisionRule {
-        match (self.decision_rule, self.version) {
-            (Some(rule), _) => rule,
-            (None, 0) => DecisionRule::default(),
-            (None, _) => DecisionRule::SimpleAcceptance,
-        }
-    }
-}
-
-impl From<&PolicyRow> for PolicyBody {
-    fn from(row: &PolicyRow) -> Self {
-        Self {
-            tolerance_mm: row.tolerance_mm,
-            decision_rule: row.rule(),
-            independent_session_required: row.independent_session_required == 1,
-            second_person_required: row.second_person_required == 1,
-        }
-    }
-}
-
-/// A policy that was never stored.
-impl From<&PolicyBody> for PolicyRow {
-    fn from(body: &PolicyBody) -> Self {
-        Self {
-            tolerance_mm: body.tolerance_mm,
-            decision_rule: Some(body.decision_rule),
-            independent_session_required: body.independent_session_required.into(),
-            second_person_required: body.second_person_required.into(),
-            version: 0,
+    /// The policy with the decision rule that is in force.
+    pub fn body(&self, decision_rule: DecisionRule) -> PolicyBody {
+        PolicyBody {
+            tolerance_mm: self.tolerance_mm,
+            decision_rule,
+            independent_session_required: self.independent_session_required,
+            second_person_required: self.second_person_required,
         }
     }
 }
@@ -105,8 +80,8 @@ fn as_changed(set: &PolicyChange) -> Value {
         changed_at_ms,
         ..
     } = set;
-    let mut entry = json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required == 1,
-        "second_person_required": policy.second_person_required == 1, "version": policy.version,
+    let mut entry = json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required,
+        "second_person_required": policy.second_person_required, "version": policy.version,
         "changed_by": changed_by, "changed_at_ms": changed_at_ms});
     // entries of older versions do not have it
     if let Some(rule) = policy.decision_rule {
@@ -155,17 +130,17 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 ///
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
-pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyRow, by: &str) -> Result<PolicyRow> {
+pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> Result<PolicyRow> {
     // A release that is under way ends first; a later one sees this policy.
     robots::lock(tx, robot_id).await?;
     let query = sqlx::query_as(PUT)
         .bind(robot_id)
         .bind(policy.tolerance_mm.unwrap_or(ABSENT));
     let query = query
-        .bind(policy.independent_session_required)
-        .bind(policy.second_person_required)
+        .bind(i64::from(policy.independent_session_required))
+        .bind(i64::from(policy.second_person_required))
         .bind(by)
-        .bind(policy.rule().as_str());
+        .bind(policy.decision_rule.as_str());
     let set: PolicyChange = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::RobotPolicyChanged, robot_id, as_changed(&set));
     Ok(set.policy)

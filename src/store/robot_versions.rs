@@ -73,7 +73,7 @@ pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
 /// # Errors
 /// [`Conflict::RobotChanged`] if it was edited meanwhile, [`Conflict::JointMapReleased`], [`Error::NotFound`], [`Error::Database`].
 pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<RobotRow> {
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     robots::lock(tx, id).await?;
     let query = sqlx::query_as(INSERT)
         .bind(id)

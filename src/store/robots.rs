@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
-use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
+use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
@@ -59,15 +59,7 @@ from_row!(RobotRow {
     sort_name
 });
 
-impl ListRow for RobotRow {
-    fn key(&self) -> ListKey<'_> {
-        ListKey {
-            created_at_ms: self.created_at_ms,
-            name: &self.sort_name,
-            id: &self.id,
-        }
-    }
-}
+list_row!(RobotRow, sort_name);
 
 impl RobotRow {
     /// The part of the row that a release depends on: see [`super::CheckedState`].
@@ -290,7 +282,7 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
         .bind(new_id("rob"))
         .bind(&new.name)
         .bind(&new.body_json);
-    tx.needs_room()?;
+    tx.require_disk_space()?;
     let row: RobotRow = query.fetch_one(tx.connection()).await?;
     tx.audit(AuditEvent::RobotCreated, &row.id, as_created(&row));
     Ok(row)

@@ -72,9 +72,9 @@ async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
     writes.stuck_for()?;
     if !writes.is_any_under_way() {
         let store = store.clone();
-        let look = tokio::spawn(async move { store.begin().await?.rollback().await });
+        let trial = tokio::spawn(async move { store.begin().await?.rollback().await });
         // The trial records its result in `writes`.
-        let _ = timeout(TRIAL_TIMEOUT, look).await;
+        let _ = timeout(TRIAL_TIMEOUT, trial).await;
     }
     writes.stuck_for().map(|duration| Stuck {
         duration,

@@ -8,7 +8,6 @@ use super::from_row::from_row;
 use super::policies::ABSENT;
 use super::{AuditEvent, Result, Store, Tx};
 use crate::wire::measurement::Frame;
-use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 
 /// Verification facts of one job.
@@ -26,68 +25,44 @@ pub struct VerificationRow {
     pub frame: Frame,
     /// When the job was posted.
     pub created_at_ms: i64,
-    /// Whether the job identified the set or scored it.
-    pub kind: VerificationKind,
     /// Number of the row in the robot's counter.
     pub seq: i64,
-    /// Number of points that were not fitted.
-    pub n_points: i64,
-    /// rms of the nominal robot, mm.
-    pub before_rms_mm: Option<f64>,
-    /// rms of the set, mm.
-    pub after_rms_mm: Option<f64>,
-    /// Expanded uncertainty of `after_rms_mm` (95 %), mm.
-    pub after_expanded_mm: Option<f64>,
-    /// 1: the set's errors are smaller than the nominal robot's.
-    pub is_better: i64,
-    /// Whether the points fit the robot.
-    pub fit: Fit,
-    /// Its strength as evidence for the set.
-    pub evidence: Evidence,
-    /// 1: the points repeat an earlier upload.
-    pub is_repeat: i64,
-    /// 1: the errors are several times those at the identification.
-    pub is_worse: i64,
-    /// The robot's `check_seq` when the job began: the last session that did not fit; 0 for none.
-    pub check_seq: i64,
-    /// The tool's largest predicted uncertainty over the workspace, mm.
-    pub uncertainty_mm: Option<f64>,
+    /// What the job found.
+    pub found: Verification,
 }
 
-from_row!(VerificationRow { job_id, robot_id, parameter_set_id, measurement_set_id, created_at_ms, seq, n_points, before_rms_mm, after_rms_mm, after_expanded_mm, is_better, is_repeat, is_worse, check_seq, uncertainty_mm } parsed { frame, kind, fit, evidence });
+from_row!(VerificationRow {
+    job_id,
+    robot_id,
+    parameter_set_id,
+    measurement_set_id,
+    created_at_ms,
+    seq
+} parsed { frame } nested { found });
+
+from_row!(Verification {
+    before_rms_mm,
+    after_rms_mm,
+    after_expanded_mm,
+    check_seq,
+    uncertainty_mm
+} parsed { kind, fit, evidence } flags { is_better, is_repeat, is_worse } counts { n_points });
 
 impl VerificationRow {
     fn audit_entry(&self) -> Value {
-        let mut entry = json!({"parameter_set_id": self.parameter_set_id, "kind": self.kind.as_str(), "seq": self.seq, "n_points": self.n_points,
-            "before_rms_mm": self.before_rms_mm, "after_rms_mm": self.after_rms_mm, "is_better": self.is_better, "fit": self.fit.as_str(),
-            "evidence": self.evidence.as_str(), "is_repeat": self.is_repeat, "check_seq": self.check_seq, "verified_uncertainty_mm": self.uncertainty_mm});
-        // entries of older versions have neither
-        if let Some(expanded_mm) = self.after_expanded_mm {
+        let found = &self.found;
+        let mut entry = json!({"parameter_set_id": self.parameter_set_id, "kind": found.kind.as_str(), "seq": self.seq, "n_points": found.n_points,
+            "before_rms_mm": found.before_rms_mm, "after_rms_mm": found.after_rms_mm, "is_better": i64::from(found.is_better), "fit": found.fit.as_str(),
+            "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "check_seq": found.check_seq,
+            "verified_uncertainty_mm": found.uncertainty_mm});
+        // Entries of older versions have neither field.
+        if let Some(expanded_mm) = found.after_expanded_mm {
             entry["after_expanded_mm"] = json!(expanded_mm);
         }
-        if self.is_worse == 1 {
+        if found.is_worse {
             entry["is_worse"] = json!(1);
         }
         entry
-    }
-}
-
-impl From<&VerificationRow> for Verification {
-    fn from(row: &VerificationRow) -> Self {
-        Self {
-            kind: row.kind,
-            n_points: usize::try_from(row.n_points).unwrap_or(0),
-            before_rms_mm: row.before_rms_mm,
-            after_rms_mm: row.after_rms_mm,
-            after_expanded_mm: row.after_expanded_mm,
-            is_better: row.is_better == 1,
-            fit: row.fit,
-            evidence: row.evidence,
-            is_repeat: row.is_repeat == 1,
-            is_worse: row.is_worse == 1,
-            check_seq: row.check_seq,
-            uncertainty_mm: row.uncertainty_mm,
-        }
     }
 }
 

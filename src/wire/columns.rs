@@ -7,6 +7,7 @@ use crate::measurement::column_names::{LENGTHS, PLAIN};
 use crate::measurement::join::{JoinBy, JoinOptions};
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
+use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
@@ -54,16 +55,7 @@ pub enum FilePart {
     Instrument,
 }
 
-impl FilePart {
-    /// Its name in a multipart upload.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Table => "table",
-            Self::Robot => "robot",
-            Self::Instrument => "instrument",
-        }
-    }
-}
+names!(FilePart { Table = "table", Robot = "robot", Instrument = "instrument" });
 
 impl ColumnsBody {
     /// Reads a mapping, and checks it as far as that is possible without a file.

@@ -10,6 +10,7 @@ use crate::wire::corrections::PayloadBody;
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::Frame;
+use crate::wire::names;
 use crate::wire::options::OptionsBody;
 pub use crate::wire::parameters::{ParametersBody, Rest};
 use crate::wire::prior;
@@ -33,16 +34,9 @@ pub enum Kind {
     Check,
 }
 
-impl Kind {
-    /// Its name in JSON and in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Identify => "identify",
-            Self::Verify => "verify",
-            Self::Check => "check",
-        }
-    }
+names!(Kind { Identify = "identify", Verify = "verify", Check = "check" });
 
+impl Kind {
     /// True if a job of this kind scores a parameter set and identifies nothing.
     pub fn scores(self) -> bool {
         self != Self::Identify

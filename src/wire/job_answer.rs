@@ -1,6 +1,7 @@
 //! Answer about a job: status, stage and progress.
 
 use crate::wire::job::{JobRequestBody, Kind, Method};
+use crate::wire::names;
 use crate::wire::problem::Problem;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -21,27 +22,12 @@ pub enum JobStatus {
     Cancelled,
 }
 
+names!(JobStatus {
+    Queued = "queued", Running = "running", Succeeded = "succeeded", Failed = "failed",
+    Cancelled = "cancelled",
+});
+
 impl JobStatus {
-    /// Every status.
-    pub const ALL: [Self; 5] = [
-        Self::Queued,
-        Self::Running,
-        Self::Succeeded,
-        Self::Failed,
-        Self::Cancelled,
-    ];
-
-    /// Its name in JSON and in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Queued => "queued",
-            Self::Running => "running",
-            Self::Succeeded => "succeeded",
-            Self::Failed => "failed",
-            Self::Cancelled => "cancelled",
-        }
-    }
-
     /// Whether the status is final.
     pub fn is_over(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
@@ -84,47 +70,15 @@ pub enum Stage {
     Verify,
 }
 
+names!(Stage {
+    Screening = "screening", LeastSquares = "least_squares", Pso = "pso", BpnnPso = "bpnn_pso",
+    TrainNetwork = "train_network", Refine = "refine", Corrections = "corrections",
+    CompareLeastSquares = "compare_least_squares", ComparePso = "compare_pso",
+    CompareWarmStart = "compare_warm_start", FinalFit = "final_fit", Uncertainty = "uncertainty",
+    HeldUncertainty = "held_uncertainty", CompareSessions = "compare_sessions", Verify = "verify",
+});
+
 impl Stage {
-    /// All stages.
-    pub const ALL: [Self; 15] = [
-        Self::Screening,
-        Self::LeastSquares,
-        Self::Pso,
-        Self::BpnnPso,
-        Self::TrainNetwork,
-        Self::Refine,
-        Self::Corrections,
-        Self::CompareLeastSquares,
-        Self::ComparePso,
-        Self::CompareWarmStart,
-        Self::FinalFit,
-        Self::Uncertainty,
-        Self::HeldUncertainty,
-        Self::CompareSessions,
-        Self::Verify,
-    ];
-
-    /// Name on the wire and in the core.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Screening => "screening",
-            Self::LeastSquares => "least_squares",
-            Self::Pso => "pso",
-            Self::BpnnPso => "bpnn_pso",
-            Self::TrainNetwork => "train_network",
-            Self::Refine => "refine",
-            Self::Corrections => "corrections",
-            Self::CompareLeastSquares => "compare_least_squares",
-            Self::ComparePso => "compare_pso",
-            Self::CompareWarmStart => "compare_warm_start",
-            Self::FinalFit => "final_fit",
-            Self::Uncertainty => "uncertainty",
-            Self::HeldUncertainty => "held_uncertainty",
-            Self::CompareSessions => "compare_sessions",
-            Self::Verify => "verify",
-        }
-    }
-
     /// Stage with this name in the core.
     pub fn parse(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|stage| stage.as_str() == name)
@@ -226,12 +180,4 @@ pub enum JobEventName {
     Finished,
 }
 
-impl JobEventName {
-    /// Its name in the stream.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Progress => "progress",
-            Self::Finished => "finished",
-        }
-    }
-}
+names!(JobEventName { Progress = "progress", Finished = "finished" });

@@ -1,5 +1,6 @@
 //! What a key may do.
 
+use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -19,18 +20,11 @@ pub enum Scope {
     Admin,
 }
 
-impl Scope {
-    /// Name of the scope in keys and problems.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Upload => "upload",
-            Self::Identify => "identify",
-            Self::Release => "release",
-            Self::Admin => "admin",
-        }
-    }
+names!(Scope {
+    Read = "read", Upload = "upload", Identify = "identify", Release = "release", Admin = "admin",
+});
 
+impl Scope {
     /// The scope of this name.
     pub fn parse(name: &str) -> Option<Self> {
         serde_json::from_value(name.into()).ok()

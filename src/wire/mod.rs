@@ -26,6 +26,7 @@ pub mod key;
 pub mod measurement;
 pub mod multipart;
 pub mod named_frame;
+mod names;
 pub mod network;
 pub mod options;
 pub mod overview;
@@ -58,6 +59,8 @@ pub mod understood;
 pub mod verification;
 pub mod warning;
 pub mod workbook;
+
+pub(crate) use names::names;
 
 pub use issue::{Invalid, Issue};
 pub use problem::Problem;

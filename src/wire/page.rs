@@ -1,5 +1,6 @@
 //! One page of a list.
 
+use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -68,13 +69,4 @@ pub enum ArchivedFilter {
     All,
 }
 
-impl ArchivedFilter {
-    /// Its name.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::False => "false",
-            Self::True => "true",
-            Self::All => "all",
-        }
-    }
-}
+names!(ArchivedFilter { False = "false", True = "true", All = "all" });

@@ -10,6 +10,7 @@ use crate::wire::corrections::CorrectionsContent;
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::measurement::{Frame, Warning};
+use crate::wire::names;
 pub use crate::wire::reason::{MAX_REASON, ReasonBody};
 use crate::wire::release::Gate;
 pub use crate::wire::target::Target;
@@ -82,17 +83,10 @@ pub enum ParameterSetStatus {
     Withdrawn,
 }
 
-impl ParameterSetStatus {
-    /// Its name in JSON.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Candidate => "candidate",
-            Self::Released => "released",
-            Self::Superseded => "superseded",
-            Self::Withdrawn => "withdrawn",
-        }
-    }
-}
+names!(ParameterSetStatus {
+    Candidate = "candidate", Released = "released", Superseded = "superseded",
+    Withdrawn = "withdrawn",
+});
 
 /// A parameter set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]

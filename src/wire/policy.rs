@@ -1,6 +1,7 @@
 //! Release policy of a robot.
 
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::names;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -22,15 +23,9 @@ pub enum DecisionRule {
     GuardedAcceptance,
 }
 
-impl DecisionRule {
-    /// Its name in JSON and in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::SimpleAcceptance => "simple_acceptance",
-            Self::GuardedAcceptance => "guarded_acceptance",
-        }
-    }
-}
+names!(DecisionRule {
+    SimpleAcceptance = "simple_acceptance", GuardedAcceptance = "guarded_acceptance",
+});
 
 /// A robot's policy. Gates that always hold are not part of it: errors on verify points improved on nominal and on the active set, no session
 /// in which the set was no better than nominal, an identity that is not contradicted, plausible changes.

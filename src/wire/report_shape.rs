@@ -3,6 +3,7 @@
 use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
+use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -402,16 +403,9 @@ pub enum Evidence {
     IndependentSession,
 }
 
-impl Evidence {
-    /// Its name in JSON.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::SameUpload => "same_upload",
-            Self::IndependentSession => "independent_session",
-        }
-    }
-}
+names!(Evidence {
+    None = "none", SameUpload = "same_upload", IndependentSession = "independent_session",
+});
 
 /// Convergence of the cost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]

@@ -2,6 +2,7 @@
 
 use crate::calibration::upload_checks::alignment::Suspicion;
 use crate::wire::issue::Issue;
+use crate::wire::names;
 use crate::wire::robot::JointMapBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -27,20 +28,13 @@ pub enum Insist {
     RotationSuspect,
 }
 
-impl Insist {
-    /// The code.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::UnitSuspect => "unit_suspect",
-            Self::ColumnSuspect => "column_suspect",
-            Self::FrameSuspect => "frame_suspect",
-            Self::JointMapSuspect => "joint_map_suspect",
-            Self::RobotMismatch => "robot_mismatch",
-            Self::PoorAlignment => "poor_alignment",
-            Self::RotationSuspect => "rotation_suspect",
-        }
-    }
+names!(Insist {
+    UnitSuspect = "unit_suspect", ColumnSuspect = "column_suspect", FrameSuspect = "frame_suspect",
+    JointMapSuspect = "joint_map_suspect", RobotMismatch = "robot_mismatch",
+    PoorAlignment = "poor_alignment", RotationSuspect = "rotation_suspect",
+});
 
+impl Insist {
     /// Parses a code.
     pub fn parse(code: &str) -> Option<Self> {
         serde_json::from_value(code.into()).ok()

@@ -1,6 +1,7 @@
 //! Verification facts: what one job found about a parameter set. They are stored with the job.
 
 pub use crate::calibration::Fit;
+use crate::wire::names;
 use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
 
@@ -14,15 +15,7 @@ pub enum VerificationKind {
     Session,
 }
 
-impl VerificationKind {
-    /// Its name in the database.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Identification => "identification",
-            Self::Session => "session",
-        }
-    }
-}
+names!(VerificationKind { Identification = "identification", Session = "session" });
 
 /// Verification facts of one job.
 #[derive(Clone, Debug, PartialEq)]

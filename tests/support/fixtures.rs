@@ -1,12 +1,14 @@
 //! Rows that tests start with.
 
 use kincal::jobs::queue;
+use kincal::store::leases::{self, Eligible};
 use kincal::store::{
-    JobRow, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot, ParameterSetRow, RobotRow,
-    Store, Tx, measurement_sets, parameter_sets, robots,
+    JobRow, Lease, ListRequest, MeasurementSetRow, NewJob, NewMeasurementSet, NewRobot,
+    PageRequest, ParameterSetRow, RobotRow, Store, Tx, measurement_sets, parameter_sets, robots,
 };
 use kincal::wire::canonical;
 use kincal::wire::job::Method;
+use std::time::Duration;
 
 pub async fn in_transaction<T>(
     store: &Store,
@@ -76,6 +78,26 @@ pub async fn a_job(store: &Store, set: &MeasurementSetRow, request_json: &str) -
 pub async fn a_lone_job(store: &Store, request_json: &str) -> JobRow {
     let set = a_set(store, &a_robot(store, "r").await).await;
     a_job(store, &set, request_json).await
+}
+
+/// Claims the next waiting job, suspects last.
+#[allow(dead_code, reason = "each test binary uses its part")]
+pub async fn claim(store: &Store, owner: &str, lease: Duration) -> Option<Lease> {
+    for eligible in [Eligible::Unsuspected, Eligible::Suspect] {
+        let claimed = in_transaction(store, async |tx| {
+            leases::claim_in(tx, eligible, owner, lease).await
+        });
+        if let Some(job) = claimed.await {
+            return Some(Lease::new(&job, owner));
+        }
+    }
+    None
+}
+
+/// A list of all items, newest first.
+#[allow(dead_code, reason = "each test binary uses its part")]
+pub fn everything() -> ListRequest {
+    ListRequest::all(&PageRequest::default())
 }
 
 /// A candidate and the job that identified it.

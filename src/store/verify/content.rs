@@ -468,8 +468,9 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
         if row.released_at_ms > chain.begun_at_ms {
             let in_chain =
                 chain.field_of_newest(&id, AuditEvent::ParameterSetReleased, "checks_sha256");
-            let is_noted = in_chain.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
-            check.require(is_noted, || {
+            let is_in_chain =
+                in_chain.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
+            check.require(is_in_chain, || {
                 format!("{id} is {status}, but the audit chain does not say so with these checks")
             });
         }

@@ -40,25 +40,25 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
 pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
 
-/// Runs every check, in order. If a check fails and the chain has grown meanwhile, all run again: rows that a server changes between two queries
-/// can look inconsistent.
+/// Runs every check, in order. If a check fails and the chain has grown meanwhile, all run again: a server that changes rows between two queries
+/// makes them look inconsistent.
 ///
 /// # Errors
 /// [`super::Error::Database`] if the database cannot be read at all.
 pub async fn verify(store: &Store, options: &Options) -> Result<Vec<Check>> {
     for _ in 1..MAX_RUNS {
         let head = audit::head(store).await?;
-        let checks = look(store, options).await?;
+        let checks = verify_once(store, options).await?;
         if checks.iter().all(|check| check.n_violations == 0)
             || audit::head(store).await?.seq == head.seq
         {
             return Ok(checks);
         }
     }
-    look(store, options).await
+    verify_once(store, options).await
 }
 
-async fn look(store: &Store, options: &Options) -> Result<Vec<Check>> {
+async fn verify_once(store: &Store, options: &Options) -> Result<Vec<Check>> {
     let chain = chain::read(store, options).await?;
     Ok(vec![
         content::uploads_read_back(store, &chain).await?,

@@ -74,8 +74,8 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
                 "what it found",
             ),
         ] {
-            let was_noted = chain.newest(id, event).is_some();
-            check.require(!was_noted || found.contains(id), || {
+            let was_stored = chain.newest(id, event).is_some();
+            check.require(!was_stored || found.contains(id), || {
                 format!("{id}: {what} was acknowledged and is gone")
             });
         }
@@ -131,12 +131,12 @@ async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Resu
     Ok(())
 }
 
-/// Compares all rows of a kind with their entries, and calls `look` with each.
+/// Compares all rows of a kind with their entries, and calls `further` with each.
 async fn each<T: Audited>(
     check: &mut Check,
     store: &Store,
     chain: &Chain,
-    mut look: impl FnMut(&mut Check, &T),
+    mut further: impl FnMut(&mut Check, &T),
 ) -> Result<()> {
     let mut after = String::new();
     loop {
@@ -154,7 +154,7 @@ async fn each<T: Audited>(
             row.expected_entries()
                 .iter()
                 .for_each(|entry| compare(check, chain, row.subject(), entry));
-            look(check, row);
+            further(check, row);
         }
     }
 }

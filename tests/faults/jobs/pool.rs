@@ -3,11 +3,11 @@
 use std::time::{Duration, Instant};
 
 use kincal::jobs::{AttemptLimits, JobSignals, WorkerPool, queue};
-use kincal::store::{JobStatus, PageRequest, jobs, leases, parameter_sets};
+use kincal::store::{JobStatus, jobs, parameter_sets};
 
 use crate::computations::{LONG, arrived, gate, run_scripted, until};
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_lone_job, a_robot, a_set};
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, claim, everything};
 
 const RULES: AttemptLimits = AttemptLimits {
     lease: LONG,
@@ -38,9 +38,10 @@ fn a_pool_runs_every_job_once() {
             assert_eq!((job.status, job.attempt), expected);
         }
         pool.shutdown(LONG).await;
-        let sets = parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+        let sets = parameter_sets::search(store, &set.robot_id, &everything())
             .await
             .unwrap()
+            .page
             .items;
         assert_eq!(sets.len(), 36);
     });
@@ -130,9 +131,8 @@ fn a_pool_takes_over_the_job_of_a_worker_that_died() {
     for_each_engine(async |database| {
         let store = &database.store;
         let job = a_lone_job(store, "succeed").await;
-        leases::claim(store, "dead", Duration::from_millis(1))
+        claim(store, "dead", Duration::from_millis(1))
             .await
-            .unwrap()
             .unwrap();
         let pool = WorkerPool::start(store.clone(), run_scripted, 1, RULES, JobSignals::default());
         let done = until(store, &job.id, |job| job.status.is_over()).await;
@@ -219,9 +219,10 @@ fn a_computation_that_does_not_stop_is_handed_back_and_its_late_result_is_not_st
         assert_eq!((done.status, done.attempt), (JobStatus::Succeeded, 1));
         pool.shutdown(LONG).await;
         assert_eq!(
-            parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+            parameter_sets::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items
                 .len(),
             1
@@ -360,7 +361,7 @@ fn jobs_under_which_a_process_died_run_alone_one_after_the_other_and_after_all_o
             a_job(store, &set, at_the_gate).await.id,
         );
         for _ in 0..2 {
-            leases::claim(store, "dead", LONG).await.unwrap().unwrap();
+            claim(store, "dead", LONG).await.unwrap();
         }
         expire_leases_of(store, &[&first, &second]).await;
         let other = a_job(store, &set, at_the_gate).await.id;
@@ -409,7 +410,7 @@ fn a_suspect_has_its_turn_though_other_jobs_keep_coming() {
         let store = &database.store;
         let set = a_set(store, &a_robot(store, "r").await).await;
         let suspect = a_job(store, &set, "succeed").await.id;
-        leases::claim(store, "dead", LONG).await.unwrap().unwrap();
+        claim(store, "dead", LONG).await.unwrap();
         expire_leases_of(store, &[&suspect]).await;
         let signals = JobSignals::default();
         let rules = AttemptLimits {

@@ -3,22 +3,36 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use kincal::jobs::{JobOutcome, JobSignals, queue};
+use kincal::jobs::queue::{self, AttemptEnd};
+use kincal::jobs::{JobOutcome, JobSignals};
 use kincal::store::{
-    Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, PageRequest, Result, Store, jobs,
-    leases, parameter_sets,
+    Conflict, Error, JobStatus, Lease, NewJob, NewParameterSet, Result, Store, jobs, leases,
+    parameter_sets,
 };
 use kincal::wire::job::Method;
 
 use crate::computations::LONG;
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{
+    self, a_job, a_lone_job, a_robot, a_set, everything, in_transaction, new_job,
+};
 
 async fn claim(store: &Store, owner: &str) -> Lease {
-    leases::claim(store, owner, LONG)
+    fixtures::claim(store, owner, LONG)
         .await
-        .unwrap()
         .expect("a job waits")
+}
+
+/// How many jobs are queued, and how many are running.
+async fn queued_and_running(store: &Store) -> (i64, i64) {
+    let count = async |status: &'static str| {
+        sqlx::query_scalar("select count(*) from job where status = $1")
+            .bind(status)
+            .fetch_one(store.readers())
+            .await
+            .unwrap()
+    };
+    (count("queued").await, count("running").await)
 }
 
 /// Expires this lease.
@@ -54,6 +68,11 @@ fn an_outcome(report_json: &str) -> JobOutcome {
     }
 }
 
+async fn finish(store: &Store, lease: &Lease, report_json: &str) -> Result<()> {
+    let outcome = Box::new(an_outcome(report_json));
+    queue::end(store, lease, &AttemptEnd::Finished(outcome)).await
+}
+
 fn is_lost<T: std::fmt::Debug>(result: &Result<T>) -> bool {
     matches!(result, Err(Error::Conflict(Conflict::LeaseLost)))
 }
@@ -63,13 +82,15 @@ async fn assert_all_refused(store: &Store, lease: &Lease) {
     assert!(is_lost(
         &leases::heartbeat(store, lease, LONG, Some("{}")).await
     ));
-    assert!(is_lost(
-        &queue::finish(store, lease, &an_outcome("stale")).await
-    ));
-    assert!(is_lost(&queue::fail(store, lease, "{}").await));
-    assert!(is_lost(&queue::end_cancelled(store, lease).await));
-    assert!(is_lost(&queue::hand_back(store, lease).await));
-    assert!(is_lost(&queue::give_up(store, lease).await));
+    for end in [
+        AttemptEnd::Finished(Box::new(an_outcome("stale"))),
+        AttemptEnd::Failed("{}".into()),
+        AttemptEnd::Cancelled,
+        AttemptEnd::HandedBack,
+        AttemptEnd::GaveUp,
+    ] {
+        assert!(is_lost(&queue::end(store, lease, &end).await), "{end:?}");
+    }
 }
 
 #[test]
@@ -98,13 +119,14 @@ fn a_posted_job_waits_with_what_was_asked() {
         );
         assert_eq!(jobs::get(store, &job.id).await.unwrap(), job);
         assert_eq!(
-            jobs::list(store, &set.robot_id, &PageRequest::default())
+            jobs::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items,
             [job]
         );
-        assert_eq!(jobs::queued_and_running(store).await.unwrap(), (1, 0));
+        assert_eq!(queued_and_running(store).await, (1, 0));
     });
 }
 
@@ -120,10 +142,8 @@ fn two_workers_never_get_the_same_job() {
                 let store = database.store.clone();
                 tokio::spawn(async move {
                     let mut claimed = Vec::new();
-                    while let Some(lease) = leases::claim(&store, &format!("worker {worker}"), LONG)
-                        .await
-                        .unwrap()
-                    {
+                    let owner = format!("worker {worker}");
+                    while let Some(lease) = fixtures::claim(&store, &owner, LONG).await {
                         claimed.push(lease.job_id);
                     }
                     claimed
@@ -136,10 +156,7 @@ fn two_workers_never_get_the_same_job() {
         }
         assert_eq!(all.len(), 60);
         assert_eq!(all.iter().collect::<HashSet<_>>().len(), 60);
-        assert_eq!(
-            jobs::queued_and_running(&database.store).await.unwrap(),
-            (0, 60)
-        );
+        assert_eq!(queued_and_running(&database.store).await, (0, 60));
     });
 }
 
@@ -163,7 +180,7 @@ fn the_highest_priority_goes_first_and_of_those_the_oldest() {
         for expected in [2, 4, 0, 1, 3] {
             assert_eq!(claim(store, "w").await.job_id, posted[expected]);
         }
-        assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
+        assert_eq!(fixtures::claim(store, "w", LONG).await, None);
     });
 }
 
@@ -249,9 +266,7 @@ fn after_a_lease_ran_out_the_job_is_begun_again_and_its_first_worker_can_do_noth
             jobs::get(store, &job.id).await.unwrap().parameter_set_id,
             None
         );
-        queue::finish(store, &second, &an_outcome("fresh"))
-            .await
-            .unwrap();
+        finish(store, &second, "fresh").await.unwrap();
         assert_all_refused(store, &stale).await;
         assert_eq!(jobs::report(store, &job.id).await.unwrap(), "fresh");
     });
@@ -266,9 +281,7 @@ fn a_job_is_finished_once() {
         let finishes: Vec<_> = (0..8)
             .map(|i| {
                 let (store, lease) = (store.clone(), lease.clone());
-                tokio::spawn(async move {
-                    queue::finish(&store, &lease, &an_outcome(&i.to_string())).await
-                })
+                tokio::spawn(async move { finish(&store, &lease, &i.to_string()).await })
             })
             .collect();
         let mut n_finished = 0;
@@ -279,9 +292,10 @@ fn a_job_is_finished_once() {
             }
         }
         assert_eq!(n_finished, 1);
-        let sets = parameter_sets::list(store, &job.robot_id, &PageRequest::default())
+        let sets = parameter_sets::search(store, &job.robot_id, &everything())
             .await
             .unwrap()
+            .page
             .items;
         assert_eq!(sets.len(), 1);
         assert_eq!(
@@ -311,7 +325,7 @@ fn of_a_finish_that_fails_halfway_nothing_is_stored() {
         })
         .await;
         assert!(matches!(
-            queue::finish(store, &lease, &an_outcome("x")).await,
+            finish(store, &lease, "x").await,
             Err(Error::Conflict(Conflict::Duplicate))
         ));
         assert_eq!(
@@ -339,7 +353,9 @@ fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
         for attempt in 1..=3 {
             let lease = claim(store, "panics").await;
             assert_eq!(lease.attempt, attempt);
-            queue::give_up(store, &lease).await.unwrap();
+            queue::end(store, &lease, &AttemptEnd::GaveUp)
+                .await
+                .unwrap();
             let (queued, failed, _) = expire(store).await;
             let expected = if attempt < 3 {
                 (vec![job.id.clone()], vec![])
@@ -356,7 +372,7 @@ fn a_job_whose_attempts_are_used_up_fails_and_says_so() {
             (&error["code"], &error["status"]),
             (&"attempts_exhausted".into(), &500.into())
         );
-        assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
+        assert_eq!(fixtures::claim(store, "w", LONG).await, None);
     });
 }
 
@@ -368,7 +384,9 @@ fn a_job_handed_back_has_its_attempt_again() {
         for _ in 0..5 {
             let lease = claim(store, "leaves").await;
             assert_eq!(lease.attempt, 1);
-            queue::hand_back(store, &lease).await.unwrap();
+            queue::end(store, &lease, &AttemptEnd::HandedBack)
+                .await
+                .unwrap();
             assert_all_refused(store, &lease).await;
         }
     });
@@ -384,7 +402,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
             .unwrap();
         assert_eq!(cancelled.status, JobStatus::Cancelled);
         assert!(cancelled.finished_at_ms.is_some());
-        assert_eq!(leases::claim(store, "w", LONG).await.unwrap(), None);
+        assert_eq!(fixtures::claim(store, "w", LONG).await, None);
         assert_eq!(
             queue::cancel(store, &signals, &waiting.id, "key_1")
                 .await
@@ -414,7 +432,9 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
                 .unwrap()
                 .cancel_requested
         );
-        queue::end_cancelled(store, &lease).await.unwrap();
+        queue::end(store, &lease, &AttemptEnd::Cancelled)
+            .await
+            .unwrap();
         assert_eq!(
             jobs::get(store, &running.id).await.unwrap().status,
             JobStatus::Cancelled
@@ -426,9 +446,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         queue::cancel(store, &signals, &unheard.id, "key_1")
             .await
             .unwrap();
-        queue::finish(store, &lease, &an_outcome("too late"))
-            .await
-            .unwrap();
+        finish(store, &lease, "too late").await.unwrap();
         let cancelled = jobs::get(store, &unheard.id).await.unwrap();
         assert_eq!(
             (
@@ -448,7 +466,9 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         queue::cancel(store, &signals, &failing.id, "key_1")
             .await
             .unwrap();
-        queue::fail(store, &lease, "{}").await.unwrap();
+        queue::end(store, &lease, &AttemptEnd::Failed("{}".into()))
+            .await
+            .unwrap();
         let cancelled = jobs::get(store, &failing.id).await.unwrap();
         assert_eq!(
             (cancelled.status, cancelled.error_json),
@@ -456,7 +476,7 @@ fn a_waiting_job_is_cancelled_at_once_and_a_running_one_hears_of_it() {
         );
 
         let finished = a_lone_job(&database.store, "{}").await;
-        queue::finish(store, &claim(store, "w").await, &an_outcome("done"))
+        finish(store, &claim(store, "w").await, "done")
             .await
             .unwrap();
         assert_eq!(
@@ -497,7 +517,9 @@ fn a_cancelled_job_is_not_begun_again_when_its_worker_dies_or_leaves() {
         queue::cancel(store, &signals, &left.id, "key_1")
             .await
             .unwrap();
-        queue::hand_back(store, &lease).await.unwrap();
+        queue::end(store, &lease, &AttemptEnd::HandedBack)
+            .await
+            .unwrap();
         assert_eq!(
             jobs::get(store, &left.id).await.unwrap().status,
             JobStatus::Cancelled
@@ -519,7 +541,7 @@ fn a_robot_has_ten_thousand_jobs_waiting_and_no_more() {
             .execute(store.readers())
             .await
             .unwrap();
-        assert_eq!(jobs::queued_and_running(store).await.unwrap(), (10_000, 0));
+        assert_eq!(queued_and_running(store).await, (10_000, 0));
         let new = NewJob {
             robot_id: job.robot_id.clone(),
             measurement_set_id: job.measurement_set_id.clone(),
@@ -559,9 +581,7 @@ fn a_job_of_a_transaction_that_is_rolled_back_was_never_there() {
         queue::enqueue(&mut tx, &new_job(&set, "{}")).await.unwrap();
         drop(tx);
         assert_eq!(
-            leases::claim(store, "w", Duration::from_secs(1))
-                .await
-                .unwrap(),
+            fixtures::claim(store, "w", Duration::from_secs(1)).await,
             None
         );
     });
@@ -606,7 +626,9 @@ fn a_death_uses_up_no_attempt_and_an_attempt_counts_as_no_death() {
             wait_until_expired(store, &lease).await;
             assert_eq!(expire(store).await.0, std::slice::from_ref(&job.id));
             let lease = claim(store, "it panics").await;
-            queue::give_up(store, &lease).await.unwrap();
+            queue::end(store, &lease, &AttemptEnd::GaveUp)
+                .await
+                .unwrap();
             let (queued, failed, _) = expire(store).await;
             assert_eq!(
                 (queued.len(), failed.len()),

@@ -181,7 +181,10 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
         let rows = verifications::of_set(&store, &id("frames", "parameter_set_id"))
             .await
             .unwrap();
-        let found: Vec<_> = rows.iter().map(|row| (row.fit, row.evidence)).collect();
+        let found: Vec<_> = rows
+            .iter()
+            .map(|row| (row.found.fit, row.found.evidence))
+            .collect();
         assert_eq!(
             found,
             [
@@ -190,7 +193,8 @@ fn a_database_of_d61237a_gets_its_facts_as_columns_once() {
                 (Fit::DoesNotFit, Evidence::None)
             ]
         );
-        assert!(rows[0].uncertainty_mm.is_some() && rows[0].after_rms_mm < rows[0].before_rms_mm);
+        let first = &rows[0].found;
+        assert!(first.uncertainty_mm.is_some() && first.after_rms_mm < first.before_rms_mm);
         let robot = robots::get(&store, &id("frames", "robot_id"))
             .await
             .unwrap();

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use kincal::jobs::{JobSignals, WorkerContext, queue, run_next_job};
 use kincal::store::{
-    Engine, Error, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, PageRequest,
-    Store, frames, jobs, networks, parameter_sets, report_summaries,
+    Engine, Error, JobRow, JobStatus, MeasurementSetRow, NewJob, NewParameterSet, Store, frames,
+    jobs, networks, parameter_sets, report_summaries,
 };
 
 use crate::computations::{LONG, a_worker, arrived, gate, until};
 use crate::engines::{TestDatabase, for_each_engine};
-use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{a_job, a_lone_job, a_robot, a_set, everything, in_transaction, new_job};
 
 async fn some_set(database: &TestDatabase) -> MeasurementSetRow {
     a_set(&database.store, &a_robot(&database.store, "r").await).await
@@ -342,9 +342,10 @@ fn a_computation_without_an_end_is_tried_as_often_as_allowed_and_others_go_on() 
             gate(&endless.id).open();
         }
         assert_eq!(
-            parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+            parameter_sets::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items
                 .len(),
             2
@@ -481,16 +482,18 @@ fn a_worker_that_lost_its_lease_stops_computing_and_writes_nothing() {
             );
         }
         assert_eq!(
-            parameter_sets::list(store, &set.robot_id, &PageRequest::default())
+            parameter_sets::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items,
             []
         );
         assert_eq!(
-            networks::list(store, &set.robot_id, &PageRequest::default())
+            networks::search(store, &set.robot_id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items,
             []
         );

@@ -10,7 +10,7 @@ use sqlx::{AssertSqlSafe, Executor, SqlitePool, query_scalar};
 use tempfile::TempDir;
 
 use crate::engines::{for_each_engine, on_sqlite};
-use crate::fixtures::{a_lone_job, a_robot, a_set, in_transaction, new_job};
+use crate::fixtures::{a_lone_job, a_robot, a_set, claim, in_transaction, new_job};
 use crate::store::verify::{broken, insert_examples};
 
 #[test]
@@ -188,9 +188,8 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
     runtime.block_on(async {
         let dead = Store::open(location.clone()).await.unwrap();
         let job = a_lone_job(&dead, "{}").await;
-        leases::claim(&dead, "dead", Duration::from_secs(3600))
+        claim(&dead, "dead", Duration::from_secs(3600))
             .await
-            .unwrap()
             .unwrap();
         drop(dead);
         let store = Store::open(location.clone()).await.unwrap();
@@ -199,9 +198,8 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
             leases::expire(&store, 3, "{}").await.unwrap().queued,
             std::slice::from_ref(&job.id)
         );
-        let mine = leases::claim(&store, "alive", Duration::from_secs(3600))
+        let mine = claim(&store, "alive", Duration::from_secs(3600))
             .await
-            .unwrap()
             .unwrap();
         assert_eq!(
             mine.attempt, 1,

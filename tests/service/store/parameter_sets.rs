@@ -8,14 +8,14 @@ use kincal::store::{
     job_sources, jobs, leases, measurement_sets, parameter_sets, policies, robots, verifications,
 };
 use kincal::wire::canonical;
-use kincal::wire::policy::DecisionRule;
+use kincal::wire::policy::{DecisionRule, PolicyBody};
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
 use crate::fixtures::{
-    a_candidate, a_job, a_lone_job, a_robot, a_set, in_transaction, new_job, new_set,
+    a_candidate, a_job, a_lone_job, a_robot, a_set, claim, in_transaction, new_job, new_set,
 };
 
 /// The gate results that a release stores.
@@ -387,12 +387,11 @@ fn the_schema_itself_keeps_the_robots_policy() {
         let robot = a_robot(store, "r").await;
         let set_row = a_set(store, &robot).await;
         let candidate = a_candidate(store, &set_row).await;
-        let strict = PolicyRow {
+        let strict = PolicyBody {
             tolerance_mm: Some(0.2),
-            decision_rule: Some(DecisionRule::GuardedAcceptance),
-            independent_session_required: 1,
-            second_person_required: 1,
-            version: 0,
+            decision_rule: DecisionRule::GuardedAcceptance,
+            independent_session_required: true,
+            second_person_required: true,
         };
         let set = in_transaction(store, async |tx| {
             policies::put(tx, &robot.id, &strict, "boss").await
@@ -401,8 +400,11 @@ fn the_schema_itself_keeps_the_robots_policy() {
         assert_eq!(
             set,
             PolicyRow {
+                tolerance_mm: Some(0.2),
+                decision_rule: Some(DecisionRule::GuardedAcceptance),
+                independent_session_required: true,
+                second_person_required: true,
                 version: 1,
-                ..strict.clone()
             }
         );
         let write = async |evidence: &str, uncertainty_mm: f64, by: &str| {
@@ -447,9 +449,9 @@ fn the_schema_itself_looks_at_the_uploads_that_a_set_rests_on() {
             (None, "key_uploader", false),
         ] {
             let robot = a_robot(store, "r").await;
-            let policy = PolicyRow {
-                second_person_required: 1,
-                ..PolicyRow::default()
+            let policy = PolicyBody {
+                second_person_required: true,
+                ..PolicyBody::default()
             };
             let first = NewMeasurementSet {
                 insisted_on: insisted_on.map(str::to_owned),
@@ -517,10 +519,10 @@ fn the_schema_itself_counts_the_uncertainty_by_the_guarded_rule() {
             let robot = a_robot(store, "r").await;
             let set = a_set(store, &robot).await;
             let candidate = a_candidate(store, &set).await;
-            let policy = PolicyRow {
+            let policy = PolicyBody {
                 tolerance_mm: Some(0.2),
-                decision_rule: Some(rule),
-                ..PolicyRow::default()
+                decision_rule: rule,
+                ..PolicyBody::default()
             };
             in_transaction(store, async |tx| {
                 policies::put(tx, &robot.id, &policy, "boss").await
@@ -628,9 +630,8 @@ async fn scored(
         ..new_job(set, "{}")
     };
     in_transaction(store, async |tx| jobs::insert(tx, &new, None).await).await;
-    let lease = leases::claim(store, "worker_1", Duration::from_secs(60))
+    let lease = claim(store, "worker_1", Duration::from_secs(60))
         .await
-        .unwrap()
         .unwrap();
     in_transaction(store, async |tx| {
         let empty = "{}".to_owned().into();
@@ -977,9 +978,9 @@ fn a_release_is_refused_when_the_policy_changed_since_its_checks() {
         let store = &database.store;
         let robot = a_robot(store, "r").await;
         let candidate = a_candidate(store, &a_set(store, &robot).await).await;
-        let loose = PolicyRow {
+        let loose = PolicyBody {
             tolerance_mm: Some(10.0),
-            ..PolicyRow::default()
+            ..PolicyBody::default()
         };
         in_transaction(store, async |tx| {
             policies::put(tx, &robot.id, &loose, "boss").await

@@ -3,13 +3,13 @@
 use std::collections::HashSet;
 
 use kincal::store::{
-    Conflict, Cursor, Error, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork, NewRobot, Page,
-    PageRequest, api_keys, frames, jobs, measurement_sets, networks, robots,
+    Conflict, Cursor, Error, ListRequest, NewApiKey, NewFrames, NewMeasurementSet, NewNetwork,
+    NewRobot, Page, PageRequest, api_keys, frames, jobs, measurement_sets, networks, robots,
 };
 use kincal::wire::job::{Model, Preset};
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_job, a_robot, a_set, in_transaction, new_job, new_set};
+use crate::fixtures::{a_job, a_robot, a_set, everything, in_transaction, new_job, new_set};
 
 fn every_byte() -> Vec<u8> {
     (0..=255).cycle().take(100_000).collect()
@@ -37,7 +37,12 @@ fn uploads_read_back_byte_for_byte() {
             };
             let row = in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
             assert_eq!(frames::get(store, &row.id).await.unwrap(), row);
-            assert!(frames::body(store, &row.id).await.unwrap() == body);
+            let stored: Vec<u8> = sqlx::query_scalar("select body from frames where id = $1")
+                .bind(&row.id)
+                .fetch_one(store.readers())
+                .await
+                .unwrap();
+            assert!(stored == body);
         }
     });
 }
@@ -117,9 +122,10 @@ fn a_network_reads_back_and_the_newest_of_its_kind_is_found() {
         );
         rows.reverse();
         assert_eq!(
-            networks::list(store, &robot.id, &PageRequest::default())
+            networks::search(store, &robot.id, &everything())
                 .await
                 .unwrap()
+                .page
                 .items,
             rows
         );
@@ -208,9 +214,10 @@ fn many_writers_at_once_all_get_through() {
             ids.insert(writer.await.unwrap());
         }
         assert_eq!(ids.len(), 32);
-        let listed = measurement_sets::list(&database.store, &robot.id, &PageRequest::default())
+        let listed = measurement_sets::search(&database.store, &robot.id, &everything())
             .await
-            .unwrap();
+            .unwrap()
+            .page;
         assert_eq!(
             listed
                 .items
@@ -240,9 +247,9 @@ fn pages_are_complete_and_stable_while_rows_are_added() {
             cursor: None,
         };
         loop {
-            let Page { items, next_cursor } = measurement_sets::list(store, &robot.id, &request)
-                .await
-                .unwrap();
+            let all = ListRequest::all(&request);
+            let found = measurement_sets::search(store, &robot.id, &all).await;
+            let Page { items, next_cursor } = found.unwrap().page;
             assert!(items.len() <= 5);
             listed.extend(items);
             a_set(store, &robot).await;
@@ -271,9 +278,9 @@ fn rows_of_the_same_millisecond_come_once_each() {
             cursor: None,
         };
         loop {
-            let page = measurement_sets::list(store, &robot.id, &request)
-                .await
-                .unwrap();
+            let all = ListRequest::all(&request);
+            let found = measurement_sets::search(store, &robot.id, &all).await;
+            let page = found.unwrap().page;
             ids.extend(page.items.into_iter().map(|row| row.id));
             request.cursor = page.next_cursor;
             if request.cursor.is_none() {

@@ -4,18 +4,19 @@ use kincal::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     CheckedState, Engine, JobResult, Lease, MeasurementSetRow, NewApiKey, NewFrames, NewNetwork,
-    NewParameterSet, ParameterSetRow, PolicyRow, Release, Result, Store, Tx, api_keys, frames,
-    leases, networks, parameter_sets, policies, verifications,
+    NewParameterSet, ParameterSetRow, Release, Result, Store, Tx, api_keys, frames, leases,
+    networks, parameter_sets, policies, verifications,
 };
 use kincal::wire::canonical::sha256_hex;
 use kincal::wire::job::{Model, Preset};
+use kincal::wire::policy::PolicyBody;
 use kincal::wire::report_shape::Evidence;
 use kincal::wire::verification::{Fit, Verification, VerificationKind};
 use sqlx::AssertSqlSafe;
 use std::time::Duration;
 
 use crate::engines::for_each_engine;
-use crate::fixtures::{a_candidate, a_job, a_robot, a_set, in_transaction};
+use crate::fixtures::{a_candidate, a_job, a_robot, a_set, claim, in_transaction};
 use crate::store::idempotency::{make_a_robot, scope};
 
 pub async fn broken(store: &Store) -> Vec<&'static str> {
@@ -54,9 +55,8 @@ async fn succeed(tx: &mut Tx, lease: &Lease) -> Result<()> {
 /// A running job.
 async fn a_running_job(store: &Store, set: &MeasurementSetRow) -> Lease {
     a_job(store, set, "{}").await;
-    leases::claim(store, "worker_1", Duration::from_secs(60))
+    claim(store, "worker_1", Duration::from_secs(60))
         .await
-        .unwrap()
         .unwrap()
 }
 
@@ -171,12 +171,11 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
         networks::insert(tx, &lease.job_id, &network).await
     })
     .await;
-    let policy = PolicyRow {
+    let policy = PolicyBody {
         tolerance_mm: Some(0.1),
-        decision_rule: None,
-        independent_session_required: 1,
-        second_person_required: 1,
-        version: 0,
+        independent_session_required: true,
+        second_person_required: true,
+        ..PolicyBody::default()
     };
     // Of another robot, so that it blocks no release.
     let other = a_robot(store, "other").await;

@@ -1,0 +1,138 @@
+//! The core's request of a job, from the job's stored inputs.
+
+use crate::calibration::request::PreviousSession;
+use crate::calibration::{CalibrationRequest, HeldOut};
+use crate::jobs::estimate::stored_estimate;
+use crate::jobs::{JobFailure, JobInputs, MeasurementSetInput};
+use crate::release::facts::{MeasuredSince, repeats};
+use crate::wire::frames::FramesContent;
+use crate::wire::job::{JobParts, JobRequestBody, Kind};
+use crate::wire::measurement::MeasurementSet;
+use crate::wire::robot::{Robot, RobotBody};
+use crate::wire::{Invalid, Problem, json, safetensors};
+
+/// The request of the core.
+///
+/// # Errors
+/// [`JobFailure::Failed`] if a stored document cannot be read.
+pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> {
+    requests_of(inputs).map(|(_, request)| request)
+}
+
+/// The request as it was posted, and that of the core.
+pub(super) fn requests_of(
+    inputs: &JobInputs,
+) -> Result<(JobRequestBody, CalibrationRequest), JobFailure> {
+    let posted: JobRequestBody =
+        json::parse(inputs.job.request_json.as_bytes()).map_err(JobFailure::broken)?;
+    let body: RobotBody =
+        json::parse(inputs.robot.body_json.as_bytes()).map_err(JobFailure::broken)?;
+    let robot = Robot::try_from(&body).map_err(JobFailure::broken)?;
+    let n_joints = robot.links.len();
+    let frames = inputs
+        .frames
+        .as_ref()
+        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json));
+    let network = inputs
+        .network
+        .as_ref()
+        .map(|network| safetensors::read(&network.weights));
+    let residual_network = inputs
+        .residual_network
+        .as_ref()
+        .map(|network| safetensors::read_residual(&network.weights));
+    let parts = JobParts {
+        set: inputs.set.parse(n_joints).map_err(JobFailure::broken)?,
+        verify_set: inputs
+            .verify_set
+            .as_ref()
+            .map(|set| set.parse(n_joints))
+            .transpose()
+            .map_err(JobFailure::broken)?,
+        frames: frames
+            .transpose()
+            .map_err(JobFailure::broken)?
+            .map(|content| (&content).into()),
+        network: network.transpose().map_err(JobFailure::broken)?,
+        residual_network: residual_network.transpose().map_err(JobFailure::broken)?,
+        previous: previous_session(&posted, inputs, n_joints),
+        robot,
+    };
+    let mut request = posted
+        .calibration_request(parts)
+        .map_err(|invalid: Invalid| {
+            JobFailure::failed(&Problem::new(422, invalid.code, invalid.summary()))
+        })?;
+    request.held_out = held_out(inputs);
+    request.refused_as = insisted_on(inputs).map(str::to_owned);
+    let scored = inputs.parameter_set.as_ref();
+    request.scored_frame = scored.map(|input| input.set.row.frame);
+    Ok((posted, request))
+}
+
+/// Errors of the verified parameter set on the points that were held out when it was identified.
+fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
+    let found = &inputs.parameter_set.as_ref()?.verification.as_ref()?.found;
+    Some(HeldOut {
+        nominal_rms_mm: found.before_rms_mm?,
+        identified_rms_mm: found.after_rms_mm?,
+    })
+}
+
+/// The session that the robot was last identified from; none if it cannot be read.
+fn previous_session(
+    request: &JobRequestBody,
+    inputs: &JobInputs,
+    n_joints: usize,
+) -> Option<PreviousSession> {
+    let input = inputs
+        .parameter_set
+        .as_ref()
+        .filter(|_| request.kind == Kind::Identify)?;
+    let frames = input
+        .frames
+        .as_ref()
+        .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
+        .transpose()
+        .ok()?;
+    let set = input.set.parse(n_joints).ok()?;
+    let model = request.model_for(inputs.set.row.frame);
+    let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
+    Some(PreviousSession {
+        set,
+        frames: frames.map(|content| (&content).into()),
+        estimate,
+    })
+}
+
+/// Whether a job's own points were measured since the robot's last session that did not fit.
+pub(super) fn measured_since(
+    inputs: &JobInputs,
+    request: &CalibrationRequest,
+) -> Result<MeasuredSince, JobFailure> {
+    let earlier = points_of(&inputs.earlier.sets, request)?;
+    Ok(MeasuredSince {
+        check_seq: inputs.earlier.check_seq,
+        is_repeat: inputs.earlier.exceeds_limits || repeats(&request.robot, &earlier, &request.set),
+    })
+}
+
+/// The points of uploads of the request's robot.
+pub(super) fn points_of<'a>(
+    uploads: impl IntoIterator<Item = &'a MeasurementSetInput>,
+    request: &CalibrationRequest,
+) -> Result<Vec<MeasurementSet>, JobFailure> {
+    let n_joints = request.robot.links.len();
+    let uploads = uploads.into_iter();
+    uploads
+        .map(|input| input.parse(n_joints).map_err(JobFailure::broken))
+        .collect()
+}
+
+/// Code of the suspicion that the uploader of the set, of the set to verify on, or of a set that the result rests on overrode with `insist`.
+pub(super) fn insisted_on(inputs: &JobInputs) -> Option<&str> {
+    std::iter::once(&inputs.set)
+        .chain(&inputs.verify_set)
+        .chain(&inputs.sources)
+        .find_map(|input| input.row.insisted_on.as_deref())
+}
