@@ -7,9 +7,9 @@ use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
-use crate::release::facts::{LastCheck, repeats, verify_errors_mm};
+use crate::release::facts::{repeats, verify_errors_mm};
 use crate::release::independence::{hides_base, shown_evidence};
-use crate::release::{Comparison, Session, UnscoredSession, has_changed};
+use crate::release::{Comparison, LastCheck, Session, UnscoredSession, has_changed};
 use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,

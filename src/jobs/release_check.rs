@@ -3,9 +3,8 @@
 use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::PointsToCompare;
-use crate::release::facts::ArchivedItem;
 use crate::release::guard_band::rule_in_force;
-use crate::release::{Comparison, Decision, Facts, UnscoredSession, decide};
+use crate::release::{ArchivedItem, Comparison, Decision, Facts, UnscoredSession, decide};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
     PolicyRow, Release, RobotRow, Store, audit, job_sources, jobs, measurement_sets,

@@ -1,6 +1,6 @@
 //! The decision whether a parameter set may be released.
 
-use crate::release::facts::Facts;
+use crate::release::gate_facts::Facts;
 use crate::release::gates::gates;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;

@@ -2,7 +2,8 @@
 
 use crate::calibration::TOOL_UNCERTAIN;
 use crate::release::comparison::ComparedRms;
-use crate::release::facts::{ArchivedItem, Facts, MIN_VERIFY_POINTS};
+use crate::release::facts::MIN_VERIFY_POINTS;
+use crate::release::gate_facts::{ArchivedItem, Facts};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, scored_on_later_sessions, sessions_fit,

@@ -3,7 +3,7 @@
 use crate::calibration::{
     BASE_FRAME_OFF, implausible_changes, last_joint_zero_remedy, last_joint_zero_unknown,
 };
-use crate::release::facts::Facts;
+use crate::release::gate_facts::Facts;
 use crate::release::orientation::Orientation;
 use crate::release::texts::verify_request;
 use crate::wire::release::Gate;

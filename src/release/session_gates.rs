@@ -1,6 +1,6 @@
 //! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
-use crate::release::facts::{Facts, LastCheck};
+use crate::release::gate_facts::{Facts, LastCheck};
 use crate::release::sessions::Session;
 use crate::release::texts::{CHECKED, errors_in_words, sessions, verify_request};
 use crate::wire::release::Gate;

@@ -1,6 +1,6 @@
 //! Phrases that the details of several gates share.
 
-use crate::release::facts::Facts;
+use crate::release::gate_facts::Facts;
 use crate::wire::verification::Verification;
 
 /// The request with which somebody states why a robot is in order.

@@ -1,6 +1,6 @@
 //! The gates that compare with the tolerance of the robot's policy.
 
-use crate::release::facts::Facts;
+use crate::release::gate_facts::Facts;
 use crate::release::guard_band::{FEWEST_CONFIGURATIONS, Within, within};
 use crate::wire::policy::DecisionRule;
 use crate::wire::release::Gate;

@@ -298,13 +298,20 @@ pub(super) async fn jobs_end_once(
 
 /// I4: a job has at most one parameter set.
 pub(super) async fn one_set_per_job(store: &Store) -> Result<Check> {
-    let mut check = Check::new("I4", "a job has at most one parameter set");
-    let counts: Vec<(String, i64)> = sqlx::query_as(SETS_OF_JOBS)
-        .fetch_all(store.readers())
-        .await?;
+    let check = Check::new("I4", "a job has at most one parameter set");
+    at_most_one(check, store, SETS_OF_JOBS, "parameter sets").await
+}
+
+async fn at_most_one(
+    mut check: Check,
+    store: &Store,
+    counts: &'static str,
+    what: &str,
+) -> Result<Check> {
+    let counts: Vec<(String, i64)> = sqlx::query_as(counts).fetch_all(store.readers()).await?;
     for (id, n) in counts {
         check.n_examined += 1;
-        check.require(n == 1, || format!("{id} has {n} parameter sets"));
+        check.require(n == 1, || format!("{id} has {n} {what}"));
     }
     Ok(check)
 }
@@ -403,15 +410,8 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
 
 /// I6: a robot has at most one released parameter set.
 pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
-    let mut check = Check::new("I6", "a robot has at most one released parameter set");
-    let counts: Vec<(String, i64)> = sqlx::query_as(RELEASED_OF_ROBOTS)
-        .fetch_all(store.readers())
-        .await?;
-    for (id, n) in counts {
-        check.n_examined += 1;
-        check.require(n == 1, || format!("{id} has {n} released parameter sets"));
-    }
-    Ok(check)
+    let check = Check::new("I6", "a robot has at most one released parameter set");
+    at_most_one(check, store, RELEASED_OF_ROBOTS, "released parameter sets").await
 }
 
 /// A parameter set that was released at least once.

@@ -1,0 +1,124 @@
+//! The facts that the gates read.
+
+use crate::calibration::times_worse;
+use crate::kinematics::Robot;
+use crate::release::comparison::Comparison;
+use crate::release::sessions::{Session, UnscoredSession};
+use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::policy::PolicyBody;
+use crate::wire::report_shape::Evidence;
+use crate::wire::report_summary::ReportSummary;
+use crate::wire::verification::{Fit, Verification};
+
+/// A robot's last session that did not fit it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LastCheck {
+    /// Its number in the robot's counter.
+    pub seq: i64,
+    /// Its job.
+    pub job_id: String,
+}
+
+/// An archived item that a release needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArchivedItem {
+    /// The set itself.
+    ParameterSet,
+    /// Its robot.
+    Robot,
+}
+
+/// All inputs of the gates.
+#[derive(Clone, Debug)]
+pub struct Facts<'a> {
+    /// The robot's nominal model.
+    pub robot: &'a Robot,
+    /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
+    pub check_job_id: Option<&'a str>,
+    /// The last session that did not fit the robot, even if the state `check_robot` has ended.
+    pub last_check: Option<&'a LastCheck>,
+    /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 for none.
+    pub checked_seq: i64,
+    /// Summary of the report of the job that identified the set; it has the nominal model of that job.
+    pub report: &'a ReportSummary,
+    /// Verification facts of that job.
+    pub identification: &'a Verification,
+    /// Its number in the robot's counter.
+    pub identification_seq: i64,
+    /// The set's id.
+    pub parameter_set_id: &'a str,
+    /// The set.
+    pub content: &'a ParameterSetContent,
+    /// The active set, if there is one.
+    pub active: Option<&'a ParameterSetContent>,
+    /// Every session on which the set was scored after its identification, in order.
+    pub sessions: &'a [Session],
+    /// A later session on which it was not scored, if there is one.
+    pub unscored: Option<&'a UnscoredSession>,
+    /// Comparisons with the active set.
+    pub comparisons: &'a [Comparison],
+    /// What is archived, if the set cannot be released because of that.
+    pub archived: Option<ArchivedItem>,
+    /// Whether the set was identified with a joint map that the robot no longer has.
+    pub has_other_joint_map: bool,
+    /// Whether the set was withdrawn.
+    pub is_withdrawn: bool,
+    /// A withdrawn parameter set whose values this one holds, or whose residual network it continues.
+    pub withdrawn_source: Option<&'a str>,
+    /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
+    pub is_rollback: bool,
+    /// Serial number of the robot.
+    pub serial_number: Option<&'a str>,
+    /// Serial number that the uploader stated.
+    pub stated_serial_number: Option<&'a str>,
+    /// Keys that uploaded the points and the sweeps.
+    pub uploaders: &'a [Option<String>],
+    /// The key that releases.
+    pub approver: &'a str,
+    /// Stated reason for a large change.
+    pub change_reason: Option<&'a str>,
+    /// The robot's release policy.
+    pub policy: &'a PolicyBody,
+}
+
+impl Facts<'_> {
+    /// Strength of the verification.
+    pub fn evidence(&self) -> Evidence {
+        let is_independent = |session: &Session| {
+            session.verification.fit == Fit::Fits
+                && session.verification.evidence == Evidence::IndependentSession
+                && (self.policy.tolerance_mm.is_some() || self.times_worse(session).is_none())
+        };
+        if self.sessions.iter().any(is_independent) {
+            Evidence::IndependentSession
+        } else {
+            self.identification.evidence
+        }
+    }
+
+    /// How many times larger the set's errors are on a session than on the points held out when it was identified; `None` if the difference is small
+    /// ([`times_worse`]). The policy's tolerance decides whether they are still small enough. Without a tolerance, such a session supports nothing.
+    pub fn times_worse(&self, session: &Session) -> Option<f64> {
+        let identified_mm = self.identification.after_rms_mm;
+        let identified_mm = identified_mm.filter(|_| self.identification.n_points > 0)?;
+        let session_mm = session.verification.after_rms_mm?;
+        times_worse(session_mm, identified_mm, &self.robot.links)
+    }
+
+    /// The sessions that are evidence for or against the set. A session in which the set is far off counts until somebody has given a reason and
+    /// the set has fitted a session measured later, as after a repair. The schema's triggers enforce this too.
+    pub fn counted_sessions(&self) -> impl Iterator<Item = &Session> {
+        let is_explained = |session: &Session| {
+            let mut sessions = self.sessions.iter();
+            session.seq <= self.checked_seq
+                && sessions.any(|later| later.supports_since(session.seq))
+        };
+        self.sessions
+            .iter()
+            .filter(move |session| match session.verification.fit {
+                Fit::Fits => true,
+                Fit::DoesNotFit => false,
+                Fit::SetFarOff => !is_explained(session),
+            })
+    }
+}
