@@ -9,6 +9,7 @@ use crate::wire::estimate::{StoredEstimate, geometry_sha256};
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobRequestBody, Kind, Model};
 use crate::wire::json;
+use crate::wire::measurement::{MeasurementSet, joined};
 use crate::wire::robot::RobotBody;
 
 /// A stored document that cannot be read. It was written by this program, so this does not happen.
@@ -90,7 +91,8 @@ pub(super) fn previous_session(
         .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
         .transpose()
         .ok()?;
-    let set = input.set.parse(n_joints).ok()?;
+    let uploads: Result<Vec<_>, _> = input.uploads().map(|set| set.parse(n_joints)).collect();
+    let set = as_one(uploads.ok()?)?;
     let model = request.model_for(inputs.set.row.frame);
     let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
     Some(PreviousSession {
@@ -98,6 +100,14 @@ pub(super) fn previous_session(
         frames: frames.map(|content| (&content).into()),
         estimate,
     })
+}
+
+/// The points that a set was identified from: one upload as it is, several sessions as they were fitted together.
+fn as_one(mut uploads: Vec<MeasurementSet>) -> Option<MeasurementSet> {
+    match uploads.len() {
+        1 => uploads.pop(),
+        _ => Some(joined(&uploads)),
+    }
 }
 
 fn body_of(robot: &RobotRow) -> Result<RobotBody, Unreadable> {

@@ -133,12 +133,14 @@ pub(super) fn run_verification(
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = estimate_of_checked(kept, &inputs.robot).map_err(broken)?;
-    let identified_from = inputs
+    let uploads = inputs
         .parameter_set
-        .as_ref()
-        .map(|input| input.set.parse(request.robot.links.len()).map_err(broken))
-        .transpose()?;
-    let another = is_another_session(request, identified_from.as_ref());
+        .iter()
+        .flat_map(ParameterSetInput::uploads);
+    let identified_from: Vec<MeasurementSet> = uploads
+        .map(|upload| upload.parse(request.robot.links.len()).map_err(broken))
+        .collect::<Result<_, _>>()?;
+    let another = is_another_session(request, &identified_from);
     let since = since(inputs, request)?;
     let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
         Some(robot) => {
@@ -188,7 +190,11 @@ pub(super) fn since(
         .collect::<Result<_, _>>()?;
     Ok(MeasuredSince {
         check_seq: inputs.earlier.check_seq,
-        is_repeat: inputs.earlier.exceeds_limits || repeats(&request.robot, &earlier, &request.set),
+        is_repeat: inputs.earlier.exceeds_limits
+            || request
+                .uploads()
+                .iter()
+                .any(|upload| repeats(&request.robot, &earlier, upload)),
     })
 }
 
@@ -309,11 +315,11 @@ fn run_timed(
     })
 }
 
-/// Code of the suspicion that the uploader of the set, or of the set to verify on, overrode with `insist`.
+/// Code of the suspicion that the uploader of a set, or of the set to verify on, overrode with `insist`.
 fn insisted_on(inputs: &JobInputs) -> Option<&str> {
-    [Some(&inputs.set), inputs.verify_set.as_ref()]
-        .into_iter()
-        .flatten()
+    inputs
+        .uploads()
+        .chain(&inputs.verify_set)
         .find_map(|input| input.row.insisted_on.as_deref())
 }
 
@@ -371,6 +377,11 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
         .map(|network| safetensors::read_residual(&network.weights));
     let parts = JobParts {
         set: inputs.set.parse(n_joints).map_err(broken)?,
+        further_sets: inputs
+            .further_sets
+            .iter()
+            .map(|set| set.parse(n_joints).map_err(broken))
+            .collect::<Result<_, _>>()?,
         verify_set: inputs
             .verify_set
             .as_ref()

@@ -107,7 +107,8 @@ struct GateInputs {
     request: ReleaseRequest,
     robot: RobotRow,
     policy: PolicyRow,
-    set: MeasurementSetRow,
+    /// The sets that it was identified from.
+    sets: Vec<MeasurementSetRow>,
     /// Keys that uploaded the points of the identification and, if its job used sweeps, the sweeps. `None` for an unknown key.
     uploaders: Vec<Option<String>>,
 }
@@ -126,8 +127,11 @@ pub async fn check(
     let policy = policies::get(store, &row.robot_id).await?;
     let active = parameter_sets::active(store, &row.robot_id).await?;
     let job = jobs::get(store, &row.job_id).await?;
-    let set = measurement_sets::get(store, &job.measurement_set_id).await?;
-    let mut uploaders = vec![set.uploaded_by.clone()];
+    let mut sets = Vec::new();
+    for id in job.set_ids() {
+        sets.push(measurement_sets::get(store, id).await?);
+    }
+    let mut uploaders: Vec<_> = sets.iter().map(|set| set.uploaded_by.clone()).collect();
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
     }
@@ -151,7 +155,7 @@ pub async fn check(
         request,
         robot,
         policy,
-        set,
+        sets,
         uploaders,
     };
     let decision = blocking::run(permit, move || {
@@ -232,7 +236,7 @@ fn run_gates(
         request,
         robot,
         policy,
-        set,
+        sets,
         uploaders,
     } = inputs;
     let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
@@ -261,10 +265,17 @@ fn run_gates(
         is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
-        stated_serial_number: set.serial_number.as_deref(),
+        stated_serial_number: stated_serial_number(sets),
         uploaders,
         approver: &request.approver,
         change_reason: request.purpose.change_reason(),
         policy: &PolicyBody::from(policy),
     }))
+}
+
+/// The serial number that was stated with every set, if they all state the same.
+fn stated_serial_number(sets: &[MeasurementSetRow]) -> Option<&str> {
+    let mut stated = sets.iter().map(|set| set.serial_number.as_deref());
+    let first = stated.next().flatten();
+    first.filter(|_| stated.all(|other| other == first))
 }

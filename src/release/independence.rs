@@ -3,6 +3,7 @@
 use crate::calibration::request::VerifySource;
 use crate::calibration::{CalibrationRequest, is_anew};
 use crate::measurement::{Frame, MeasurementSet};
+use crate::release::facts::repeats;
 
 /// Whether a session cannot show an error of the set's base: the set was identified from positions in the base frame, and those of the session
 /// are in the instrument's, so that the base is placed anew.
@@ -13,17 +14,25 @@ pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
 /// Whether the points to verify come from another session than the fitted ones, and would show a wrong base too. The same points uploaded again
 /// count as the same session.
 pub fn is_verified_anew(request: &CalibrationRequest) -> bool {
-    let fitted = &request.set;
     matches!(&request.verify, VerifySource::Set(set)
-        if !hides_base(fitted.frame, set.frame) && is_anew(&request.robot, fitted, set))
+        if !hides_base(request.set.frame, set.frame) && is_of_no(request, request.uploads(), set))
 }
 
-/// Whether the points come from another session than those that the scored set was identified from; `None` for the nominal robot.
+/// Whether the points come from another session than all that the scored set was identified from; none for the nominal robot.
 pub fn is_another_session(
     request: &CalibrationRequest,
-    identified_from: Option<&MeasurementSet>,
+    identified_from: &[MeasurementSet],
 ) -> bool {
-    identified_from.is_none_or(|from| is_anew(&request.robot, from, &request.set))
+    is_of_no(request, identified_from, &request.set)
+}
+
+/// Whether the points are those of none of these sessions, and were not put together from several of them.
+fn is_of_no(
+    request: &CalibrationRequest,
+    sessions: &[MeasurementSet],
+    points: &MeasurementSet,
+) -> bool {
+    !repeats(&request.robot, sessions, points)
 }
 
 /// Whether a network was trained on none of these uploads. `trained_on` has those of its predecessors too; `None` if not all are known.
@@ -43,5 +52,5 @@ pub fn is_independent_of_training(
         VerifySource::Set(set) => Some(set),
         _ => None,
     };
-    is_new(&request.set) && to_verify.is_none_or(is_new)
+    request.uploads().iter().all(is_new) && to_verify.is_none_or(is_new)
 }

@@ -20,8 +20,10 @@ pub struct JobRow {
     pub id: String,
     /// Its robot.
     pub robot_id: String,
-    /// The set to identify from, or to verify on.
+    /// The set to identify from, or to verify on; of several sessions the first.
     pub measurement_set_id: String,
+    /// The sets of further sessions in their order, with commas between them; empty for one.
+    pub further_set_ids: String,
     /// Another set to verify on.
     pub verify_set_id: Option<String>,
     /// Frames found from sweeps.
@@ -74,7 +76,7 @@ pub struct JobRow {
     pub archived_at_ms: Option<i64>,
 }
 
-from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
+from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
 
 impl ListRow for JobRow {
     fn key(&self) -> ListKey<'_> {
@@ -87,6 +89,12 @@ impl ListRow for JobRow {
 }
 
 impl JobRow {
+    /// All sets that it identifies from or scores, in the order of the request.
+    pub fn set_ids(&self) -> impl Iterator<Item = &str> {
+        let further = self.further_set_ids.split(',').filter(|id| !id.is_empty());
+        std::iter::once(self.measurement_set_id.as_str()).chain(further)
+    }
+
     /// Whether status, attempt or progress differ from an earlier state of the job.
     pub fn has_moved_on(&self, earlier: &JobRow) -> bool {
         (self.status, self.attempt) != (earlier.status, earlier.attempt)
@@ -109,8 +117,10 @@ pub struct NewJob {
     pub robot_id: String,
     /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
     pub robot_version: i64,
-    /// The set to identify from, or to verify on.
+    /// The set to identify from, or to verify on; of several sessions the first.
     pub measurement_set_id: String,
+    /// The sets of further sessions, in their order.
+    pub further_set_ids: Vec<String>,
     /// Another set to verify on.
     pub verify_set_id: Option<String>,
     /// Frames found from sweeps.
@@ -142,6 +152,7 @@ macro_rules! columns {
          (select n.id from network n where n.job_id = job.id) as network_id,
          (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
          coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
+         coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '') as further_set_ids,
          (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms"
     };
 }
@@ -151,6 +162,7 @@ pub(super) use columns;
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     INSERT_VERSION,
+    INSERT_SESSION,
     GET,
     REPORT,
     CONVERGENCE,
@@ -182,6 +194,9 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
 const INSERT_VERSION: &str = "insert into job_robot_version (job_id, version) values ($1, $2)";
+
+const INSERT_SESSION: &str =
+    "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
 
 macro_rules! filter {
     ($robots:literal) => {
@@ -255,10 +270,15 @@ fn as_created(row: &JobRow, client: &str) -> Value {
         client,
         row.created_at_ms
     ]);
-    json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
+    let mut entry = json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
         "frames_id": row.frames_id, "network_input_id": row.network_input_id, "residual_network_input_id": row.residual_network_input_id,
         "parameter_set_input_id": row.parameter_set_input_id, "request_sha256": canonical::sha256_hex(row.request_json.as_bytes()),
-        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version})
+        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version});
+    // a job of one set has no entry of it, as in older versions
+    if !row.further_set_ids.is_empty() {
+        entry["further_set_ids"] = json!(row.further_set_ids);
+    }
+    entry
 }
 
 pub(super) fn as_failed(error_json: &str) -> Value {
@@ -331,6 +351,15 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
             .await?;
         row.robot_version = new.robot_version;
     }
+    for (place, set_id) in (1_i64..).zip(&new.further_set_ids) {
+        sqlx::query(INSERT_SESSION)
+            .bind(&id)
+            .bind(place)
+            .bind(set_id)
+            .execute(tx.connection())
+            .await?;
+    }
+    row.further_set_ids = new.further_set_ids.join(",");
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)
 }

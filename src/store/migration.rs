@@ -104,6 +104,12 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
         include_str!("../../migrations/sqlite/0019_named_documents.sql"),
         include_str!("../../migrations/postgres/0019_named_documents.sql"),
     ),
+    (
+        20,
+        "sessions",
+        include_str!("../../migrations/sqlite/0020_sessions.sql"),
+        include_str!("../../migrations/postgres/0020_sessions.sql"),
+    ),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

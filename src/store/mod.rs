@@ -60,7 +60,7 @@ pub use leases::{Expired, Heartbeat, JobResult, Lease};
 pub use listing::{ListRequest, Listed};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use named_documents::NamedDocumentRow;
-pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
+pub use networks::{NetworkRow, NetworkWeights, NewNetwork};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};

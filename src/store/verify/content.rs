@@ -24,7 +24,8 @@ pub(super) const JOBS: &str = "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, '') as verify_set_id, coalesce(frames_id, '') as frames_id,
         coalesce(network_input_id, '') as network_input_id, coalesce(residual_network_input_id, '') as residual_network_input_id,
         coalesce(parameter_set_input_id, '') as parameter_set_input_id, request_json, report_json, coalesce(result_sha256, '') as result_sha256,
-        coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version
+        coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
+        coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '') as further_set_ids
     from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
@@ -314,6 +315,7 @@ struct SucceededJob {
     id: String,
     robot_id: String,
     measurement_set_id: String,
+    further_set_ids: String,
     verify_set_id: String,
     frames_id: String,
     network_input_id: String,
@@ -329,6 +331,7 @@ from_row!(SucceededJob {
     id,
     robot_id,
     measurement_set_id,
+    further_set_ids,
     verify_set_id,
     frames_id,
     network_input_id,
@@ -381,6 +384,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
                 job.robot_id,
                 job.robot_version,
                 job.measurement_set_id,
+                job.further_set_ids,
                 job.verify_set_id,
                 job.frames_id,
                 job.network_input_id,
