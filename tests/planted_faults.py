@@ -130,7 +130,7 @@ FAULTS = [
         ("match (others_changed, of_held, report.uncertainty.clone()) {", "match (others_changed.filter(|_| false), of_held, report.uncertainty.clone()) {")],
         "src/calibration"),
     Fault("the active set has seen the points", "service", "calibrates_and_fetches_what_was_released", [
-        ("repeats(&request.robot, &[earlier], &request.set)", "repeats(&request.robot, &[earlier], &request.set) && false")], "src/jobs"),
+        ("request.uploads().iter().any(repeats_it)", "request.uploads().iter().any(repeats_it) && false")], "src/jobs"),
     Fault("the delivered fit is far from the verified", "service", "each_dangerous_upload_carries", [
         ("moved_mm <= MAX_MOVED * verified_mm + SAME_MM", "moved_mm >= 0.0")], "src/release"),
     Fault("no UNIQUE on the released set", "service", "the_schema_itself_refuses_a_second", [
@@ -287,7 +287,7 @@ FAULTS = [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
     # What is uploaded and asked
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
-        ("let insisted_on = check_upload(&robot, &set, arguments)?;", "let insisted_on: Option<&str> = None;")]),
+        ("let insisted_on = check_upload(path, robot, &set, arguments)?;", "let insisted_on: Option<&'static str> = None;")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
         ("configurations.first_row_like(&o.q_rad, row)", "configurations.first_row_like(&[row as f64], row)")]),
     Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [

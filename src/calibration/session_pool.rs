@@ -9,7 +9,7 @@ use crate::calibration::report::{PointErrors, PooledSession, PooledSessions};
 use crate::calibration::request::{
     CalibrationRequest, Method, Model, ParameterChoice, VerifySource,
 };
-use crate::calibration::session_comparison::{estimate, list};
+use crate::calibration::session_comparison::{estimate, list, probability_in_words};
 use crate::calibration::stages::{quiet, stage};
 use crate::calibration::validation::repeated_rows::is_anew;
 use crate::calibration::{Error, Monitor, unusable};
@@ -206,8 +206,8 @@ fn differ(earlier: usize, later: usize, tested: &Tested, alarm: f64) -> Error {
     let changes: Vec<&Change> = tested.changes.iter().collect();
     let detail = format!(
         "{} and {} are not one robot in one state, so nothing was fitted to both: from the one to the other {} (chi-square {:.1} of {} combinations that both see; \
-         sessions of an unchanged robot are refused with probability {alarm:.1e}, and show as much with probability {:.1e}). Identify each by itself, and \
-         find out what happened to the robot between them",
+         an unchanged robot shows as much with probability {}, and at less than {alarm:.1e} sessions are refused). Identify each by itself, and find out what happened \
+         to the robot between them",
         name(earlier),
         name(later),
         match changes.is_empty() {
@@ -216,7 +216,7 @@ fn differ(earlier: usize, later: usize, tested: &Tested, alarm: f64) -> Error {
         },
         tested.chi_square,
         tested.n_combinations,
-        tested.probability
+        probability_in_words(tested.probability)
     );
     unusable(SESSIONS_DIFFER, detail)
 }

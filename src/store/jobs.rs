@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
+use super::job_sessions;
 use super::listing::{self, ListKey, ListQueries, ListRow, list_queries};
 use super::{
     AuditEvent, Conflict, Error, ListRequest, Listed, Page, PageRequest, Result, Store, Tx,
@@ -89,12 +90,6 @@ impl ListRow for JobRow {
 }
 
 impl JobRow {
-    /// All sets that it identifies from or scores, in the order of the request.
-    pub fn set_ids(&self) -> impl Iterator<Item = &str> {
-        let further = self.further_set_ids.split(',').filter(|id| !id.is_empty());
-        std::iter::once(self.measurement_set_id.as_str()).chain(further)
-    }
-
     /// Whether status, attempt or progress differ from an earlier state of the job.
     pub fn has_moved_on(&self, earlier: &JobRow) -> bool {
         (self.status, self.attempt) != (earlier.status, earlier.attempt)
@@ -145,15 +140,15 @@ pub struct NewJob {
 
 macro_rules! columns {
     () => {
-        "id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+        concat!("id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
          residual_network_input_id, parameter_set_input_id, kind, method, request_json, status, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms,
          progress_json, error_json, result_sha256, created_at_ms, started_at_ms, finished_at_ms,
          (select p.id from parameter_set p where p.job_id = job.id) as parameter_set_id,
          (select n.id from network n where n.job_id = job.id) as network_id,
          (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
          coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
-         coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '') as further_set_ids,
-         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms"
+         ", crate::store::job_sessions::further_set_ids!(), " as further_set_ids,
+         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms")
     };
 }
 
@@ -162,7 +157,6 @@ pub(super) use columns;
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     INSERT_VERSION,
-    INSERT_SESSION,
     GET,
     REPORT,
     CONVERGENCE,
@@ -194,9 +188,6 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from job where id = $1");
 
 const INSERT_VERSION: &str = "insert into job_robot_version (job_id, version) values ($1, $2)";
-
-const INSERT_SESSION: &str =
-    "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
 
 macro_rules! filter {
     ($robots:literal) => {
@@ -351,14 +342,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
             .await?;
         row.robot_version = new.robot_version;
     }
-    for (place, set_id) in (1_i64..).zip(&new.further_set_ids) {
-        sqlx::query(INSERT_SESSION)
-            .bind(&id)
-            .bind(place)
-            .bind(set_id)
-            .execute(tx.connection())
-            .await?;
-    }
+    job_sessions::insert(tx, &id, &new.further_set_ids).await?;
     row.further_set_ids = new.further_set_ids.join(",");
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)

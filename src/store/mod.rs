@@ -23,6 +23,7 @@ pub mod frames;
 mod from_row;
 mod hashed;
 mod idempotency;
+mod job_sessions;
 pub mod jobs;
 pub mod leases;
 mod listing;
@@ -103,6 +104,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
+        job_sessions::ALL_QUERIES,
         jobs::ALL_QUERIES,
         &jobs::OF_ROBOT.texts(),
         &jobs::OF_ROBOTS.texts(),

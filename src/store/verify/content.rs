@@ -7,6 +7,7 @@ use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
+use crate::store::job_sessions::further_set_ids;
 use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
@@ -20,13 +21,17 @@ pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights
 pub(super) const REPORTS: &str = "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const CONVERGENCES: &str = "
     select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
-pub(super) const JOBS: &str = "
+pub(super) const JOBS: &str = concat!(
+    "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, '') as verify_set_id, coalesce(frames_id, '') as frames_id,
         coalesce(network_input_id, '') as network_input_id, coalesce(residual_network_input_id, '') as residual_network_input_id,
         coalesce(parameter_set_input_id, '') as parameter_set_input_id, request_json, report_json, coalesce(result_sha256, '') as result_sha256,
         coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
-        coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '') as further_set_ids
-    from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
+        ",
+    further_set_ids!(),
+    " as further_set_ids
+    from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)"
+);
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
     where (key_holder, method, path, idempotency_key) > ($1, $2, $3, $4)
