@@ -27,7 +27,7 @@ fn main() {
         .and_then(|n| n.parse().ok())
         .unwrap_or(100);
     refusals(n_pairs);
-    gains(n_pairs.div_ceil(5));
+    gains(n_pairs.div_ceil(10));
 }
 
 /// Sessions of one robot, in each of which the tracker stands elsewhere, the reflector is fixed anew and other poses are measured. The links change
@@ -82,69 +82,80 @@ fn of_poses(n_configurations: usize) -> Campaign {
     }
 }
 
+/// A robot with sessions, how often it is simulated, and what is done to it before the last session.
+struct Row {
+    name: &'static str,
+    n_robots: u64,
+    campaigns: Vec<Campaign>,
+    change: Change,
+}
+
 fn refusals(n_pairs: u64) {
-    println!("| {n_pairs} robots each, white noise 0.03 mm | refused |\n|---|---|");
-    let unchanged: Change = |_, _| ();
+    println!("| white noise 0.03 mm | refused |\n|---|---|");
+    let two = |name, n_poses, change| Row {
+        name,
+        n_robots: n_pairs.div_ceil(4),
+        campaigns: vec![of_poses(n_poses); 2],
+        change,
+    };
     let sagging = Campaign {
         sag_rad: 1e-4,
         ..of_poses(50)
     };
-    let rows: [(&str, Vec<Campaign>, Change); 10] = [
-        (
-            "one robot, 2 sessions of 50 poses",
-            vec![of_poses(50); 2],
-            unchanged,
-        ),
-        (
-            "one robot, 2 sessions of 20 poses",
-            vec![of_poses(20); 2],
-            unchanged,
-        ),
-        (
-            "one robot, 4 sessions of 30 poses",
-            vec![of_poses(30); 4],
-            unchanged,
-        ),
-        (
-            "one robot that sags by 0.2 mm (rms), 2 sessions of 50 poses",
-            vec![sagging; 2],
-            unchanged,
-        ),
-        (
-            "two robots of one model (0.3 mm and 0.05° in every number), 2 sessions of 50 poses",
-            vec![of_poses(50); 2],
-            another_robot,
-        ),
-        (
-            "the same, 2 sessions of 20 poses",
-            vec![of_poses(20); 2],
-            another_robot,
-        ),
-        (
+    let unchanged: Change = |_, _| ();
+    let rows = [
+        Row {
+            n_robots: n_pairs,
+            ..two(
+                "two robots of one model (0.3 mm and 0.05° in every number), 50 poses each",
+                50,
+                another_robot,
+            )
+        },
+        Row {
+            n_robots: n_pairs,
+            ..two("two robots of one model, 20 poses each", 20, another_robot)
+        },
+        two("one robot, 2 sessions of 50 poses", 50, unchanged),
+        two("one robot, 2 sessions of 20 poses", 20, unchanged),
+        Row {
+            campaigns: vec![of_poses(30); 4],
+            ..two("one robot, 4 sessions of 30 poses", 30, unchanged)
+        },
+        Row {
+            campaigns: vec![sagging; 2],
+            ..two(
+                "one robot that sags by 0.2 mm (rms), 2 sessions of 50 poses",
+                50,
+                unchanged,
+            )
+        },
+        two(
             "theta_offset_3 by 0.02°, 2 sessions of 50 poses",
-            vec![of_poses(50); 2],
+            50,
             |model, _| model.links[2].theta_offset_rad += 0.02f64.to_radians(),
         ),
-        (
-            "a_3 by 0.1 mm, 2 sessions of 50 poses",
-            vec![of_poses(50); 2],
-            |model, _| model.links[2].a_mm += 0.1,
-        ),
-        (
+        two("a_3 by 0.1 mm, 2 sessions of 50 poses", 50, |model, _| {
+            model.links[2].a_mm += 0.1
+        }),
+        two(
             "every a and d by 0.03 mm, every angle by 0.005° (one standard deviation), 2 sessions of 50 poses",
-            vec![of_poses(50); 2],
+            50,
             drifted,
         ),
-        (
-            "the same in the last of 4 sessions of 30 poses",
-            vec![of_poses(30); 4],
-            drifted,
-        ),
+        Row {
+            campaigns: vec![of_poses(30); 4],
+            ..two(
+                "the same in the last of 4 sessions of 30 poses",
+                30,
+                drifted,
+            )
+        },
     ];
-    for (name, campaigns, change) in rows {
-        let refused =
-            (0..n_pairs).filter(|seed| is_refused(&sessions(*seed, &campaigns, change).0));
-        println!("| {name} | {} of {n_pairs} |", refused.count());
+    for row in rows {
+        let sets = |seed: &u64| sessions(*seed, &row.campaigns, row.change).0;
+        let refused = (0..row.n_robots).filter(|seed| is_refused(&sets(seed)));
+        println!("| {} | {} of {} |", row.name, refused.count(), row.n_robots);
     }
 }
 

@@ -253,7 +253,7 @@ pub(super) struct JobWithClient {
 from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
-    // Entries that are older than edits of robots do not have `robot_version`.
+    // Entries of older versions have neither `robot_version` nor `further_set_ids`.
     let rest = json!([
         row.kind,
         row.method,
@@ -261,15 +261,10 @@ fn as_created(row: &JobRow, client: &str) -> Value {
         client,
         row.created_at_ms
     ]);
-    let mut entry = json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
+    json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
         "frames_id": row.frames_id, "network_input_id": row.network_input_id, "residual_network_input_id": row.residual_network_input_id,
         "parameter_set_input_id": row.parameter_set_input_id, "request_sha256": canonical::sha256_hex(row.request_json.as_bytes()),
-        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version});
-    // a job of one set has no entry of it, as in older versions
-    if !row.further_set_ids.is_empty() {
-        entry["further_set_ids"] = json!(row.further_set_ids);
-    }
-    entry
+        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version, "further_set_ids": row.further_set_ids})
 }
 
 pub(super) fn as_failed(error_json: &str) -> Value {

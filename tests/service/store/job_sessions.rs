@@ -109,19 +109,40 @@ fn an_edit_of_a_jobs_sessions_does_not_stay_hidden() {
         let [first, second, third] = three_sets(store, &robot).await;
         let new = of_sessions(&first, &[&second]);
         in_transaction(store, async |tx| queue::enqueue(tx, &new).await).await;
+        let single = in_transaction(store, async |tx| {
+            queue::enqueue(tx, &new_job(&first, "{}")).await
+        })
+        .await;
         let drop = match store.engine() {
             Engine::Sqlite => "drop trigger job_session_stays",
             Engine::Postgres => "drop trigger job_session_stays on job_session",
         };
-        let edit = format!("update job_session set measurement_set_id = '{}'", third.id);
-        for text in [drop.to_owned(), edit] {
-            sqlx::query(AssertSqlSafe(text))
-                .execute(store.readers())
-                .await
-                .unwrap();
-        }
-        // the chain has the job as it was created, and the schema has lost its trigger
-        assert_eq!(broken(store).await, ["I8", "I9"]);
+        let run = async |sql: String| {
+            let done = sqlx::query(AssertSqlSafe(sql)).execute(store.readers());
+            done.await.unwrap();
+        };
+        run(drop.to_owned()).await;
+        assert_eq!(
+            broken(store).await,
+            ["I9"],
+            "the schema has lost its trigger"
+        );
+        let change = |id: &str| format!("update job_session set measurement_set_id = '{id}'");
+        run(change(&third.id)).await;
+        assert_eq!(
+            broken(store).await.len(),
+            2,
+            "the chain has the sets as they were"
+        );
+        run(change(&second.id)).await;
+        assert_eq!(broken(store).await, ["I9"]);
+        // a set that is added to a job of one set
+        run(format!(
+            "insert into job_session (job_id, place, measurement_set_id) values ('{}', 1, '{}')",
+            single.id, second.id
+        ))
+        .await;
+        assert_eq!(broken(store).await.len(), 2);
     });
 }
 
