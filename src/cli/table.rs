@@ -345,7 +345,7 @@ fn pooled(text: &mut String, found: Option<&PooledReport>) {
         ];
         let errors = errors
             .iter()
-            .filter_map(|(what, rms_mm)| Some(format!(", {} mm rms {what}", number((*rms_mm)?))));
+            .filter_map(|(what, rms_mm)| Some(format!(", {} mm rms {what}", error((*rms_mm)?))));
         line(
             text,
             format!(
