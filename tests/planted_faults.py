@@ -89,6 +89,24 @@ FAULTS = [
         ("let only_warns = facts.is_rollback && !session.has_changed;", "let only_warns = facts.is_rollback;")], "src/release"),
     Fault("no wrist turns two joints together", "core", "a_last_joint_that_turns_with_the_one_before", [
         ("for reading in COUPLED {", "for reading in COUPLED.into_iter().take(0) {")], "src/calibration"),
+    # Several sessions as one job
+    Fault("two robots are fitted together", "core", "two_robots_of_one_model_are_never_fitted_together", [
+        ("if tested.probability < alarm {", "if false && tested.probability < alarm {")], "src/calibration"),
+    Fault("only the first session is compared", "core", "a_joint_that_moved_between_the_sessions_is_named", [
+        ("for (earlier, before) in estimates[..later].iter().enumerate() {", "for (earlier, before) in estimates[..later.min(1)].iter().enumerate().filter(|_| later == 1) {")],
+        "src/calibration"),
+    Fault("corrections are judged within sessions", "core", "corrections_are_judged_on_sessions_that_were_not_fitted", [
+        ("point.session = Some(name.clone());", "point.session = None;")], "src/measurement"),
+    Fault("a posture is fitted in one session and scored in another", "core", "a_posture_of_both_sessions_never_stands_on_both_sides", [
+        ("with_shared_configurations(MeasurementSet { frame, points })", "MeasurementSet { frame, points }")], "src/measurement"),
+    Fault("all sessions are as noisy", "core", "a_coarse_session_does_not_spoil_a_fine_one", [
+        ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "src/calibration"),
+    Fault("a session that was fitted is an independent one", "service", "no_session_that_was_fitted_counts_as_an_independent_one", [
+        ("let uploads = inputs.parameter_set.iter().flat_map(ParameterSetInput::uploads);", "let uploads = inputs.parameter_set.iter().map(|input| &input.set);")],
+        "src/jobs"),
+    Fault("a further session is no later session", "service", "an_earlier_set_has_to_be_scored_on_each_session", [
+        ("from verification v join job_upload u on u.job_id = v.job_id left join",
+         "from verification v join (select id as job_id, measurement_set_id from job) u on u.job_id = v.job_id left join")], "src/store"),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
         ("""create table parameter_set (
@@ -113,7 +131,7 @@ FAULTS = [
         ("match (others_changed, of_held, report.uncertainty.clone()) {", "match (others_changed.filter(|_| false), of_held, report.uncertainty.clone()) {")],
         "src/calibration"),
     Fault("the active set has seen the points", "service", "calibrates_and_fetches_what_was_released", [
-        ("repeats(&request.robot, &[earlier], &request.set)", "repeats(&request.robot, &[earlier], &request.set) && false")], "src/jobs"),
+        ("request.uploads().iter().any(repeats_it)", "request.uploads().iter().any(repeats_it) && false")], "src/jobs"),
     Fault("the delivered fit is far from the verified", "service", "each_dangerous_upload_carries", [
         ("moved_mm <= MAX_MOVED * verified_mm + SAME_MM", "moved_mm >= 0.0")], "src/release"),
     Fault("no UNIQUE on the released set", "service", "the_schema_itself_refuses_a_second", [
@@ -270,7 +288,7 @@ FAULTS = [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
     # What is uploaded and asked
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
-        ("let insisted_on = check_upload(&robot, &set, arguments)?;", "let insisted_on: Option<&str> = None;")]),
+        ("let insisted_on = check_upload(path, robot, &set, arguments)?;", "let insisted_on: Option<&'static str> = None;")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
         ("configurations.first_row_like(&o.q_rad, row)", "configurations.first_row_like(&[row as f64], row)")]),
     Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [

@@ -285,6 +285,6 @@ export const STAGES = {
   final_fit: "Fitting all points",
   uncertainty: "Working out errors and uncertainties",
   held_uncertainty: "Working out how sure the held parameters are",
-  compare_sessions: "Comparing with the session before",
+  compare_sessions: "Comparing sessions",
   verify: "Scoring the points",
 };

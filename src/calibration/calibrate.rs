@@ -6,6 +6,7 @@ use crate::calibration::problem::Problem;
 use crate::calibration::report::{CalibrationReport, MethodComparison};
 use crate::calibration::request::{CalibrationRequest, Method};
 use crate::calibration::session_comparison::{changes, estimate_of_request};
+use crate::calibration::session_pool::compare_sessions;
 use crate::calibration::solve::choice::{Choice, choose};
 use crate::calibration::solve::corrections;
 use crate::calibration::solve::final_fit::{self, Final, final_fit};
@@ -23,9 +24,28 @@ use std::f64::consts::TAU;
 
 /// Runs one calibration. Pure: the same request gives the same report, bit for bit.
 ///
+/// Several sessions are compared first, and fitted together where they are one robot in one state.
+///
 /// # Errors
 /// [`Error::Unusable`] for a request that cannot be identified from, [`Error::Cancelled`] when the monitor breaks.
 pub fn calibrate(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
+    let Some(pool) = compare_sessions(request, monitor)? else {
+        return calibrate_points(request, monitor);
+    };
+    let weighed = CalibrationRequest {
+        session_noise_mm: pool.noise_mm.clone(),
+        ..request.clone()
+    };
+    let mut report = calibrate_points(&weighed, monitor)?;
+    report.pooled = Some(pool.report(request, &report.per_point));
+    Ok(report)
+}
+
+/// The same, of points that belong together.
+fn calibrate_points(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {

@@ -338,10 +338,40 @@ pub struct CalibrationReport {
     pub repeatability: Option<Repeatability>,
     /// Which corrections were tried, and what they did; `None` where none was looked for.
     pub corrections: Option<Vec<Evidence>>,
+    /// The sessions that were fitted together; `None` where it was one upload.
+    pub pooled: Option<PooledSessions>,
     /// Whether the released set still holds; of a quick check alone.
     pub quick_check: Option<QuickCheck>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
+}
+
+/// Sessions that were fitted together, and how alike the two are that are least alike.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PooledSessions {
+    /// Each session, in the order of the request.
+    pub sessions: Vec<PooledSession>,
+    /// dᵀ·V⁻¹·d of the robot's own parameters, of these two.
+    pub chi_square: f64,
+    /// Combinations of parameters that both see.
+    pub n_combinations: usize,
+    /// Probability that an unchanged robot shows as much.
+    pub probability: f64,
+}
+
+/// One of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PooledSession {
+    /// Its first row among the rows of all sessions, from 0.
+    pub first_row: usize,
+    /// Its points.
+    pub n_points: usize,
+    /// Its own noise by which its points count, of a coordinate of a point of weight 1, mm; `None` where all sessions count alike.
+    pub noise_std_mm: Option<f64>,
+    /// Root mean square error of the links alone on its points to identify from, mm.
+    pub identify_rms_mm: Option<f64>,
+    /// And on those to verify, mm.
+    pub verify_rms_mm: Option<f64>,
 }
 
 /// Warning of a session whose poses show too little of the robot to be evidence.

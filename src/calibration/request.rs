@@ -83,6 +83,10 @@ pub struct CalibrationRequest {
     pub robot: Robot,
     /// The measured points.
     pub set: MeasurementSet,
+    /// The sessions that `set` joins ([`crate::measurement::sessions`]), as each was uploaded; empty where it is one upload.
+    pub sessions: Vec<MeasurementSet>,
+    /// The noise of each session by itself: of a coordinate of a point of weight 1, mm. Empty: all sessions count alike.
+    pub session_noise_mm: Vec<f64>,
     /// How.
     pub method: Method,
     /// Which parameters exist; `None`: paper for frame=base, else complete.
@@ -141,6 +145,8 @@ impl CalibrationRequest {
         Self {
             robot,
             set,
+            sessions: vec![],
+            session_noise_mm: vec![],
             method: Method::Auto,
             model: None,
             preset: Preset::Default,
@@ -160,6 +166,14 @@ impl CalibrationRequest {
             refused_as: None,
             residual_network: None,
             previous: None,
+        }
+    }
+
+    /// The uploads that are fitted, each as it was measured.
+    pub fn uploads(&self) -> &[MeasurementSet] {
+        match self.sessions.as_slice() {
+            [] => std::slice::from_ref(&self.set),
+            sessions => sessions,
         }
     }
 

@@ -143,11 +143,7 @@ fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
             list(&robot.changes.iter().collect::<Vec<_>>()),
             robot.chi_square,
             robot.n_combinations,
-            if robot.probability < LEAST_PROBABILITY {
-                "below 1e-9".into()
-            } else {
-                format!("{:.1e}", robot.probability)
-            }
+            probability_in_words(robot.probability)
         );
         warnings.push(Warning {
             code: ROBOT_CHANGED,
@@ -179,6 +175,14 @@ fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
         chi_square: robot.chi_square,
         n_combinations: robot.n_combinations,
         probability: robot.probability,
+    }
+}
+
+/// A probability as messages state it.
+pub fn probability_in_words(probability: f64) -> String {
+    match probability < LEAST_PROBABILITY {
+        true => "below 1e-9".into(),
+        false => format!("{probability:.1e}"),
     }
 }
 

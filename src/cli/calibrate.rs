@@ -3,7 +3,7 @@
 use super::files::{cannot_be_used, fault, parse_json, read};
 
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
-use super::options::{IdentifyOptions, SetOptions};
+use super::options::{IdentifyOptions, SessionOptions, SetOptions};
 use super::robots::Mounted;
 use super::robots_library::ready_arm;
 use super::table;
@@ -53,6 +53,8 @@ pub struct Arguments {
     #[command(flatten)]
     table: TableOptions,
     #[command(flatten)]
+    sessions: SessionOptions,
+    #[command(flatten)]
     set_options: SetOptions,
     #[command(flatten)]
     identify: IdentifyOptions,
@@ -87,38 +89,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = arguments.set_options.frame;
-    let files = read_measured(&arguments.set, &arguments.table)?;
-    let (set, reading) =
-        measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
-            let invalid = with_best_convention(invalid, &robot, &files.upload(frame));
-            Usage(cannot_be_used(
-                &arguments.set,
-                &files.shown,
-                &invalid.issues,
-            ))
-        })?;
-    for line in reading.iter().flat_map(understood_in_words) {
-        eprintln!("{}", plain(&line));
-    }
-    // Leaves out `under_determined`: the calibration itself reports too few poses, and offline the set is not stored for a later verification.
-    for warning in upload_checks::warnings(&robot, &set)
-        .iter()
-        .filter(|warning| warning.code != "under_determined")
-    {
-        print_warning(warning.code, &warning.detail);
-    }
-    let insisted_on = check_upload(&robot, &set, arguments)?;
-    let insisted_on = check_rotations(&robot, &set, arguments)?.or(insisted_on);
+    let first = read_session(&arguments.set, &robot, arguments)?;
+    let further = arguments.sessions.session.iter();
+    let further: Vec<Session> = further
+        .map(|path| read_session(path, &robot, arguments))
+        .collect::<anyhow::Result<_>>()?;
+    let all = || std::iter::once(&first).chain(&further);
+    let insisted_on = all().find_map(|session| session.insisted_on);
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
-        n_points: set.points.len(),
-        n_configurations: set.configurations().len(),
-        sha256: &canonical::sha256_hex(&files.bytes),
+        n_points: first.set.points.len(),
+        n_configurations: first.set.configurations().len(),
+        sha256: &first.sha256,
     };
     let parts = JobParts {
         robot,
-        set,
+        set: first.set.clone(),
+        further_sets: further.iter().map(|session| session.set.clone()).collect(),
         verify_set: None,
         frames: None,
         network: None,
@@ -166,9 +154,44 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     refuse_unusable(&report, None)
 }
 
+/// The points of a file, as they were checked.
+struct Session {
+    set: MeasurementSet,
+    sha256: String,
+    insisted_on: Option<&'static str>,
+}
+
+/// Reads and checks one file of points.
+fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Result<Session> {
+    let frame = arguments.set_options.frame;
+    let files = read_measured(path, &arguments.table)?;
+    let (set, reading) =
+        measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
+            let invalid = with_best_convention(invalid, robot, &files.upload(frame));
+            Usage(cannot_be_used(path, &files.shown, &invalid.issues))
+        })?;
+    for line in reading.iter().flat_map(understood_in_words) {
+        eprintln!("{}", plain(&line));
+    }
+    // Leaves out `under_determined`: the calibration itself reports too few poses, and offline the set is not stored for a later verification.
+    for warning in upload_checks::warnings(robot, &set)
+        .iter()
+        .filter(|warning| warning.code != "under_determined")
+    {
+        print_warning(warning.code, &warning.detail);
+    }
+    let insisted_on = check_upload(path, robot, &set, arguments)?;
+    Ok(Session {
+        insisted_on: check_rotations(path, robot, &set, arguments)?.or(insisted_on),
+        sha256: canonical::sha256_hex(&files.bytes),
+        set,
+    })
+}
+
 /// Checks the set like a server checks an upload, because the fit can look perfect with wrong units, columns or joints. Returns the code that was
 /// overridden with `--insist`.
 fn check_upload(
+    path: &Path,
     robot: &Robot,
     set: &MeasurementSet,
     arguments: &Arguments,
@@ -179,7 +202,7 @@ fn check_upload(
     let explanation = alignment::explain(robot, set, rms_mm, &[]);
     let kept = keep_misfit(explanation, arguments.set_options.insist).map_err(|suspicion| {
         let issues = [Issue::from(&*suspicion)];
-        Usage(cannot_be_used(&arguments.set, &[], &issues))
+        Usage(cannot_be_used(path, &[], &issues))
     })?;
     print_warning(&kept.warning.code, &kept.warning.detail);
     Ok(kept.insisted_on.map(Insist::as_str))
@@ -187,6 +210,7 @@ fn check_upload(
 
 /// As [`check_upload`], of how the rotations of poses were read.
 fn check_rotations(
+    path: &Path,
     robot: &Robot,
     set: &MeasurementSet,
     arguments: &Arguments,
@@ -199,11 +223,7 @@ fn check_rotations(
         return Ok(Some(ROTATION_SUSPECT));
     }
     let detail = format!("{detail}. If they are right all the same: --insist {ROTATION_SUSPECT}");
-    Err(Usage(format!(
-        "{} cannot be used: {detail}",
-        arguments.set.display()
-    ))
-    .into())
+    Err(Usage(format!("{} cannot be used: {detail}", path.display())).into())
 }
 
 fn print_warning(code: &str, detail: &str) {
@@ -259,9 +279,11 @@ fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {
 }
 
 fn body(arguments: &Arguments) -> JobRequestBody {
+    let n_sessions = 1 + arguments.sessions.session.len();
+    let ids = (0..n_sessions).map(|session| format!("{OFFLINE}_{session}"));
     JobRequestBody {
         refine: arguments.refine,
-        ..arguments.identify.request(OFFLINE)
+        ..arguments.identify.request(&Vec::from_iter(ids))
     }
 }
 

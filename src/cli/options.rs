@@ -7,6 +7,7 @@ use crate::wire::job::{
 };
 use crate::wire::measurement::Frame;
 use crate::wire::suspicion::Insist;
+use std::path::PathBuf;
 
 /// Interpretation of a measurement set.
 #[derive(Debug, clap::Args)]
@@ -110,9 +111,28 @@ fn payload(text: &str) -> Result<PayloadBody, String> {
     Ok(PayloadBody { mass_kg, centre_mm })
 }
 
+/// Further sessions of a job.
+#[derive(Debug, clap::Args)]
+pub struct SessionOptions {
+    /// A further session of the same robot, with its own base, targets and noise; may be given several times. All sessions are fitted together
+    /// where the robot was the same in all of them, and refused else.
+    #[arg(
+        long,
+        env = "KINCAL_SESSION",
+        value_name = "SET.csv",
+        value_delimiter = ',',
+        conflicts_with_all = ["instrument_export", "instrument"]
+    )]
+    pub session: Vec<PathBuf>,
+}
+
 impl IdentifyOptions {
-    /// The request of a job that identifies from this set.
-    pub fn request(&self, measurement_set_id: &str) -> JobRequestBody {
+    /// The request of a job that identifies from these sets: one, or those of several sessions.
+    pub fn request(&self, measurement_set_ids: &[String]) -> JobRequestBody {
+        let of_sets = match measurement_set_ids {
+            [id] => JobRequestBody::for_set(id),
+            several => JobRequestBody::for_sets(several.to_vec()),
+        };
         JobRequestBody {
             method: self.method,
             model: self.model,
@@ -125,7 +145,7 @@ impl IdentifyOptions {
             verify: self
                 .verify_fraction
                 .map(|fraction| VerifyBody::Fraction { fraction }),
-            ..JobRequestBody::for_set(measurement_set_id)
+            ..of_sets
         }
     }
 

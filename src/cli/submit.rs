@@ -5,7 +5,7 @@ use super::client::{Client, ServerArguments};
 use super::failure::Refused;
 use super::files::cannot_be_used;
 use super::measured::{Measured, TableOptions, in_words as understood_in_words, read_measured};
-use super::options::{IdentifyOptions, SetOptions};
+use super::options::{IdentifyOptions, SessionOptions, SetOptions};
 use super::runtime::block_on;
 use super::table;
 use super::terminal::{Output, in_commands, plain};
@@ -20,7 +20,7 @@ use crate::wire::robot::MAX_NAME;
 use crate::wire::understood::Reading;
 use anyhow::Context;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Upload a measurement set to a server and have it identified, verify a parameter set on it, or check with few poses whether the released one still holds.
 ///
@@ -37,6 +37,8 @@ pub struct Arguments {
     set: PathBuf,
     #[command(flatten)]
     table: TableOptions,
+    #[command(flatten)]
+    sessions: SessionOptions,
     #[command(flatten)]
     set_options: SetOptions,
     /// Name of the set [default: the file's].
@@ -87,18 +89,32 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let text = "--parameters (or KINCAL_PARAMETERS) says what is verified or checked: give --verify or --check with it, or leave it out to identify";
         return Err(Usage(text.into()).into());
     }
-    let files = read_measured(&arguments.set, &arguments.table)?;
+    if !arguments.sessions.session.is_empty() && (arguments.verify || arguments.check) {
+        let text = "--session (or KINCAL_SESSION) identifies from several sessions: --verify and --check score one set at a time";
+        return Err(Usage(text.into()).into());
+    }
+    let paths = std::iter::once(&arguments.set).chain(&arguments.sessions.session);
+    let files: Vec<(&PathBuf, Measured)> = paths
+        .map(|path| Ok((path, read_measured(path, &arguments.table)?)))
+        .collect::<anyhow::Result<_>>()?;
     block_on(async {
         let client = arguments.server.client()?;
         let robot = client.robot_id(&arguments.robot).await?;
-        let set = upload(&client, arguments, &robot, files).await?;
+        let mut sets = Vec::new();
+        for (path, files) in files {
+            sets.push(upload(&client, arguments, &robot, path, files).await?);
+        }
         if arguments.upload_only {
             if arguments.output.json {
-                say!("{}", serde_json::to_string_pretty(&set)?);
+                for set in &sets {
+                    say!("{}", serde_json::to_string_pretty(set)?);
+                }
             }
             return Ok(());
         }
-        let request = serde_json::to_value(request(arguments, text(&set, "id")?))?;
+        let ids = sets.iter().map(|set| Ok(text(set, "id")?.to_owned()));
+        let ids: Vec<String> = ids.collect::<anyhow::Result<_>>()?;
+        let request = serde_json::to_value(request(arguments, &ids))?;
         let posted = client
             .create(
                 &format!("/v1/robots/{robot}/jobs"),
@@ -122,7 +138,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let parsed: Report = serde_json::from_value(report.clone())
             .context("the server's report is of another version of kincal")?;
         let next = match job.parameter_set_id.as_deref() {
-            Some(id) if !arguments.output.json => next_step(&client, id, &set).await?,
+            Some(id) if !arguments.output.json => next_step(&client, id, &sets).await?,
             _ => String::new(),
         };
         arguments.output.print(&report, || {
@@ -139,8 +155,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// The next step for a parameter set: its release if every gate is passed, otherwise the gates that failed.
-async fn next_step(client: &Client, id: &str, set: &Value) -> anyhow::Result<String> {
-    if !set["insisted_on"].is_null() {
+async fn next_step(client: &Client, id: &str, sets: &[Value]) -> anyhow::Result<String> {
+    if sets.iter().any(|set| !set["insisted_on"].is_null()) {
         return Ok(
             "next: submit a set that need not be insisted on; no release rests on this one\n"
                 .into(),
@@ -169,6 +185,7 @@ async fn upload(
     client: &Client,
     arguments: &Arguments,
     robot: &str,
+    path: &Path,
     files: Measured,
 ) -> anyhow::Result<Value> {
     let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
@@ -178,7 +195,7 @@ async fn upload(
     parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {
         // A CSV has no name field; its file name is used.
-        let name = arguments.name.clone().or_else(|| file_name(arguments));
+        let name = arguments.name.clone().or_else(|| file_name(path));
         parameters.extend(name.map(|name| ("name", name)));
         parameters.extend(files.decimal.map(|_| ("decimal", "comma".into())));
         parameters.extend(
@@ -191,13 +208,13 @@ async fn upload(
             parameters.push(("columns", serde_json::to_string(&files.columns)?));
         }
     }
-    let path = format!("/v1/robots/{robot}/measurement-sets");
     let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
-    let path = format!("{path}?{}", query.query().unwrap_or_default());
+    let query = query.query().unwrap_or_default();
+    let sets = format!("/v1/robots/{robot}/measurement-sets?{query}");
     let set = client
-        .create(&path, &files.content_type, files.bytes)
+        .create(&sets, &files.content_type, files.bytes)
         .await
-        .map_err(|error| with_file_rows(error, arguments, &files.shown))?;
+        .map_err(|error| with_file_rows(error, path, &files.shown))?;
     let reading: Reading = serde_json::from_value(set.clone()).unwrap_or_default();
     for line in understood_in_words(&reading) {
         eprintln!("{}", plain(&line));
@@ -222,23 +239,20 @@ async fn upload(
 }
 
 /// The server's refusal of the file, with its rows and lines.
-fn with_file_rows(error: anyhow::Error, arguments: &Arguments, bytes: &[u8]) -> anyhow::Error {
+fn with_file_rows(error: anyhow::Error, path: &Path, bytes: &[u8]) -> anyhow::Error {
     match error.downcast::<Refused>() {
-        Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => Usage(
-            cannot_be_used(&arguments.set, bytes, &refused.problem.errors),
-        )
-        .into(),
-        Ok(refused) if refused.is_usage() => {
-            Usage(format!("{}: {refused}", arguments.set.display())).into()
+        Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => {
+            Usage(cannot_be_used(path, bytes, &refused.problem.errors)).into()
         }
+        Ok(refused) if refused.is_usage() => Usage(format!("{}: {refused}", path.display())).into(),
         Ok(refused) => refused.into(),
         Err(error) => error,
     }
 }
 
 /// The file's name without its extension, cut to the longest name of a set.
-fn file_name(arguments: &Arguments) -> Option<String> {
-    let stem = arguments.set.file_stem()?.to_str()?;
+fn file_name(path: &Path) -> Option<String> {
+    let stem = path.file_stem()?.to_str()?;
     let name: String = stem
         .chars()
         .filter(|c| !c.is_control())
@@ -264,7 +278,8 @@ async fn follow(client: &Client, arguments: &Arguments, job_id: &str) -> anyhow:
     job
 }
 
-fn request(arguments: &Arguments, set_id: &str) -> JobRequestBody {
+fn request(arguments: &Arguments, set_ids: &[String]) -> JobRequestBody {
+    let set_id = set_ids.first().map_or("", String::as_str);
     if arguments.verify {
         return JobRequestBody {
             kind: Kind::Verify,
@@ -280,7 +295,7 @@ fn request(arguments: &Arguments, set_id: &str) -> JobRequestBody {
             ..JobRequestBody::for_set(set_id)
         };
     }
-    arguments.identify.request(set_id)
+    arguments.identify.request(set_ids)
 }
 
 fn text<'a>(answer: &'a Value, field: &str) -> anyhow::Result<&'a str> {

@@ -9,6 +9,7 @@ use crate::wire::report_shape::{
     ComparisonReport, CorrectionReport, ErrorsReport, Evidence, ParameterReport,
     RepeatabilityReport, Report, SubsetReport,
 };
+use crate::wire::sessions::PooledReport;
 use std::fmt::Write;
 
 /// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
@@ -21,6 +22,7 @@ pub fn report(report: &Report) -> String {
     } else {
         identified(report)
     };
+    pooled(&mut text, report.pooled.as_ref());
     repeatability(&mut text, report.repeatability.as_ref());
     for warning in &report.warnings {
         line(
@@ -320,6 +322,37 @@ fn corrections(text: &mut String, rows: &[CorrectionReport]) {
             format!(
                 "{name:<28}{:>12}{:>12}{:>12}{:>13}{kept:>6}{why}",
                 errors[0], errors[1], gains[0], gains[1]
+            ),
+        );
+    }
+}
+
+/// The sessions that were fitted together, each with its errors.
+fn pooled(text: &mut String, found: Option<&PooledReport>) {
+    let Some(found) = found else { return };
+    line(
+        text,
+        format!(
+            "\n{} sessions were fitted together: one robot in one state differs as much as they do with probability {:.2}",
+            found.sessions.len(),
+            found.probability
+        ),
+    );
+    for (session, of) in (1..).zip(&found.sessions) {
+        let errors = [
+            ("identified", of.identify_rms_mm),
+            ("verified", of.verify_rms_mm),
+        ];
+        let errors = errors
+            .iter()
+            .filter_map(|(what, rms_mm)| Some(format!(", {} mm rms {what}", error((*rms_mm)?))));
+        line(
+            text,
+            format!(
+                "  session {session}: {} points from row {}{}",
+                of.n_points,
+                of.first_row,
+                errors.collect::<String>()
             ),
         );
     }

@@ -8,6 +8,7 @@ use crate::store::jobs;
 use crate::wire::compensate::{CompensateAnswer, CompensateBody, OWN_FRAMES};
 use crate::wire::issue::Invalid;
 use crate::wire::json;
+use crate::wire::measurement::Frame;
 use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
@@ -33,7 +34,12 @@ pub async fn compensate(
     let permit = app.limits.compute(caller.class).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
-    let measurement_set_id = jobs::get(&app.store, &row.job_id).await?.measurement_set_id;
+    let job = jobs::get(&app.store, &row.job_id).await?;
+    // the set in whose measuring frame the parameter set's base stands
+    let measurement_set_id = match provenance.measuring_frame {
+        Some(Frame::Instrument) => job.set_ids().last().map(str::to_owned),
+        _ => Some(job.measurement_set_id),
+    };
     let body = permit.run(move || Ok::<_, Error>(json::parse::<CompensateBody>(&bytes)?));
     let body = body.await?;
     let work_frame = match body.frame.as_deref() {
@@ -58,7 +64,7 @@ pub async fn compensate(
             content: &content,
             provenance: &provenance,
             estimate: estimate.as_ref(),
-            measurement_set_id: Some(&measurement_set_id),
+            measurement_set_id: measurement_set_id.as_deref(),
             work_frame: work_frame.as_ref(),
             named_tool,
         };

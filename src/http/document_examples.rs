@@ -27,6 +27,7 @@ fn of_shape(name: &str) -> Option<Value> {
         "MeasurementSetBody" => {
             json!({"frame": "base", "points": [{"q_deg": [10.0, -20.0, 30.0, 0.0, 45.0, 0.0], "position_mm": [812.4031, 141.9925, 655.1808]}]})
         }
+        "JobRequestBody" => json!({"measurement_set_id": text("measurement_set_id", name)}),
         _ => return None,
     })
 }
@@ -262,7 +263,7 @@ mod tests {
         let robot: RobotBody = from_value(of("RobotBody")).unwrap();
         Robot::try_from(&robot).unwrap();
         let job: JobRequestBody = from_value(of("JobRequestBody")).unwrap();
-        assert!(job.measurement_set_id.starts_with("set_"));
+        assert!(job.set_ids()[0].starts_with("set_"));
         let patch: RobotPatchBody = from_value(of("RobotPatchBody")).unwrap();
         assert_ne!(patch, RobotPatchBody::default());
     }

@@ -79,8 +79,10 @@ pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
         return Ok(release::trend(&[], limit_mm));
     };
     let own = jobs::get(&app.store, &active.job_id).await?;
-    let own_uploads: Vec<String> = std::iter::once(own.measurement_set_id)
-        .chain(own.verify_set_id)
+    let own_uploads: Vec<String> = own
+        .set_ids()
+        .map(str::to_owned)
+        .chain(own.verify_set_id.clone())
         .collect();
     let rows = verifications::of_set(&app.store, &active.id).await?;
     let scored_jobs: Vec<ScoredJob> = rows
@@ -149,7 +151,10 @@ fn identified(
         id: row.id.clone(),
         content: answers::content(row)?,
         request,
-        upload_sha256: inputs.set.row.sha256.clone(),
+        uploads_sha256: inputs
+            .uploads()
+            .map(|upload| upload.row.sha256.clone())
+            .collect(),
         estimate: estimate.map_err(|_| unreadable())?,
     })
 }

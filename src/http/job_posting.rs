@@ -74,7 +74,12 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     Ok(NewJob {
         robot_id: sources.robot.id.clone(),
         robot_version: sources.robot.version,
-        measurement_set_id: request.measurement_set_id.clone(),
+        measurement_set_id: sources.set.row.id.clone(),
+        further_set_ids: sources
+            .further_sets
+            .iter()
+            .map(|set| set.row.id.clone())
+            .collect(),
         verify_set_id: sources.verify_set.as_ref().map(|set| set.row.id.clone()),
         frames_id: request.frames_id.clone(),
         network_input_id: None,
@@ -107,7 +112,7 @@ fn choose_residual(
         };
         if fits
             && is_of_other_uploads(&source.trained_on_sha256, sets_sha256)
-            && is_independent_of_training(calibration_request, &parse(&source.set)?)
+            && is_independent(calibration_request, source, &parse)?
         {
             return Ok(Some(source.id.clone()));
         }
@@ -124,6 +129,20 @@ fn choose_residual(
     Ok(None)
 }
 
+/// Whether the job's points were measured anew after every session that a network was trained on.
+fn is_independent(
+    request: &CalibrationRequest,
+    source: &ResidualSource,
+    parse: impl Fn(&MeasurementSetInput) -> Result<MeasurementSet, Error>,
+) -> Result<bool, Error> {
+    for set in &source.sets {
+        if !is_independent_of_training(request, &parse(set)?) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// Runs every check of the core, and chooses the networks that the job starts from.
 fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let robot = Robot::try_from(&access::robot_body(&sources.robot)?)?;
@@ -131,6 +150,11 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
     let parse = |source: &MeasurementSetInput| source.parse(n_joints).map_err(Error::Invalid);
     let parts = JobParts {
         set: parse(&sources.set)?,
+        further_sets: sources
+            .further_sets
+            .iter()
+            .map(parse)
+            .collect::<Result<_, _>>()?,
         verify_set: sources.verify_set.as_ref().map(parse).transpose()?,
         frames: sources.frames.as_ref().map(Into::into),
         network: None,
@@ -173,6 +197,7 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         }
     }
     let sets_sha256: Vec<&str> = std::iter::once(&sources.set)
+        .chain(&sources.further_sets)
         .chain(&sources.verify_set)
         .map(|set| set.row.sha256.as_str())
         .collect();

@@ -2,13 +2,13 @@
 
 use crate::calibration;
 use crate::http::auth::Caller;
-use crate::http::{App, Error, access};
+use crate::http::{App, Error, access, several_sessions};
 use crate::jobs::MeasurementSetInput;
 use crate::release::facts::DESCRIBES_NO_ROBOT;
 use crate::store::jobs as stored;
 use crate::store::{
-    MeasurementSetRow, NetworkRow, NetworkWeights, ParameterSetRow, ResidualWeights, RobotRow,
-    frames, job_sources, measurement_sets, networks, parameter_sets,
+    self, MeasurementSetRow, NetworkRow, NetworkWeights, ParameterSetRow, RobotRow, frames,
+    job_sources, measurement_sets, networks, parameter_sets,
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
@@ -27,8 +27,10 @@ const MAX_RESIDUAL_NETWORKS: i64 = 3;
 pub struct Sources {
     /// The robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to score.
+    /// The measurement set to identify from, or to score; of several sessions the first.
     pub set: MeasurementSetInput,
+    /// Those of further sessions.
+    pub further_sets: Vec<MeasurementSetInput>,
     /// Another upload to verify on.
     pub verify_set: Option<MeasurementSetInput>,
     /// Frames by sweeps.
@@ -49,8 +51,8 @@ pub struct ResidualSource {
     pub id: String,
     /// The weights in safetensors format.
     pub weights: Vec<u8>,
-    /// The measurement set that it was trained on.
-    pub set: MeasurementSetInput,
+    /// The measurement sets that it was trained on.
+    pub sets: Vec<MeasurementSetInput>,
     /// Hashes of the uploads that it and its predecessors were trained on.
     pub trained_on_sha256: Vec<String>,
 }
@@ -66,22 +68,17 @@ pub async fn load(
     request: &JobRequestBody,
 ) -> Result<Sources, Error> {
     // Reads concurrently. Of several errors the first in this order is returned.
-    let (robot, set, verify_set, frames, parameter_set) = tokio::join!(
+    let (robot, sets, verify_set, frames, parameter_set) = tokio::join!(
         access::robot(app, caller, robot_id),
-        set(
-            app,
-            robot_id,
-            &request.measurement_set_id,
-            "/measurement_set_id"
-        ),
+        sets(app, robot_id, request),
         verify_set(app, robot_id, request),
         frames(app, robot_id, request),
         parameter_set(app, robot_id, request),
     );
-    let (robot, set, verify_set, frames, parameter_set) =
-        (robot?, set?, verify_set?, frames?, parameter_set?);
+    let (robot, sets, verify_set, frames, parameter_set) =
+        (robot?, sets?, verify_set?, frames?, parameter_set?);
     access::require_in_use(&robot)?;
-    for set in std::iter::once(&set).chain(&verify_set) {
+    for set in sets.iter().chain(&verify_set) {
         if set.row.archived_at_ms.is_some() {
             let (what, path) = ("measurement set", "measurement-sets");
             return Err(access::archived(what, path, &set.row.id));
@@ -93,6 +90,11 @@ pub async fn load(
             return Err(held_is_withdrawn(&set.id));
         }
     }
+    let rows: Vec<&MeasurementSetRow> = sets.iter().map(|set| &set.row).collect();
+    several_sessions::check(request, &rows)?;
+    let mut sets = sets.into_iter();
+    let set = sets.next().ok_or(store::Error::NotFound)?;
+    let further_sets: Vec<_> = sets.collect();
     let (networks, residual_networks, scored_frame) = tokio::join!(
         networks(app, &robot, request, &set.row),
         residual_networks(app, &robot, request, &set.row),
@@ -100,6 +102,7 @@ pub async fn load(
     );
     Ok(Sources {
         set,
+        further_sets,
         verify_set,
         frames,
         networks: networks?,
@@ -108,6 +111,19 @@ pub async fn load(
         scored_frame: scored_frame?,
         robot,
     })
+}
+
+/// The sets of the request, in its order.
+async fn sets(
+    app: &App,
+    robot_id: &str,
+    request: &JobRequestBody,
+) -> Result<Vec<MeasurementSetInput>, Error> {
+    let mut sets = Vec::new();
+    for (place, id) in request.set_ids().into_iter().enumerate() {
+        sets.push(set(app, robot_id, id, &request.set_pointer(place)).await?);
+    }
+    Ok(sets)
 }
 
 async fn set(app: &App, robot_id: &str, id: &str, at: &str) -> Result<MeasurementSetInput, Error> {
@@ -178,7 +194,7 @@ async fn parameter_set(
             parameter_sets::of_another_upload(
                 &app.store,
                 robot_id,
-                &request.measurement_set_id,
+                &request.set_ids().join(","),
                 DESCRIBES_NO_ROBOT,
             )
             .await?
@@ -301,11 +317,9 @@ async fn residual_networks(
                 "residual network",
             )?;
             check_network(&row, robot)?;
-            let job = stored::get(&app.store, &row.job_id).await?;
-            vec![ResidualWeights {
+            vec![NetworkWeights {
                 id: row.id,
                 weights: networks::weights(&app.store, id).await?,
-                measurement_set_id: job.measurement_set_id,
             }]
         }
         None => {
@@ -315,8 +329,11 @@ async fn residual_networks(
     };
     let mut sources = Vec::with_capacity(found.len());
     for network in found {
+        let row = networks::get(&app.store, &network.id).await?;
+        let job = stored::get(&app.store, &row.job_id).await?;
+        let (first, further) = MeasurementSetInput::read_of(&app.store, &job).await?;
         sources.push(ResidualSource {
-            set: MeasurementSetInput::read(&app.store, &network.measurement_set_id).await?,
+            sets: std::iter::once(first).chain(further).collect(),
             trained_on_sha256: uploads_trained_on(app, &network.id).await?,
             id: network.id,
             weights: network.weights,
@@ -330,7 +347,7 @@ async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Vec<String>, 
     let network = networks::get(&app.store, network_id).await?;
     let job = stored::get(&app.store, &network.job_id).await?;
     let mut uploads = job_sources::uploads(&app.store, &job.id).await?;
-    uploads.push(job.measurement_set_id);
+    uploads.extend(job.set_ids().map(str::to_owned));
     let mut hashes = Vec::with_capacity(uploads.len());
     for id in uploads {
         hashes.push(measurement_sets::get(&app.store, &id).await?.sha256);

@@ -52,6 +52,7 @@ mod routes;
 pub mod server;
 mod session;
 pub mod session_cookie;
+mod several_sessions;
 mod table_upload;
 pub mod tls;
 mod unreadable;

@@ -28,8 +28,10 @@ pub struct JobInputs {
     pub job: JobRow,
     /// Its robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to verify on.
+    /// The measurement set to identify from, or to verify on; of several sessions the first.
     pub set: MeasurementSetInput,
+    /// Those of further sessions.
+    pub further_sets: Vec<MeasurementSetInput>,
     /// Another set to verify on.
     pub verify_set: Option<MeasurementSetInput>,
     /// Frames found from sweeps.
@@ -67,8 +69,10 @@ const MAX_EARLIER_POINTS: i64 = 500_000;
 pub struct ParameterSetInput {
     /// The parameter set.
     pub row: ParameterSetRow,
-    /// The points that it was identified from.
+    /// The points that it was identified from; of several sessions the first.
     pub set: MeasurementSetInput,
+    /// Those of further sessions.
+    pub further_sets: Vec<MeasurementSetInput>,
     /// The uploads that the values it holds, or the training of its residual network, rest on.
     pub sources: Vec<MeasurementSetInput>,
     /// The frames that the identification used.
@@ -98,6 +102,19 @@ impl MeasurementSetInput {
             row: measurement_sets::get(store, id).await?,
             body: measurement_sets::body(store, id).await?,
         })
+    }
+
+    /// Reads the stored sets that a job fits or scores: the first, and those of further sessions.
+    ///
+    /// # Errors
+    /// [`crate::store::Error`].
+    pub async fn read_of(store: &Store, job: &JobRow) -> Result<(Self, Vec<Self>)> {
+        let first = Self::read(store, &job.measurement_set_id).await?;
+        let mut further = Vec::new();
+        for id in job.set_ids().skip(1) {
+            further.push(Self::read(store, id).await?);
+        }
+        Ok((first, further))
     }
 
     /// Parses the points.
@@ -192,7 +209,7 @@ impl JobInputs {
         // Reads concurrently; each read takes its own connection.
         let (
             robot,
-            set,
+            (set, further_sets),
             verify_set,
             frames,
             network,
@@ -202,7 +219,7 @@ impl JobInputs {
             earlier,
         ) = tokio::try_join!(
             robot_versions::robot_at(store, &job.robot_id, job.robot_version),
-            MeasurementSetInput::read(store, &job.measurement_set_id),
+            MeasurementSetInput::read_of(store, &job),
             load(
                 job.verify_set_id.as_deref(),
                 |id| MeasurementSetInput::read(store, id)
@@ -224,6 +241,7 @@ impl JobInputs {
             job,
             robot,
             set,
+            further_sets,
             verify_set,
             frames,
             network,
@@ -232,6 +250,18 @@ impl JobInputs {
             sources,
             earlier,
         })
+    }
+
+    /// Every set that the job fits or scores.
+    pub fn uploads(&self) -> impl Iterator<Item = &MeasurementSetInput> {
+        std::iter::once(&self.set).chain(&self.further_sets)
+    }
+}
+
+impl ParameterSetInput {
+    /// Every set that it was identified from.
+    pub fn uploads(&self) -> impl Iterator<Item = &MeasurementSetInput> {
+        std::iter::once(&self.set).chain(&self.further_sets)
     }
 }
 
@@ -257,12 +287,14 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     let row = parameter_sets::get(store, id).await?;
     let job = jobs::get(store, &row.job_id).await?;
     let frames = load(job.frames_id.as_deref(), |id| frames::get(store, id)).await?;
+    let (set, further_sets) = MeasurementSetInput::read_of(store, &job).await?;
     Ok(ParameterSetInput {
         verification: verifications::of_job(store, &row.job_id).await?,
         estimate_json: estimates::of_parameter_set(store, id).await?,
         sources: load_sources(store, &row.job_id).await?,
         row,
-        set: MeasurementSetInput::read(store, &job.measurement_set_id).await?,
+        set,
+        further_sets,
         frames,
     })
 }

@@ -8,6 +8,7 @@ use crate::store::{Hashed, RobotRow};
 use crate::wire::estimate::{StoredEstimate, geometry_sha256};
 use crate::wire::job::Model;
 use crate::wire::json;
+use crate::wire::measurement::{MeasurementSet, joined};
 use crate::wire::robot::RobotBody;
 
 /// A stored document that cannot be read. It was written by this program, so this does not happen.
@@ -68,6 +69,14 @@ pub(super) fn estimate_of_checked(
 ) -> Result<Option<Estimate>, Unreadable> {
     let found = estimate_of(estimate_json, &body_of(robot)?)?;
     Ok(found.map(|(_, estimate)| estimate))
+}
+
+/// The points that a set was identified from: one upload as it is, several sessions as they were fitted together.
+pub(super) fn as_one(mut uploads: Vec<MeasurementSet>) -> Option<MeasurementSet> {
+    match uploads.len() {
+        1 => uploads.pop(),
+        _ => Some(joined(&uploads)),
+    }
 }
 
 fn body_of(robot: &RobotRow) -> Result<RobotBody, Unreadable> {

@@ -42,11 +42,11 @@ pub struct EvidenceRows {
     active: Option<ActiveSet>,
 }
 
-/// The active set: its content, and the upload that it was identified from.
+/// The active set: its content, and the uploads that it was identified from.
 #[derive(Debug)]
 struct ActiveSet {
     content: String,
-    upload: MeasurementSetInput,
+    uploads: Vec<MeasurementSetInput>,
 }
 
 /// Parsed evidence for the gates.
@@ -98,9 +98,10 @@ pub async fn load(
             None => None,
             Some(active) => {
                 let job = jobs::get(store, &active.job_id).await?;
+                let (first, further) = MeasurementSetInput::read_of(store, &job).await?;
                 Some(ActiveSet {
                     content: active.body_json.clone(),
-                    upload: MeasurementSetInput::read(store, &job.measurement_set_id).await?,
+                    uploads: std::iter::once(first).chain(further).collect(),
                 })
             }
         },
@@ -154,11 +155,18 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
     let is_active_of_same_points = match &stored.active {
         None => false,
         Some(active) => {
-            let earlier = active
-                .upload
-                .parse(request.robot.links.len())
-                .map_err(|_| Unreadable(format!("the upload {}", active.upload.row.id)))?;
-            repeats(&request.robot, &[earlier], &request.set)
+            let parse = |upload: &MeasurementSetInput| {
+                upload
+                    .parse(request.robot.links.len())
+                    .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
+            };
+            let earlier: Vec<_> = active
+                .uploads
+                .iter()
+                .map(parse)
+                .collect::<std::result::Result<_, _>>()?;
+            let repeats_it = |upload| repeats(&request.robot, &earlier, upload);
+            request.uploads().iter().any(repeats_it)
         }
     };
     let later = stored.later.into_iter().map(unscored);
@@ -196,7 +204,7 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
     })
 }
 
-/// Whether an upload repeats the points that the set was identified from: then it was not measured later.
+/// Whether an upload repeats the points that the set was identified from, of several sessions any of them: then it was not measured later.
 ///
 /// # Errors
 /// If the upload cannot be parsed.
@@ -208,8 +216,7 @@ pub fn repeats_own_upload(
     let set = upload
         .parse(request.robot.links.len())
         .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))?;
-    let own = std::slice::from_ref(&request.set);
-    Ok(repeats(&request.robot, own, &set))
+    Ok(repeats(&request.robot, request.uploads(), &set))
 }
 
 fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {

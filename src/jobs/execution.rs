@@ -144,7 +144,7 @@ pub(super) fn run_verification(
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
     let estimate = estimate_of_checked(kept, &inputs.robot).map_err(JobFailure::broken)?;
     let identified_from = match &inputs.parameter_set {
-        Some(input) => points_of(std::iter::once(&input.set).chain(&input.sources), request)?,
+        Some(input) => points_of(input.uploads().chain(&input.sources), request)?,
         None => vec![],
     };
     let another = is_another_session(&request.robot, &request.set, &identified_from);

@@ -106,7 +106,8 @@ struct GateInputs {
     request: ReleaseRequest,
     robot: RobotRow,
     policy: PolicyRow,
-    set: MeasurementSetRow,
+    /// The sets that it was identified from.
+    sets: Vec<MeasurementSetRow>,
     /// Keys that uploaded the points of the identification, those that its held values rest on and, if its job used sweeps, the sweeps. `None` for
     /// an unknown key.
     uploaders: Vec<Option<String>>,
@@ -128,8 +129,11 @@ pub async fn check(
     let policy = policies::get(store, &row.robot_id).await?;
     let active = parameter_sets::active(store, &row.robot_id).await?;
     let job = jobs::get(store, &row.job_id).await?;
-    let set = measurement_sets::get(store, &job.measurement_set_id).await?;
-    let mut uploaders = vec![set.uploaded_by.clone()];
+    let mut sets = Vec::new();
+    for id in job.set_ids() {
+        sets.push(measurement_sets::get(store, id).await?);
+    }
+    let mut uploaders: Vec<_> = sets.iter().map(|set| set.uploaded_by.clone()).collect();
     for id in job_sources::uploads(store, &job.id).await? {
         uploaders.push(measurement_sets::get(store, &id).await?.uploaded_by);
     }
@@ -157,7 +161,7 @@ pub async fn check(
         request,
         robot,
         policy,
-        set,
+        sets,
         uploaders,
         withdrawn_source,
     };
@@ -239,7 +243,7 @@ fn run_gates(
         request,
         robot,
         policy,
-        set,
+        sets,
         uploaders,
         withdrawn_source,
     } = inputs;
@@ -270,10 +274,17 @@ fn run_gates(
         withdrawn_source: withdrawn_source.as_deref(),
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
-        stated_serial_number: set.serial_number.as_deref(),
+        stated_serial_number: stated_serial_number(sets),
         uploaders,
         approver: &request.approver,
         change_reason: request.purpose.change_reason(),
         policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
     }))
+}
+
+/// The serial number that was stated with every set, if they all state the same.
+fn stated_serial_number(sets: &[MeasurementSetRow]) -> Option<&str> {
+    let mut stated = sets.iter().map(|set| set.serial_number.as_deref());
+    let first = stated.next().flatten();
+    first.filter(|_| stated.all(|other| other == first))
 }

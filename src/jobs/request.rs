@@ -2,7 +2,7 @@
 
 use crate::calibration::request::PreviousSession;
 use crate::calibration::{CalibrationRequest, HeldOut};
-use crate::jobs::estimate::stored_estimate;
+use crate::jobs::estimate::{as_one, stored_estimate};
 use crate::jobs::{JobFailure, JobInputs, MeasurementSetInput};
 use crate::release::facts::{MeasuredSince, repeats};
 use crate::wire::frames::FramesContent;
@@ -43,6 +43,11 @@ pub(super) fn requests_of(
         .map(|network| safetensors::read_residual(&network.weights));
     let parts = JobParts {
         set: inputs.set.parse(n_joints).map_err(JobFailure::broken)?,
+        further_sets: inputs
+            .further_sets
+            .iter()
+            .map(|set| set.parse(n_joints).map_err(JobFailure::broken))
+            .collect::<Result<_, _>>()?,
         verify_set: inputs
             .verify_set
             .as_ref()
@@ -95,7 +100,8 @@ fn previous_session(
         .map(|row| serde_json::from_str::<FramesContent>(&row.result_json))
         .transpose()
         .ok()?;
-    let set = input.set.parse(n_joints).ok()?;
+    let uploads: Result<Vec<_>, _> = input.uploads().map(|set| set.parse(n_joints)).collect();
+    let set = as_one(uploads.ok()?)?;
     let model = request.model_for(inputs.set.row.frame);
     let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
     Some(PreviousSession {
@@ -111,9 +117,11 @@ pub(super) fn measured_since(
     request: &CalibrationRequest,
 ) -> Result<MeasuredSince, JobFailure> {
     let earlier = points_of(&inputs.earlier.sets, request)?;
+    let mut uploads = request.uploads().iter();
+    let is_repeat = uploads.any(|upload| repeats(&request.robot, &earlier, upload));
     Ok(MeasuredSince {
         check_seq: inputs.earlier.check_seq,
-        is_repeat: inputs.earlier.exceeds_limits || repeats(&request.robot, &earlier, &request.set),
+        is_repeat: inputs.earlier.exceeds_limits || is_repeat,
     })
 }
 
@@ -131,7 +139,8 @@ pub(super) fn points_of<'a>(
 
 /// Code of the suspicion that the uploader of the set, of the set to verify on, or of a set that the result rests on overrode with `insist`.
 pub(super) fn insisted_on(inputs: &JobInputs) -> Option<&str> {
-    std::iter::once(&inputs.set)
+    inputs
+        .uploads()
         .chain(&inputs.verify_set)
         .chain(&inputs.sources)
         .find_map(|input| input.row.insisted_on.as_deref())

@@ -15,6 +15,7 @@ mod join_time;
 mod number_text;
 pub mod repeatability;
 pub mod rotation_convention;
+pub mod sessions;
 pub mod set;
 pub mod split;
 pub mod table;

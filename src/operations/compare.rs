@@ -16,8 +16,8 @@ pub struct IdentifiedSet {
     pub content: ParameterSetContent,
     /// Request of its job.
     pub request: CalibrationRequest,
-    /// Hash of its upload.
-    pub upload_sha256: String,
+    /// Hashes of its uploads.
+    pub uploads_sha256: Vec<String>,
     /// Its estimate, where one was kept.
     pub estimate: Option<Estimate>,
 }
@@ -35,7 +35,8 @@ pub fn compare(
         &own.content.identified_robot(None),
         &with.content.identified_robot(None),
     );
-    let same_upload = own.upload_sha256 == with.upload_sha256;
+    let is_own = |sha256| own.uploads_sha256.contains(sha256);
+    let same_upload = with.uploads_sha256.iter().any(is_own);
     let monitor = &mut |_: calibration::Event<'_>| ControlFlow::Continue(());
     let mut request = own.request;
     request.previous = Some(PreviousSession {

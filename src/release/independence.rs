@@ -4,6 +4,7 @@ use crate::calibration::request::VerifySource;
 use crate::calibration::{CalibrationRequest, is_anew};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
+use crate::release::facts::repeats;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Verification, VerificationKind};
 
@@ -28,21 +29,20 @@ pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
 /// Whether the points to verify come from another session than the fitted ones and the `sources` of what was held, and would show a wrong base too.
 /// The same points uploaded again count as the same session.
 pub fn is_verified_anew(request: &CalibrationRequest, sources: &[MeasurementSet]) -> bool {
-    let fitted = &request.set;
     matches!(&request.verify, VerifySource::Set(set)
-        if !hides_base(fitted.frame, set.frame) && is_anew(&request.robot, fitted, set)
+        if !hides_base(request.set.frame, set.frame)
+            && is_another_session(&request.robot, set, request.uploads())
             && is_another_session(&request.robot, set, sources))
 }
 
-/// Whether the points of `session` come from another session than each of those that a set was identified from; there are none for the nominal
-/// robot.
+/// Whether the points of `session` are those of none of the sessions that a set was identified from, and were not put together from several of them.
+/// There are none for the nominal robot.
 pub fn is_another_session(
     robot: &Robot,
     session: &MeasurementSet,
     identified_from: &[MeasurementSet],
 ) -> bool {
-    let mut identified_from = identified_from.iter();
-    identified_from.all(|from| is_anew(robot, from, session))
+    !repeats(robot, identified_from, session)
 }
 
 /// Whether a network was trained on none of these uploads. `trained_on` has those of its predecessors too.
@@ -62,5 +62,5 @@ pub fn is_independent_of_training(
         VerifySource::Set(set) => Some(set),
         _ => None,
     };
-    is_new(&request.set) && to_verify.is_none_or(is_new)
+    request.uploads().iter().all(is_new) && to_verify.is_none_or(is_new)
 }

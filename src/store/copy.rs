@@ -19,6 +19,7 @@ pub const TABLES: &[&str] = &[
     "frames",
     "job",
     "job_robot_version",
+    "job_session",
     "report_summary",
     "network",
     "residual_network",

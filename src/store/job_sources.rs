@@ -14,7 +14,7 @@ const INSERT: &str = "
     union select cast($1 as text), s.source_job_id from job_source s join direct d on d.job_id = s.job_id";
 
 const UPLOADS: &str = "
-    select distinct j.measurement_set_id from job_source s join job j on j.id = s.source_job_id where s.job_id = $1 order by j.measurement_set_id";
+    select distinct u.measurement_set_id from job_source s join job_upload u on u.job_id = s.source_job_id where s.job_id = $1 order by u.measurement_set_id";
 
 const WITHDRAWN: &str = "
     select p.id from job_source s join parameter_set p on p.job_id = s.source_job_id

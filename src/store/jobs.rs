@@ -6,7 +6,9 @@ use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::from_row::from_row;
 use super::listing::{self, ListQueries, list_queries, list_row};
-use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sources};
+use super::{
+    AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sessions, job_sources,
+};
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::JobStatus;
@@ -18,8 +20,10 @@ pub struct JobRow {
     pub id: String,
     /// Its robot.
     pub robot_id: String,
-    /// The set to identify from, or to verify on.
+    /// The set to identify from, or to verify on; of several sessions the first.
     pub measurement_set_id: String,
+    /// The sets of further sessions in their order, with commas between them; empty for one.
+    pub further_set_ids: String,
     /// Another set to verify on.
     pub verify_set_id: Option<String>,
     /// Frames found from sweeps.
@@ -72,7 +76,7 @@ pub struct JobRow {
     pub archived_at_ms: Option<i64>,
 }
 
-from_row!(JobRow { id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
+from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
 
 list_row!(JobRow);
 
@@ -99,8 +103,10 @@ pub struct NewJob {
     pub robot_id: String,
     /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
     pub robot_version: i64,
-    /// The set to identify from, or to verify on.
+    /// The set to identify from, or to verify on; of several sessions the first.
     pub measurement_set_id: String,
+    /// The sets of further sessions, in their order.
+    pub further_set_ids: Vec<String>,
     /// Another set to verify on.
     pub verify_set_id: Option<String>,
     /// Frames found from sweeps.
@@ -127,14 +133,15 @@ pub struct NewJob {
 
 macro_rules! columns {
     () => {
-        "id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
+        concat!("id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
          residual_network_input_id, parameter_set_input_id, kind, method, request_json, status, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms,
          progress_json, error_json, result_sha256, created_at_ms, started_at_ms, finished_at_ms,
          (select p.id from parameter_set p where p.job_id = job.id) as parameter_set_id,
          (select n.id from network n where n.job_id = job.id) as network_id,
          (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
          coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
-         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms"
+         ", crate::store::job_sessions::further_set_ids!(), " as further_set_ids,
+         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms")
     };
 }
 
@@ -235,7 +242,7 @@ pub(super) struct JobWithClient {
 from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
-    // Entries that are older than edits of robots do not have `robot_version`.
+    // Entries of older versions have neither `robot_version` nor `further_set_ids`.
     let rest = json!([
         row.kind,
         row.method,
@@ -246,7 +253,7 @@ fn as_created(row: &JobRow, client: &str) -> Value {
     json!({"robot_id": row.robot_id, "measurement_set_id": row.measurement_set_id, "verify_set_id": row.verify_set_id,
         "frames_id": row.frames_id, "network_input_id": row.network_input_id, "residual_network_input_id": row.residual_network_input_id,
         "parameter_set_input_id": row.parameter_set_input_id, "request_sha256": canonical::sha256_hex(row.request_json.as_bytes()),
-        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version})
+        "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes()), "robot_version": row.robot_version, "further_set_ids": row.further_set_ids})
 }
 
 pub(super) fn as_failed(error_json: &str) -> Value {
@@ -325,6 +332,8 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
     if held.is_some() || residual.is_some() {
         job_sources::insert(tx, &id, held, residual).await?;
     }
+    job_sessions::insert(tx, &id, &new.further_set_ids).await?;
+    row.further_set_ids = new.further_set_ids.join(",");
     tx.audit(AuditEvent::JobCreated, &id, as_created(&row, &new.client));
     Ok(row)
 }

@@ -47,7 +47,8 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     step!(17, "0017", "estimate"),
     step!(18, "0018", "check"),
     step!(19, "0019", "named_documents"),
-    step!(20, "0020", "job_sources"),
+    step!(20, "0020", "sessions"),
+    step!(21, "0021", "job_sources"),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

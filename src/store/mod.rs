@@ -23,6 +23,7 @@ pub mod frames;
 mod from_row;
 mod hashed;
 mod idempotency;
+mod job_sessions;
 pub mod job_sources;
 pub mod jobs;
 pub mod leases;
@@ -61,7 +62,7 @@ pub use leases::{Expired, Heartbeat, JobResult, Lease};
 pub use listing::{ListRequest, Listed};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use named_documents::NamedDocumentRow;
-pub use networks::{NetworkRow, NetworkWeights, NewNetwork, ResidualWeights};
+pub use networks::{NetworkRow, NetworkWeights, NewNetwork};
 pub use open::StoreLocation;
 pub use page::{Cursor, InvalidCursor, Page, PageRequest};
 pub use parameter_sets::{CheckedState, NewParameterSet, ParameterSetRow, Release};
@@ -106,6 +107,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         job_sources::ALL_QUERIES,
+        job_sessions::ALL_QUERIES,
         jobs::ALL_QUERIES,
         &jobs::OF_ROBOT.texts(),
         &jobs::OF_ROBOTS.texts(),

@@ -62,23 +62,6 @@ pub struct NetworkWeights {
 
 from_row!(NetworkWeights { id, weights });
 
-/// A residual network, its weights and what it was trained on.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ResidualWeights {
-    /// `net_…`
-    pub id: String,
-    /// The weights in safetensors format.
-    pub weights: Vec<u8>,
-    /// The measurement set that it was trained on.
-    pub measurement_set_id: String,
-}
-
-from_row!(ResidualWeights {
-    id,
-    weights,
-    measurement_set_id
-});
-
 /// A network to be stored with the job that trained it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewNetwork {
@@ -170,7 +153,7 @@ const NEWEST: &str = concat!("select id, weights from network
      order by coalesce((select v.seq from verification v where v.job_id = network.job_id), 0) desc, id desc
      limit cast($4 as bigint)");
 
-const NEWEST_RESIDUAL: &str = concat!("select n.id as id, n.weights as weights, j.measurement_set_id as measurement_set_id from residual_network n
+const NEWEST_RESIDUAL: &str = concat!("select n.id as id, n.weights as weights from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
      where n.robot_id = $1 and m.sha256 <> $2 and ", is_usable!("n"), "
      order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
@@ -310,7 +293,7 @@ pub async fn newest_residual(
     robot_id: &str,
     set_sha256: &str,
     limit: i64,
-) -> Result<Vec<ResidualWeights>> {
+) -> Result<Vec<NetworkWeights>> {
     Ok(sqlx::query_as(NEWEST_RESIDUAL)
         .bind(robot_id)
         .bind(set_sha256)

@@ -183,9 +183,9 @@ const OF_ANOTHER_UPLOAD: &str = concat!(
     "select ",
     columns!(),
     " from parameter_set
-     where robot_id = $1 and exists (
-         select 1 from job join measurement_set on measurement_set.id = job.measurement_set_id
-         where job.id = parameter_set.job_id and measurement_set.sha256 <> (select sha256 from measurement_set where id = $2))
+     where robot_id = $1 and not exists (
+         select 1 from job_upload join measurement_set on measurement_set.id = job_upload.measurement_set_id
+         where job_upload.job_id = parameter_set.job_id and measurement_set.sha256 in (select sha256 from measurement_set where robot_id = $1 and replace($2, id, '') <> $2))
          and not exists (select 1 from verification v where v.job_id = parameter_set.job_id and v.fit = $3)
          and not exists (select 1 from archived a where a.id = parameter_set.id)
          and ", joint_map_version!(), " = (select r.joint_map_version from robot_now r where r.id = $1)
@@ -337,20 +337,20 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
-/// The robot's newest parameter set that was identified from another upload than this measurement set, without those whose identification found
-/// the fit `except`.
+/// The robot's newest parameter set that was identified from other uploads than these measurement sets (ids with commas between them), without those
+/// whose identification found the fit `except`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn of_another_upload(
     store: &Store,
     robot_id: &str,
-    measurement_set_id: &str,
+    measurement_set_ids: &str,
     except: Fit,
 ) -> Result<Option<ParameterSetRow>> {
     Ok(sqlx::query_as(OF_ANOTHER_UPLOAD)
         .bind(robot_id)
-        .bind(measurement_set_id)
+        .bind(measurement_set_ids)
         .bind(except.as_str())
         .fetch_optional(store.readers())
         .await?)

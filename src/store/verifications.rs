@@ -120,10 +120,10 @@ macro_rules! rows {
     };
 }
 
-// The upload that a job scored: its verify set if it has one, else its own points.
+// The uploads that a job scored: its verify set if it has one, else its own points, of several sessions all. `u` is one of its own uploads.
 macro_rules! scored_set {
     () => {
-        "coalesce(j.verify_set_id, j.measurement_set_id)"
+        "coalesce(j.verify_set_id, u.measurement_set_id)"
     };
 }
 
@@ -164,13 +164,14 @@ const COUNT: &str = "select count(*) from verification where robot_id = (select 
 
 // Repeats of earlier uploads show nothing new.
 const LATER_SESSIONS: &str = "
-    select v.job_id as job_id, j.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
-    from verification v join job j on j.id = v.job_id left join report_summary r on r.job_id = v.job_id
+    select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
+    from verification v join job_upload u on u.job_id = v.job_id left join report_summary r on r.job_id = v.job_id
     where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3 and v.is_repeat = 0
         and v.seq > (select own.seq from verification own join parameter_set p on p.job_id = own.job_id where p.id = $1)
         and not exists (select 1 from verification s join job k on k.id = s.job_id
-            where s.parameter_set_id = $1 and (k.measurement_set_id = j.measurement_set_id or k.verify_set_id = j.measurement_set_id))
-    order by v.seq limit cast($4 as bigint)";
+            where s.parameter_set_id = $1 and (k.measurement_set_id = u.measurement_set_id or k.verify_set_id = u.measurement_set_id
+                or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = u.measurement_set_id)))
+    order by v.seq, u.measurement_set_id limit cast($4 as bigint)";
 
 // Jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "
@@ -185,12 +186,12 @@ const EARLIER_UPLOADS: &str = concat!(
     "select m.id as id, m.n_points as n_points from measurement_set m
     where m.robot_id = $1
         and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0)
-            <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join audit a on a.subject = ",
+            <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id join audit a on a.subject = ",
     scored_set!(),
     " and a.event = $4 where v.robot_id = $1 and v.seq = $2), 0)
         and (m.id not in (select ",
     scored_set!(),
-    " from verification v join job j on j.id = v.job_id where v.robot_id = $1 and v.fit <> 'fits')
+    " from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id where v.robot_id = $1 and v.fit <> 'fits')
             or (cast($5 as bigint) = 1 and m.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
                 where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
     order by m.id limit cast($3 as bigint)"
@@ -202,7 +203,8 @@ const UPLOADS_BEFORE: &str = "
     where m.robot_id = $1 and ((m.id <> $2
             and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0)
                 < coalesce((select max(a.seq) from audit a where a.subject = $2 and a.event = $4), 0))
-        or (m.id = $2 and exists (select 1 from job j where (j.measurement_set_id = $2 or j.verify_set_id = $2) and j.kind <> 'check'
+        or (m.id = $2 and exists (select 1 from job j where (j.measurement_set_id = $2 or j.verify_set_id = $2
+                or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = $2)) and j.kind <> 'check'
             and j.status = 'succeeded')))
     order by m.id desc limit cast($3 as bigint)";
 

@@ -6,6 +6,7 @@ use crate::measurement::csv::{
     MAX_COORDINATE_MM, MAX_LABEL_LENGTH, MAX_STD_MM, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 use crate::measurement::csv_pose::MAX_QUATERNION_OFF;
+use crate::measurement::sessions::MAX_SESSIONS;
 use crate::wire::compensate::{MAX_TARGET_MM, MAX_TARGETS_PER_REQUEST};
 use crate::wire::corrections::MAX_PAYLOAD_OFFSET_MM;
 use crate::wire::id::MAX_ID;
@@ -105,6 +106,11 @@ fn bounded() -> Vec<Bounded> {
             vec![plus_minus(MAX_TEMPERATURE_C)],
         ),
         ("JobRequestBody", "measurement_set_id", id()),
+        (
+            "JobRequestBody",
+            "measurement_set_ids",
+            vec![Items(2, MAX_SESSIONS), Text(1, MAX_ID)],
+        ),
         ("JobRequestBody", "parameter_set_id", id()),
         ("JobRequestBody", "frames_id", id()),
         ("JobRequestBody", "network_id", id()),

@@ -6,6 +6,7 @@ pub use crate::calibration::request::{After, CorrectionsChoice, FinalFit, Method
 use crate::identification::TrainedNetwork;
 use crate::kinematics::{ResidualNetwork, Robot};
 use crate::measurement::MeasurementSet;
+use crate::measurement::sessions::joined;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
@@ -15,6 +16,7 @@ use crate::wire::options::OptionsBody;
 pub use crate::wire::parameters::{ParametersBody, Rest};
 use crate::wire::prior;
 pub use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, Prior};
+use crate::wire::sessions;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -43,12 +45,17 @@ impl Kind {
     }
 }
 
-/// A calibration to run. Only the set is required.
+/// A calibration to run. Only the set is required: `measurement_set_id`, or for several sessions `measurement_set_ids`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobRequestBody {
     /// The measured points.
-    pub measurement_set_id: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measurement_set_id: Option<String>,
+    /// Instead of it: the sets of several sessions of one robot, each with its own base, targets and noise. They are compared first, and fitted
+    /// together only if the robot was the same in all of them; else the job fails with `sessions_differ`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measurement_set_ids: Option<Vec<String>>,
     /// Kind of job.
     #[serde(default)]
     pub kind: Kind,
@@ -133,8 +140,10 @@ pub enum VerifyBody {
 pub struct JobParts {
     /// The robot.
     pub robot: Robot,
-    /// The measurement set.
+    /// The measurement set; of several sessions the first.
     pub set: MeasurementSet,
+    /// The other sessions' sets, in the order of the request.
+    pub further_sets: Vec<MeasurementSet>,
     /// The set of `verify: {source: "set"}`.
     pub verify_set: Option<MeasurementSet>,
     /// The frames of `frames_id`.
@@ -151,7 +160,8 @@ impl JobRequestBody {
     /// The request for a set, everything else by default.
     pub fn for_set(measurement_set_id: &str) -> Self {
         Self {
-            measurement_set_id: measurement_set_id.into(),
+            measurement_set_id: Some(measurement_set_id.into()),
+            measurement_set_ids: None,
             kind: Kind::default(),
             parameter_set_id: None,
             method: Method::default(),
@@ -173,11 +183,36 @@ impl JobRequestBody {
         }
     }
 
+    /// The request for several sessions, everything else by default.
+    pub fn for_sets(measurement_set_ids: Vec<String>) -> Self {
+        Self {
+            measurement_set_id: None,
+            measurement_set_ids: Some(measurement_set_ids),
+            ..Self::for_set("")
+        }
+    }
+
+    /// The sets that are fitted or scored, in order.
+    pub fn set_ids(&self) -> Vec<&str> {
+        let several = self.measurement_set_ids.iter().flatten();
+        let all = self.measurement_set_id.iter().chain(several);
+        all.map(String::as_str).collect()
+    }
+
+    /// Where the request names the set of this place.
+    pub fn set_pointer(&self, place: usize) -> String {
+        match self.measurement_set_ids {
+            Some(_) => format!("/measurement_set_ids/{place}"),
+            None => "/measurement_set_id".into(),
+        }
+    }
+
     /// Checks that need only the request.
     ///
     /// # Errors
     /// [`Invalid`]: `invalid_job` for values out of range and for fields that the job would ignore, `unknown_reference` for texts that cannot be ids.
     pub fn check(&self) -> Result<(), Invalid> {
+        sessions::check(self)?;
         self.check_ids()?;
         let mut checker = Checker::default();
         self.options.unwrap_or_default().check(&mut checker);
@@ -217,12 +252,10 @@ impl JobRequestBody {
             Some(VerifyBody::Set { measurement_set_id }) => Some(measurement_set_id),
             _ => None,
         };
+        for (place, id) in self.set_ids().into_iter().enumerate() {
+            id::check(&self.set_pointer(place), id, "measurement set")?;
+        }
         let named = [
-            (
-                "/measurement_set_id",
-                Some(&self.measurement_set_id),
-                "measurement set",
-            ),
             ("/verify/measurement_set_id", verify_set, "measurement set"),
             (
                 "/parameter_set_id",
@@ -299,7 +332,7 @@ impl JobRequestBody {
                 "this job looks for no corrections, and so trains no residual network: leave it out",
             );
         }
-        if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if *measurement_set_id == self.measurement_set_id)
+        if matches!(&self.verify, Some(VerifyBody::Set { measurement_set_id }) if self.set_ids().contains(&measurement_set_id.as_str()))
         {
             let detail = "a set cannot verify what was identified from it: name another set, or leave verify out to keep a part of this one";
             checker.note("/verify/measurement_set_id", "same_set", detail);
@@ -342,9 +375,19 @@ impl JobRequestBody {
             .parameters
             .iter()
             .flat_map(|parameters| parameters.priors.iter().flatten());
+        let (set, sessions) = match parts.further_sets.is_empty() {
+            true => (parts.set, vec![]),
+            false => {
+                let mut sessions = vec![parts.set];
+                sessions.extend(parts.further_sets);
+                (joined(&sessions), sessions)
+            }
+        };
         let request = CalibrationRequest {
             robot: parts.robot,
-            set: parts.set,
+            set,
+            sessions,
+            session_noise_mm: vec![],
             method: self.method,
             model: self.model,
             preset: self.preset,

@@ -64,7 +64,7 @@ pub enum Stage {
     Uncertainty,
     /// The uncertainty of the parameters that a partial recalibration holds.
     HeldUncertainty,
-    /// The session is compared with the one before.
+    /// The session is compared with the one before, or several sessions of the job with each other.
     CompareSessions,
     /// A parameter set is scored.
     Verify,
@@ -112,7 +112,7 @@ pub struct JobAnswer {
     pub id: String,
     /// The robot.
     pub robot_id: String,
-    /// The measurement set.
+    /// The measurement set; of several sessions the first, `request` names all.
     pub measurement_set_id: String,
     /// Its kind.
     pub kind: Kind,

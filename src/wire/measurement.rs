@@ -2,10 +2,12 @@
 
 use crate::measurement::RotationConvention;
 use crate::measurement::csv::Conventions;
+pub use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::csv::{
-    EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
+    EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
+pub use crate::measurement::sessions::joined;
 pub use crate::measurement::set::n_shared_points;
 use crate::measurement::{self, Point};
 pub use crate::measurement::{Decimal, Frame, MeasurementSet, Subset};

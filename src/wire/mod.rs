@@ -48,6 +48,7 @@ pub mod robot;
 pub mod robot_model;
 pub mod robot_patch;
 pub mod safetensors;
+pub mod sessions;
 pub mod suspicion;
 pub mod table_preview;
 pub mod table_upload;

@@ -111,6 +111,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .changes
             .as_ref()
             .map(|changes| changes.all.iter().map(Into::into).collect()),
+        pooled: core.pooled.as_ref().map(Into::into),
         check: core.quick_check.as_ref().map(Into::into),
         evidence: run.evidence,
         warnings: run

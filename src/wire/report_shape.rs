@@ -4,6 +4,7 @@ use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
 use crate::wire::names;
+use crate::wire::sessions::PooledReport;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -89,6 +90,9 @@ pub struct Report {
     /// beyond chance; absent if there was no session to compare with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<Vec<ChangeReport>>,
+    /// The sessions that were fitted together; absent if the job has one measurement set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pooled: Option<PooledReport>,
     /// Whether the released set still holds; only of jobs of kind check.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub check: Option<CheckReport>,

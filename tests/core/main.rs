@@ -27,6 +27,7 @@ mod repeatability;
 mod robot_models;
 mod scale;
 mod screening;
+mod sessions;
 #[path = "../support/mod.rs"]
 mod support;
 mod tables;

@@ -361,6 +361,7 @@ pub fn report(
         corrected: corrected.map(|c| corrected_as_delivered(problem, c)),
         corrections: corrections.map(|c| c.evidence),
         repeatability,
+        pooled: None,
         quick_check: None,
         network: answer.network,
     };

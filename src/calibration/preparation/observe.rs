@@ -91,12 +91,38 @@ fn numbered<'a>(labels: impl Iterator<Item = &'a String>) -> Vec<usize> {
 /// The request's own set, split.
 pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     let set = &request.set;
-    Ok(Observed::new(
-        request,
-        set,
-        &to_base(request),
-        subsets(request)?,
-    ))
+    let mut observed = Observed::new(request, set, &to_base(request), subsets(request)?);
+    weigh_sessions(request, &mut observed);
+    Ok(observed)
+}
+
+/// Each session counts by its own noise: 1/std² of a point, within its session, over the noise of the session squared; relative to the mean over the
+/// points that are fitted. Poses are weighed once the noise of position and rotation is known, over all sessions.
+fn weigh_sessions(request: &CalibrationRequest, observed: &mut Observed) {
+    let noises_mm = &request.session_noise_mm;
+    if noises_mm.is_empty() || request.set.has_poses() {
+        return;
+    }
+    let of_session = |(set, noise_mm): (&MeasurementSet, &f64)| -> Vec<f64> {
+        let all = weights(set, &vec![Subset::Identify; set.points.len()]);
+        all.into_iter()
+            .map(|weight| weight / (noise_mm * noise_mm))
+            .collect()
+    };
+    let all: Vec<f64> = request
+        .sessions
+        .iter()
+        .zip(noises_mm)
+        .flat_map(of_session)
+        .collect();
+    let fitted = all
+        .iter()
+        .zip(&observed.subsets)
+        .filter(|(_, s)| **s == Subset::Identify);
+    let (sum, n) = fitted.fold((0.0, 0.0), |(sum, n), (weight, _)| (sum + weight, n + 1.0));
+    for (observation, weight) in observed.all.iter_mut().zip(all) {
+        observation.weight = weight * n / sum;
+    }
 }
 
 /// The request's own set, all of it to verify.

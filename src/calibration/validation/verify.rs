@@ -439,6 +439,7 @@ fn report(
         corrected: scored.corrected.and_then(|robot| robot.corrected),
         corrections: None,
         repeatability: None,
+        pooled: None,
         quick_check: None,
         network: None,
     }

@@ -7,6 +7,7 @@ use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::from_row;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
+use crate::store::job_sessions::further_set_ids;
 use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
@@ -20,12 +21,17 @@ pub(super) const RESIDUAL_NETWORKS: &str = "select id, cast('' as text), weights
 pub(super) const REPORTS: &str = "select id, report_json from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
 pub(super) const CONVERGENCES: &str = "
     select id, coalesce(convergence_json, '') from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
-pub(super) const JOBS: &str = "
+pub(super) const JOBS: &str = concat!(
+    "
     select id, robot_id, measurement_set_id, coalesce(verify_set_id, '') as verify_set_id, coalesce(frames_id, '') as frames_id,
         coalesce(network_input_id, '') as network_input_id, coalesce(residual_network_input_id, '') as residual_network_input_id,
         coalesce(parameter_set_input_id, '') as parameter_set_input_id, request_json, report_json, coalesce(result_sha256, '') as result_sha256,
-        coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version
-    from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)";
+        coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
+        ",
+    further_set_ids!(),
+    " as further_set_ids
+    from job where status = 'succeeded' and id > $1 order by id limit cast($2 as bigint)"
+);
 pub(super) const ANSWERS: &str = "
     select key_holder, method, path, idempotency_key, request_sha256, status, location, content_type, response_body from idempotency
     where (key_holder, method, path, idempotency_key) > ($1, $2, $3, $4)
@@ -321,6 +327,7 @@ struct SucceededJob {
     id: String,
     robot_id: String,
     measurement_set_id: String,
+    further_set_ids: String,
     verify_set_id: String,
     frames_id: String,
     network_input_id: String,
@@ -336,6 +343,7 @@ from_row!(SucceededJob {
     id,
     robot_id,
     measurement_set_id,
+    further_set_ids,
     verify_set_id,
     frames_id,
     network_input_id,
@@ -388,6 +396,7 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
                 job.robot_id,
                 job.robot_version,
                 job.measurement_set_id,
+                job.further_set_ids,
                 job.verify_set_id,
                 job.frames_id,
                 job.network_input_id,

@@ -63,6 +63,9 @@ const GUARDS: &[&str] = &[
     "job_robot_version_is_kept",
     "job_source_stays",
     "job_source_is_kept",
+    "job_session_stays",
+    "job_session_is_kept",
+    "parameter_set_sessions",
     "archived_stays",
     "archived_not_released",
     "archived_job_is_over",
@@ -74,6 +77,7 @@ const GUARDS: &[&str] = &[
 ];
 const UNIQUE: &[&str] = &[
     "parameter_set(job_id)",
+    "job_session(job_id,measurement_set_id)",
     "parameter_set(robot_id)",
     "network(job_id)",
     "residual_network(job_id)",

@@ -219,6 +219,7 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
             json!({"source": "set", "measurement_set_id": "m"}),
         ),
         with("parameters", json!({"identify": ["a_2"]})),
+        json!({"measurement_set_ids": [measured, "m"]}),
     ];
     let plan = json!({"n_configurations": 300, "seed": 1, "target_mm": [0, 0, 100], "noise_std_mm": 0.05, "n_candidates": 310, "n_repeats": 3,
         "boxes": [{"min_mm": [-2000, -2000, -2000], "max_mm": [2000, 2000, 2000]}], "floor_z_mm": -5000,

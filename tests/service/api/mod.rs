@@ -42,6 +42,7 @@ mod robots;
 mod secrets;
 mod session_cookie;
 mod sessions;
+mod several_sessions;
 mod sources;
 mod suspicions;
 mod tables;

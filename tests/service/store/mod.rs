@@ -3,6 +3,7 @@
 mod audit;
 mod audited_fields;
 mod idempotency;
+mod job_sessions;
 mod opening;
 mod parameter_sets;
 mod rows;

@@ -377,7 +377,7 @@ fn the_schema_itself_keeps_the_life_and_the_content_of_a_set() {
 const POSTGRES_BYTES: &str = "update measurement_set set body = '' where id = $1";
 
 /// The update that faulty code without checks would write.
-const UNCHECKED_UPDATE: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0,
+pub(super) const UNCHECKED_UPDATE: &str = "update parameter_set set status = 'released', released_at_ms = 1, release_checks_json = '[{\"passed\":true}]', release_n_passed = 1, release_n_failed = 0,
     release_evidence = $2, release_uncertainty_mm = nullif($3, cast(-1 as double precision)), released_by = $4 where id = $1";
 
 #[test]
@@ -649,7 +649,7 @@ async fn scored(
 }
 
 /// The update that a faulty server would write without checking the gates.
-async fn release_without_checks(
+pub(super) async fn release_without_checks(
     store: &Store,
     candidate: &ParameterSetRow,
 ) -> Result<ParameterSetRow> {
@@ -675,7 +675,7 @@ async fn release_without_checks(
     Ok(released)
 }
 
-fn is_refused_by_schema<T: std::fmt::Debug>(result: Result<T>, expected: &str) {
+pub(super) fn is_refused_by_schema<T: std::fmt::Debug>(result: Result<T>, expected: &str) {
     match result {
         Err(Error::Conflict(Conflict::RefusedBySchema { why })) => {
             assert!(why.contains(expected), "{why}")

@@ -26,7 +26,7 @@ end;
 
 create trigger parameter_set_sources before update on parameter_set
 when new.status = 'released' and old.status <> 'released' and exists (
-    select 1 from job_source s join job j on j.id = s.source_job_id join measurement_set m on m.id = j.measurement_set_id
+    select 1 from job_source s join job_upload u on u.job_id = s.source_job_id join measurement_set m on m.id = u.measurement_set_id
     left join robot_policy p on p.robot_id = new.robot_id
     where s.job_id = new.job_id
         and (m.insisted_on is not null or (p.second_person_required = 1 and coalesce(m.uploaded_by, new.released_by) = new.released_by)))

@@ -1,0 +1,274 @@
+//! Several sessions of one job: whether they are fitted together at all, and how much each counts.
+//!
+//! Each session is first identified by itself, from all of its points. Every two of these estimates are compared as a session is with the one before
+//! ([`crate::identification::changes`]); the alarms of all pairs together are as rare as one such alarm. Where one sounds, nothing is fitted together.
+
+use crate::calibration::preparation::check;
+use crate::calibration::preparation::observe::model_parameters;
+use crate::calibration::report::{PointErrors, PooledSession, PooledSessions};
+use crate::calibration::request::{
+    CalibrationRequest, Method, Model, ParameterChoice, VerifySource,
+};
+use crate::calibration::session_comparison::{estimate, list, probability_in_words};
+use crate::calibration::stages::{quiet, stage};
+use crate::calibration::validation::repeated_rows::is_anew;
+use crate::calibration::{Error, Monitor, unusable};
+use crate::identification::changes::{Change, Estimate, FALSE_ALARMS, Tested, compare};
+use crate::identification::evidence::Noise;
+use crate::identification::parameters::Parameter;
+use crate::measurement::sessions::{first_rows, name};
+use crate::measurement::split::has_column;
+use crate::measurement::{MeasurementSet, Subset};
+use std::collections::BTreeSet;
+
+/// Code of the refusal to fit sessions together that are not of one robot in one state.
+pub const SESSIONS_DIFFER: &str = "sessions_differ";
+/// A session's noise is its own from so many redundant equations on; with fewer it is taken to be as large as that of all sessions.
+const FEWEST_REDUNDANT: f64 = 10.0;
+/// The noise of a session counts as no less than this share of the largest one: then none of them decides alone.
+const LEAST_NOISE_SHARE: f64 = 0.1;
+
+/// The checks of `calibrate` that need no fit, for the moment a job is posted; of several sessions also that each can be identified from by itself, and
+/// that none repeats another.
+///
+/// # Errors
+/// [`Error::Unusable`] as [`check::check`], and with code `mixed_frames`, `model_mismatch`, `bad_subset`, `session_repeated`.
+pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
+    check_sessions(request)?;
+    for (session, set) in request.sessions.iter().enumerate() {
+        check::check(&alone(request, set)).map_err(|error| of_session(session, error))?;
+    }
+    check::check(request)
+}
+
+fn check_sessions(request: &CalibrationRequest) -> Result<(), Error> {
+    let sessions = &request.sessions;
+    let Some(first) = sessions.first() else {
+        return Ok(());
+    };
+    if let Some(other) = sessions.iter().position(|set| set.frame != first.frame) {
+        let detail = format!(
+            "{} is in the frame {} and {} in the frame {}: sessions that are fitted together have to be in one frame",
+            name(0),
+            first.frame.as_str(),
+            name(other),
+            sessions[other].frame.as_str()
+        );
+        return Err(unusable("mixed_frames", detail));
+    }
+    if request.model() == Model::Paper {
+        let detail = "model \"paper\" knows one base and one target, and each session has its own: ask for model \"complete\" and leave frames_id \
+                      out, or name one measurement set";
+        return Err(unusable("model_mismatch", detail));
+    }
+    let takes_column = matches!(request.verify, VerifySource::Default | VerifySource::Subset);
+    let has_none = |set: &MeasurementSet| !has_column(set);
+    if let (true, Some(without)) = (takes_column, sessions.iter().position(has_none))
+        && sessions.iter().any(has_column)
+    {
+        let detail = format!(
+            "{} names no subset and others do: name it in every session, or ask for verify {{\"source\": \"fraction\", \"fraction\": 0.5}}",
+            name(without)
+        );
+        return Err(unusable("bad_subset", detail));
+    }
+    for (later, set) in sessions.iter().enumerate() {
+        let is_copy = |earlier: &MeasurementSet| !is_anew(&request.robot, earlier, set);
+        if let Some(earlier) = sessions[..later].iter().position(is_copy) {
+            let detail = format!(
+                "{} repeats rows of {}, and nothing shows that they were measured anew: fitted together they would count twice. Leave one of them out, or \
+                 measure other poses",
+                name(later),
+                name(earlier)
+            );
+            return Err(unusable("session_repeated", detail));
+        }
+    }
+    Ok(())
+}
+
+/// The request that identifies a session by itself, from all of its points.
+fn alone(request: &CalibrationRequest, set: &MeasurementSet) -> CalibrationRequest {
+    let alone = CalibrationRequest {
+        model: Some(request.model()),
+        method: Method::LeastSquares,
+        verify: VerifySource::Fraction(0.0),
+        ..CalibrationRequest::new(request.robot.clone(), set.clone())
+    };
+    let model = model_parameters(&alone, set.n_targets());
+    let known: BTreeSet<String> = model.iter().map(Parameter::name).collect();
+    // targets of other sessions are none of this one's
+    let of_session = |names: &[String]| {
+        names
+            .iter()
+            .filter(|n| known.contains(*n))
+            .cloned()
+            .collect()
+    };
+    let parameters = match &request.parameters {
+        ParameterChoice::All => ParameterChoice::All,
+        ParameterChoice::Hold(names) => ParameterChoice::Hold(of_session(names)),
+        ParameterChoice::Identify(names) => ParameterChoice::Identify(of_session(names)),
+    };
+    CalibrationRequest {
+        parameters,
+        ..alone
+    }
+}
+
+fn of_session(session: usize, error: Error) -> Error {
+    match error {
+        Error::Unusable { code, detail } => Error::Unusable {
+            code,
+            detail: format!(
+                "{} by itself, as it is compared with the others before all are fitted together: {detail}",
+                name(session)
+            ),
+        },
+        Error::Cancelled => Error::Cancelled,
+    }
+}
+
+/// What the comparison of the sessions found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pool {
+    /// Of the two sessions that are least alike.
+    chi_square: f64,
+    n_combinations: usize,
+    probability: f64,
+    /// Noise of each session, mm.
+    pub noise_mm: Vec<f64>,
+}
+
+/// Compares the sessions of a request; `None` where it has one upload.
+///
+/// # Errors
+/// [`Error::Unusable`] with code `sessions_differ` where they are not one robot in one state, `session_not_comparable` where that cannot be told,
+/// [`Error::Cancelled`].
+pub fn compare_sessions(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<Option<Pool>, Error> {
+    if request.sessions.is_empty() {
+        return Ok(None);
+    }
+    let pool = stage(monitor, "compare_sessions", |monitor| {
+        check(request)?;
+        let mut estimates = Vec::new();
+        for (session, set) in request.sessions.iter().enumerate() {
+            let found = estimate(&alone(request, set), &mut quiet(monitor))?;
+            estimates.push(found.ok_or_else(|| not_comparable(session))?);
+        }
+        pooled(&estimates)
+    });
+    pool.map(Some)
+}
+
+fn not_comparable(session: usize) -> Error {
+    let detail = format!(
+        "{} cannot be identified from by itself, so nothing shows that the robot was then as it was in the others: measure more poses there, or leave it \
+         out",
+        name(session)
+    );
+    unusable("session_not_comparable", detail)
+}
+
+fn pooled(estimates: &[Estimate]) -> Result<Pool, Error> {
+    let n = estimates.len();
+    let alarm = FALSE_ALARMS / (n * (n - 1) / 2).max(1) as f64;
+    let mut least_alike: Option<(usize, usize, Tested)> = None;
+    for (later, after) in estimates.iter().enumerate() {
+        for (earlier, before) in estimates[..later].iter().enumerate() {
+            let tested = compare(before, after)
+                .ok_or_else(|| not_comparable(later))?
+                .robot;
+            let is_less_alike = |(_, _, least): &(usize, usize, Tested)| {
+                (tested.probability, -tested.chi_square) < (least.probability, -least.chi_square)
+            };
+            if least_alike.as_ref().is_none_or(is_less_alike) {
+                least_alike = Some((earlier, later, tested));
+            }
+        }
+    }
+    let (earlier, later, tested) = least_alike.ok_or_else(|| not_comparable(0))?;
+    if tested.probability < alarm {
+        return Err(differ(earlier, later, &tested, alarm));
+    }
+    Ok(Pool {
+        chi_square: tested.chi_square,
+        n_combinations: tested.n_combinations,
+        probability: tested.probability,
+        noise_mm: noises_mm(&estimates.iter().map(|e| e.noise).collect::<Vec<_>>()),
+    })
+}
+
+fn differ(earlier: usize, later: usize, tested: &Tested, alarm: f64) -> Error {
+    let changes: Vec<&Change> = tested.changes.iter().collect();
+    let detail = format!(
+        "{} and {} are not one robot in one state, so nothing was fitted to both: from the one to the other {} (chi-square {:.1} of {} combinations that both see; \
+         an unchanged robot shows as much with probability {}, and at less than {alarm:.1e} sessions are refused). Identify each by itself, and find out what happened \
+         to the robot between them",
+        name(earlier),
+        name(later),
+        match changes.is_empty() {
+            true => "no single parameter explains the difference".into(),
+            false => list(&changes),
+        },
+        tested.chi_square,
+        tested.n_combinations,
+        probability_in_words(tested.probability)
+    );
+    unusable(SESSIONS_DIFFER, detail)
+}
+
+/// The noise of each session, mm: its own where it shows enough of it, else that of all. Empty where no point is off at all.
+fn noises_mm(sessions: &[Noise]) -> Vec<f64> {
+    let freedom: f64 = sessions.iter().map(|noise| noise.freedom).sum();
+    let squares = sessions
+        .iter()
+        .map(|noise| noise.freedom * noise.std_mm * noise.std_mm);
+    let of_all_mm = (squares.sum::<f64>() / freedom).sqrt();
+    let own = |noise: &Noise| match noise.freedom < FEWEST_REDUNDANT {
+        true => of_all_mm,
+        false => noise.std_mm,
+    };
+    let all: Vec<f64> = sessions.iter().map(own).collect();
+    let least_mm = LEAST_NOISE_SHARE * all.iter().copied().fold(0.0, f64::max);
+    match least_mm > 0.0 {
+        true => all
+            .into_iter()
+            .map(|noise_mm| noise_mm.max(least_mm))
+            .collect(),
+        false => vec![],
+    }
+}
+
+impl Pool {
+    /// For the report. `points` are those of the joined set, in its order.
+    pub fn report(&self, request: &CalibrationRequest, points: &[PointErrors]) -> PooledSessions {
+        let rows = first_rows(&request.sessions);
+        let session = |session: usize| {
+            let first_row = rows[session];
+            let points = &points[first_row..rows[session + 1]];
+            let rms_mm = |subset: Subset| {
+                let of_subset = points.iter().filter(|point| point.subset == subset);
+                let sizes: Vec<f64> = of_subset.map(|point| point.after_mm).collect();
+                let squares: f64 = sizes.iter().map(|mm| mm * mm).sum();
+                (!sizes.is_empty()).then(|| (squares / sizes.len() as f64).sqrt())
+            };
+            PooledSession {
+                first_row,
+                n_points: points.len(),
+                noise_std_mm: self.noise_mm.get(session).copied(),
+                identify_rms_mm: rms_mm(Subset::Identify),
+                verify_rms_mm: rms_mm(Subset::Verify),
+            }
+        };
+        PooledSessions {
+            sessions: (0..request.sessions.len()).map(session).collect(),
+            chi_square: self.chi_square,
+            n_combinations: self.n_combinations,
+            probability: self.probability,
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! What is asked of the stored sets of a job of several sessions before any of them is read.
+
+use crate::store::MeasurementSetRow;
+use crate::wire::Invalid;
+use crate::wire::job::JobRequestBody;
+use crate::wire::measurement::{MAX_POINTS, MAX_TARGETS};
+
+/// Refuses sets that cannot be fitted together: of different frames, with different serial numbers, or too many points or targets in all.
+///
+/// # Errors
+/// [`Invalid`]: `mixed_frames`, `robot_mismatch`, `too_many_points`, `too_many_targets`.
+pub fn check(request: &JobRequestBody, sets: &[&MeasurementSetRow]) -> Result<(), Invalid> {
+    let [first, further @ ..] = sets else {
+        return Ok(());
+    };
+    let stated = sets.iter().find_map(|set| set.serial_number.as_ref());
+    for (place, set) in (1..).zip(further) {
+        let at = request.set_pointer(place);
+        if set.frame != first.frame {
+            let detail = format!(
+                "this set is in the frame {} and the first in the frame {}: fit sessions of one frame together, or upload this one in the other frame",
+                set.frame.as_str(),
+                first.frame.as_str()
+            );
+            return Err(Invalid::at(&at, "mixed_frames", detail));
+        }
+        let own = set.serial_number.as_ref().zip(stated);
+        if let Some((own, other)) = own.filter(|(own, other)| own != other) {
+            let detail = format!(
+                "this set was uploaded for the serial number {own:?} and an earlier one for {other:?}: two robots are never fitted together, leave one out"
+            );
+            return Err(Invalid::at(&at, "robot_mismatch", detail));
+        }
+    }
+    let limits = [
+        (
+            "points",
+            "too_many_points",
+            MAX_POINTS,
+            sum(sets, |set| set.n_points),
+        ),
+        (
+            "targets",
+            "too_many_targets",
+            MAX_TARGETS,
+            sum(sets, |set| set.n_targets),
+        ),
+    ];
+    for (what, code, limit, found) in limits {
+        if sets.len() > 1 && found > limit as i64 {
+            let detail = format!(
+                "{found} {what} in all; {limit} are allowed in one job: leave sessions out"
+            );
+            return Err(Invalid::at("/measurement_set_ids", code, detail));
+        }
+    }
+    Ok(())
+}
+
+fn sum(sets: &[&MeasurementSetRow], of: impl Fn(&MeasurementSetRow) -> i64) -> i64 {
+    sets.iter().map(|set| of(set)).sum()
+}

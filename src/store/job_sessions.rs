@@ -1,0 +1,41 @@
+//! The sets of a job of several sessions besides the first.
+
+use super::{JobRow, Result, Tx};
+
+/// A job's further sets in their order, with commas between them.
+macro_rules! further_set_ids {
+    () => {
+        "coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '')"
+    };
+}
+
+pub(super) use further_set_ids;
+
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT];
+
+const INSERT: &str =
+    "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
+
+impl JobRow {
+    /// All sets that it identifies from or scores, in the order of the request.
+    pub fn set_ids(&self) -> impl Iterator<Item = &str> {
+        let further = self.further_set_ids.split(',').filter(|id| !id.is_empty());
+        std::iter::once(self.measurement_set_id.as_str()).chain(further)
+    }
+}
+
+/// Stores them with their job.
+///
+/// # Errors
+/// [`super::Error::NotFound`] for a set that does not exist, [`super::Error::Database`].
+pub(super) async fn insert(tx: &mut Tx, job_id: &str, further_set_ids: &[String]) -> Result<()> {
+    for (place, set_id) in (1_i64..).zip(further_set_ids) {
+        sqlx::query(INSERT)
+            .bind(job_id)
+            .bind(place)
+            .bind(set_id)
+            .execute(tx.connection())
+            .await?;
+    }
+    Ok(())
+}
