@@ -49,6 +49,13 @@ FAULTS = [
         "src/measurement"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
         (".find(|(_, other)| as_they_are.is_none() && contradicts(other))", ".find(|(_, other)| false && contradicts(other))")], "src/measurement"),
+    # What a partial recalibration holds
+    Fault("the upload of a held set is another session", "service", "the_upload_of_a_held_set_is_no_other_session", [
+        ("points_of(input.uploads().chain(&input.sources), request)?", "points_of(input.uploads(), request)?")], "src/jobs"),
+    Fault("who uploaded what is held is a second person", "service", "who_uploaded_what_a_set_holds_is_no_second_person", [
+        ("for id in job_sources::uploads(store, &job.id).await? {", "for id in job_sources::uploads(store, &job.id).await?.into_iter().take(0) {")], "src/jobs"),
+    Fault("what is held was not insisted on", "service", "the_schema_itself_looks_at_the_uploads_that_a_set_rests_on", [
+        ("m.insisted_on is not null or (p.second_person_required = 1 and", "(p.second_person_required = 1 and")], "migrations/sqlite"),
     # Sessions that show less than they seem to
     Fault("an instrument's frame shows the base", "service", "says_nothing_of_the_base_of_a_set_from_the_base_frame", [
         ("} else if request.scored_frame == Some(Frame::Base) {", "} else if false {"),
@@ -102,8 +109,7 @@ FAULTS = [
     Fault("all sessions are as noisy", "core", "a_coarse_session_does_not_spoil_a_fine_one", [
         ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "src/calibration"),
     Fault("a session that was fitted is an independent one", "service", "no_session_that_was_fitted_counts_as_an_independent_one", [
-        ("let uploads = inputs.parameter_set.iter().flat_map(ParameterSetInput::uploads);", "let uploads = inputs.parameter_set.iter().map(|input| &input.set);")],
-        "src/jobs"),
+        ("points_of(input.uploads().chain(&input.sources), request)?", "points_of(input.uploads().take(1).chain(&input.sources), request)?")], "src/jobs"),
     Fault("a further session is no later session", "service", "an_earlier_set_has_to_be_scored_on_each_session", [
         ("from verification v join job_upload u on u.job_id = v.job_id left join",
          "from verification v join (select id as job_id, measurement_set_id from job) u on u.job_id = v.job_id left join")], "src/store"),
