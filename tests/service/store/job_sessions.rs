@@ -15,6 +15,9 @@ use crate::store::parameter_sets::{
 };
 use crate::store::verify::broken;
 
+/// Whether a result is the refusal that is expected.
+type Refusal = fn(&Result<()>) -> bool;
+
 async fn upload(store: &Store, new: NewMeasurementSet) -> MeasurementSetRow {
     in_transaction(store, async |tx| {
         tx.act_as("key_uploader");
@@ -92,8 +95,7 @@ fn a_job_of_an_unknown_set_or_of_one_set_twice_is_not_stored() {
         let not_found = |stored: &Result<()>| matches!(stored, Err(Error::NotFound));
         let duplicate =
             |stored: &Result<()>| matches!(stored, Err(Error::Conflict(Conflict::Duplicate)));
-        let cases: [(NewJob, fn(&Result<()>) -> bool); 2] =
-            [(unknown, not_found), (twice, duplicate)];
+        let cases: [(NewJob, Refusal); 2] = [(unknown, not_found), (twice, duplicate)];
         for (new, is_refused) in cases {
             let mut tx = store.begin().await.unwrap();
             let stored = match jobs::insert(&mut tx, &new, None).await {
