@@ -1,6 +1,6 @@
 //! The sets of a job of several sessions besides the first.
 
-use super::{JobRow, Result, Tx};
+use super::{Result, Tx};
 
 /// A job's further sets in their order, with commas between them.
 macro_rules! further_set_ids {
@@ -15,14 +15,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT];
 
 const INSERT: &str =
     "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
-
-impl JobRow {
-    /// All sets that it identifies from or scores, in the order of the request.
-    pub fn set_ids(&self) -> impl Iterator<Item = &str> {
-        let further = self.further_set_ids.split(',').filter(|id| !id.is_empty());
-        std::iter::once(self.measurement_set_id.as_str()).chain(further)
-    }
-}
 
 /// Stores them with their job.
 ///

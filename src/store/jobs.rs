@@ -81,6 +81,12 @@ from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set
 list_row!(JobRow);
 
 impl JobRow {
+    /// All sets that it identifies from or scores, in the order of the request.
+    pub fn set_ids(&self) -> impl Iterator<Item = &str> {
+        let further = self.further_set_ids.split(',').filter(|id| !id.is_empty());
+        std::iter::once(self.measurement_set_id.as_str()).chain(further)
+    }
+
     /// Whether status, attempt or progress differ from an earlier state of the job.
     pub fn has_moved_on(&self, earlier: &JobRow) -> bool {
         (self.status, self.attempt) != (earlier.status, earlier.attempt)

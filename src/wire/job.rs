@@ -212,7 +212,11 @@ impl JobRequestBody {
     /// # Errors
     /// [`Invalid`]: `invalid_job` for values out of range and for fields that the job would ignore, `unknown_reference` for texts that cannot be ids.
     pub fn check(&self) -> Result<(), Invalid> {
-        sessions::check(self)?;
+        sessions::check(
+            self.measurement_set_id.as_ref(),
+            self.measurement_set_ids.as_deref(),
+        )?;
+        self.check_of_one_session()?;
         self.check_ids()?;
         let mut checker = Checker::default();
         self.options.unwrap_or_default().check(&mut checker);
@@ -245,6 +249,38 @@ impl JobRequestBody {
         }
         checker.finish("invalid_job")?;
         self.check_applicable()
+    }
+
+    /// Refuses of several sessions what only one can have.
+    fn check_of_one_session(&self) -> Result<(), Invalid> {
+        let mut checker = Checker::default();
+        let cases = [
+            (
+                self.kind.scores(),
+                "/measurement_set_ids",
+                "only kind \"identify\" takes several sessions: post a job for each set, or leave kind out",
+            ),
+            (
+                self.holds_parameter_set(),
+                "/parameters/rest",
+                "a partial recalibration takes one session: name it in measurement_set_id, or leave rest out",
+            ),
+            (
+                self.frames_id.is_some(),
+                "/frames_id",
+                "sweeps give one base, and each session has its own: leave frames_id out",
+            ),
+            (
+                self.model == Some(Model::Paper),
+                "/model",
+                "model \"paper\" knows one base and one target, and each session has its own: ask for model \"complete\"",
+            ),
+        ];
+        let refused = cases.iter().filter(|(is_asked_for, ..)| *is_asked_for);
+        for (_, pointer, detail) in refused.filter(|_| self.measurement_set_ids.is_some()) {
+            checker.note(*pointer, "not_applicable", *detail);
+        }
+        checker.finish("invalid_job")
     }
 
     fn check_ids(&self) -> Result<(), Invalid> {

@@ -3,17 +3,16 @@
 use crate::calibration::report;
 use crate::measurement::sessions::MAX_SESSIONS;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::job::{JobRequestBody, Model};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Refuses requests that name no set, the same set twice, too few or too many, and fields that do not go with several.
+/// Refuses requests that name no set, the same set twice, too few or too many: `one` is `measurement_set_id`, `several` are `measurement_set_ids`.
 ///
 /// # Errors
 /// [`Invalid`]: `invalid_job`, `invalid_body` where no set is named.
-pub fn check(request: &JobRequestBody) -> Result<(), Invalid> {
-    let Some(ids) = &request.measurement_set_ids else {
-        return match request.measurement_set_id {
+pub fn check(one: Option<&String>, several: Option<&[String]>) -> Result<(), Invalid> {
+    let Some(ids) = several else {
+        return match one {
             Some(_) => Ok(()),
             None => Err(Invalid::at(
                 "/measurement_set_id",
@@ -24,7 +23,7 @@ pub fn check(request: &JobRequestBody) -> Result<(), Invalid> {
     };
     let mut checker = Checker::default();
     let at = "/measurement_set_ids";
-    if request.measurement_set_id.is_some() {
+    if one.is_some() {
         let detail = "measurement_set_id names one set and measurement_set_ids those of several sessions: leave one of the two out";
         checker.note("/measurement_set_id", "not_applicable", detail);
     }
@@ -42,31 +41,6 @@ pub fn check(request: &JobRequestBody) -> Result<(), Invalid> {
             checker.note(format!("{at}/{place}"), "same_set", detail);
         }
     }
-    let mut unused = |is_given: bool, pointer: &str, detail: &str| {
-        if is_given {
-            checker.note(pointer, "not_applicable", detail);
-        }
-    };
-    unused(
-        request.kind.scores(),
-        at,
-        "only kind \"identify\" takes several sessions: post a job for each set, or leave kind out",
-    );
-    unused(
-        request.holds_parameter_set(),
-        "/parameters/rest",
-        "a partial recalibration takes one session: name it in measurement_set_id, or leave rest out",
-    );
-    unused(
-        request.frames_id.is_some(),
-        "/frames_id",
-        "sweeps give one base, and each session has its own: leave frames_id out",
-    );
-    unused(
-        request.model == Some(Model::Paper),
-        "/model",
-        "model \"paper\" knows one base and one target, and each session has its own: ask for model \"complete\"",
-    );
     checker.finish("invalid_job")
 }
 
