@@ -88,15 +88,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
     let frame = arguments.set_options.frame;
     let files = read_measured(&arguments.set, &arguments.table)?;
-    let (set, reading) =
-        measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
-            let invalid = with_best_convention(invalid, &robot, &files.upload(frame));
-            Usage(cannot_be_used(
-                &arguments.set,
-                &files.shown,
-                &invalid.issues,
-            ))
-        })?;
+    let upload = files.upload(frame, arguments.set_options.noise.instrument());
+    let (set, reading) = measurement::from_file(&upload, robot.links.len()).map_err(|invalid| {
+        let invalid = with_best_convention(invalid, &robot, &upload);
+        Usage(cannot_be_used(
+            &arguments.set,
+            &files.shown,
+            &invalid.issues,
+        ))
+    })?;
     for line in reading.iter().flat_map(understood_in_words) {
         eprintln!("{}", plain(&line));
     }

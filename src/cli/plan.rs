@@ -74,6 +74,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             decimal: None,
             rotation: None,
             frame,
+            instrument: None,
         };
         let read = from_file(&upload, robot.links.len());
         let (set, _) =

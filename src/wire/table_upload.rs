@@ -104,6 +104,7 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
         let reading = Reading {
             understood: Some(UnderstoodBody::from(&content.understood)),
             joined: None,
+            instrument: None,
         };
         return Ok((MeasurementSet::new(options.frame, content.points), reading));
     }
@@ -126,6 +127,7 @@ fn joined(
             instrument: UnderstoodBody::from(&instrument.understood),
             join: JoinBody::from(&found),
         }),
+        instrument: None,
     };
     Ok((MeasurementSet::new(frame, points), reading))
 }
