@@ -6,17 +6,19 @@
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::row_weights::{uneven_noise, variance_over_usual, whiten};
+use crate::calibration::preparation::screening::Outlier;
 use crate::identification::KinematicModel;
 use crate::identification::problem::usual_length_mm;
 use crate::kinematics::reach_mm;
 use crate::measurement::MeasurementSet;
 use nalgebra::IsometryMatrix3;
 
-/// Weighs the points of `set`, laid out as in `observed`, by the residuals of a model that was placed on them with `n_placed` numbers.
+/// Weighs the points of `set`, laid out as in `observed`, by the residuals of a model that was placed on them with `n_placed` numbers. What does
+/// not belong says nothing of the noise.
 pub fn weigh_placed(
     set: &MeasurementSet,
     observed: &mut Observed,
-    arrangement: &Arrangement,
+    (arrangement, outliers): (&Arrangement, &[Outlier]),
     model: &KinematicModel,
     n_placed: usize,
 ) {
@@ -24,12 +26,12 @@ pub fn weigh_placed(
     let usual_mm = usual_length_mm(reach_mm(&model.links));
     let usual_mm2 = usual_mm * usual_mm;
     let mut terms = Vec::new();
-    let mut n_counting = 0;
+    let mut n_trusted = 0;
     for (row, (point, o)) in set.points.iter().zip(&observed.all).enumerate() {
-        if o.weight <= 0.0 {
+        if o.weight <= 0.0 || outliers.iter().any(|outlier| outlier.row == row) {
             continue;
         }
-        n_counting += 1;
+        n_trusted += 1;
         let residual = o.position_mm - model.position(&o.q_rad, o.target);
         match uneven_noise(point) {
             Some(noise) => {
@@ -46,7 +48,7 @@ pub fn weigh_placed(
             }
         }
     }
-    let freedom = (3 * n_counting) as f64 - n_placed as f64;
+    let freedom = (3 * n_trusted) as f64 - n_placed as f64;
     let beside_mm = variance_over_usual(&terms, freedom).sqrt() * usual_mm;
     let variances: Vec<f64> = set
         .points
@@ -56,11 +58,12 @@ pub fn weigh_placed(
             std_mm * std_mm + beside_mm * beside_mm
         })
         .collect();
-    let counting = || (0..variances.len()).filter(|row| observed.all[*row].weight > 0.0);
-    let sum: f64 = counting().map(|row| 1.0 / variances[row]).sum();
-    let mean = sum / n_counting.max(1) as f64;
-    let rows: Vec<usize> = counting().collect();
-    for row in rows {
+    let counting: Vec<usize> = (0..variances.len())
+        .filter(|row| observed.all[*row].weight > 0.0)
+        .collect();
+    let sum: f64 = counting.iter().map(|row| 1.0 / variances[*row]).sum();
+    let mean = sum / counting.len().max(1) as f64;
+    for row in counting {
         observed.all[row].weight = 1.0 / (variances[row] * mean);
     }
     let to_measuring = IsometryMatrix3::identity();

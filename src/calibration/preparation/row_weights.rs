@@ -45,6 +45,13 @@ struct Noise {
     rotation_rad: f64,
 }
 
+/// Points that were fitted, with the noise that they were weighed with.
+struct Weighed<'a> {
+    points: &'a [Observation],
+    noise: &'a Noise,
+    is_by_direction: bool,
+}
+
 /// Rows that share a variance: the squared length of each residual of three rows, with what is stated for a row; where directions differ, the
 /// square of each row.
 #[derive(Default)]
@@ -105,7 +112,12 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
     };
     for _ in 0..ROUNDS {
         apply(problem, &noise, is_by_direction);
-        let rows = problem.rows(&problem.identify, &[]);
+        // a robust loss keeps gross errors in the fit; the noise is that of the others
+        let points = match is_by_direction {
+            true => problem.trusted(),
+            false => problem.identify.clone(),
+        };
+        let rows = problem.rows(&points, &[]);
         let go_on = &mut |_| match watch.goes_on() {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),
@@ -114,7 +126,12 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         if watch.was_stopped() {
             return;
         }
-        let next = estimated(problem, &rows, &found, (&noise, is_by_direction), reach_mm);
+        let weighed = Weighed {
+            points: &points,
+            noise: &noise,
+            is_by_direction,
+        };
+        let next = estimated(problem, &rows, &found, &weighed, reach_mm);
         let near = |a: f64, b: f64| (a - b).abs() <= FOUND * b;
         let is_found = near(next.position_mm, noise.position_mm)
             && near(next.rotation_rad, noise.rotation_rad);
@@ -211,10 +228,10 @@ fn estimated(
     problem: &Problem<'_>,
     rows: &problem::Problem<'_>,
     found: &Estimate,
-    before: (&Noise, bool),
+    weighed: &Weighed<'_>,
     reach_mm: f64,
 ) -> Noise {
-    let [position, rotation] = classes(problem, rows, found, before);
+    let [position, rotation] = classes(problem, rows, found, weighed);
     let (length_mm, angle_rad) = (usual_length_mm(reach_mm), USUAL_ANGLE_RAD);
     let usual = |class: &Class, usual: f64| -> Vec<(f64, f64, f64)> {
         let terms = class.squares.iter();
@@ -242,12 +259,11 @@ fn estimated(
 }
 
 /// Residuals of positions and of rotations, and what the fit leaves free of each.
-/// `before` is the noise that the rows were weighed with, and whether by direction.
 fn classes(
     problem: &Problem<'_>,
     rows: &problem::Problem<'_>,
     found: &Estimate,
-    (before, is_by_direction): (&Noise, bool),
+    weighed: &Weighed<'_>,
 ) -> [Class; 2] {
     let (n_rows, p) = (rows.n_rows(), found.x.len());
     let (mut residuals, mut jacobian) = (vec![0.0; n_rows], DMatrix::zeros(n_rows, p));
@@ -264,14 +280,14 @@ fn classes(
         .map(|(_, point)| point);
     let mut classes = [Class::default(), Class::default()];
     let mut row = 0;
-    let counting = problem
-        .identify
+    let counting = weighed
+        .points
         .iter()
         .zip(points)
         .filter(|(o, _)| o.weight > 0.0);
     for (o, point) in counting {
         let (position_mm, rotation_rad) = stated(point);
-        let uneven = uneven_noise(point).filter(|_| is_by_direction);
+        let uneven = uneven_noise(point).filter(|_| weighed.is_by_direction);
         let mut add = |class: usize, root: f64, stated: f64, uneven: Option<&PositionNoise>| {
             let here = row..row + 3;
             let leverage = taken.rows(row, 3).norm_squared();
@@ -283,7 +299,7 @@ fn classes(
                     class.squares.push(term);
                 }
                 Some(noise) => {
-                    let stretched = noise.stretched(before.position_mm);
+                    let stretched = noise.stretched(weighed.noise.position_mm);
                     class.squares.extend((0..3).map(|axis| {
                         let along_mm = residuals[row + axis] / (root * stretched[axis]);
                         let std_mm = noise.std_mm[axis];

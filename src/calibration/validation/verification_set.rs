@@ -159,7 +159,8 @@ impl<'a> Layout<'a> {
         if is_by_direction(self.request, self.set) {
             for _ in 0..WEIGHINGS {
                 let n_placed = self.n_refitted();
-                weigh_placed(self.set, &mut observed, &arranged, &placed.model, n_placed);
+                let laid_out = (&arranged, self.screening.outliers.as_slice());
+                weigh_placed(self.set, &mut observed, laid_out, &placed.model, n_placed);
                 (placed, arranged) = fit(&mut observed)?;
             }
         }
