@@ -187,13 +187,18 @@ impl Stated {
                 None => "std_x_mm",
             };
             let detail = format!(
-                "the points state their own noise, and so does their instrument (range_std_mm, angle_std_deg): leave one of them out; {column} \
-                 of the first point is read"
+                "the points state their own noise, and so does their instrument (range_std_mm, angle_std_deg): leave one of them \
+                 out"
             );
-            let issue = Issue {
-                row: Some(row),
-                column: Some(column.into()),
-                ..Issue::at("/instrument", TWICE, detail)
+            let issue = match self.in_body {
+                true => Issue::at("/instrument", TWICE, detail),
+                false => Issue {
+                    row: Some(row),
+                    column: Some(column.into()),
+                    code: TWICE.into(),
+                    detail,
+                    ..Issue::default()
+                },
             };
             return Err(Invalid {
                 code: "invalid_instrument",
