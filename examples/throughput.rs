@@ -132,6 +132,7 @@ pub fn problem(robot: &[u8], set: &[u8]) -> anyhow::Result<(SearchSpace, Vec<Obs
         position_mm: p.position_mm,
         target: 0,
         weight: 1.0,
+        whitening: None,
         rotation: None,
     };
     Ok((search_space(&robot), points.map(observation).collect()))

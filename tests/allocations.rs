@@ -22,6 +22,7 @@ fn observations(set: &str) -> Vec<Observation> {
         position_mm: p.position_mm,
         target: 0,
         weight: 1.0,
+        whitening: None,
         rotation: None,
     };
     set.points.iter().map(observation).collect()

@@ -41,6 +41,20 @@ class Fault:
 
 
 FAULTS = [
+    # Noise that differs from direction to direction
+    Fault("noise by direction counts by its root mean square", "core", "gains_what_weighted_least_squares_of_scipy_gains", [
+        ("request.preset == Preset::Default && is_least_squares && set.has_uneven_noise()", "false && is_least_squares && set.has_uneven_noise()")],
+        "src/calibration"),
+    Fault("a stated noise is all there is", "core", "a_noise_that_is_stated_far_too_small_costs_nothing", [
+        (".map(|noise| noise.whitening(beside_mm) * to_measuring.rotation.matrix());", ".map(|noise| noise.whitening(0.0 * beside_mm) * to_measuring.rotation.matrix());")],
+        "src/calibration"),
+    Fault("a beam does not turn with its station", "core", "the_noise_of_every_station_is_that_of_its_own_beam", [
+        ("o.whitening = uneven.map(|w| w * motion.rotation.matrix().transpose());", "o.whitening = uneven.map(|w| w * 1.0);"),
+        ("whitening.map(|w| w * motion_of(row).rotation.matrix().transpose());", "whitening.map(|w| w * 1.0);")], "src/calibration"),
+    Fault("a stored set forgets its instrument", "service", "stated_beside_a_file_or_in_a_body_and_shown_and_used", [
+        ("reading.instrument = Some(stated.instrument);", "reading.instrument = Some(stated.instrument).filter(|_| false);")], "src/wire"),
+    Fault("a tracker stands at the robot's base", "service", "bad_noise_is_refused_with_its_place_and_a_hint", [
+        ("if frame == Frame::Base {\n            let named", "if false && frame == Frame::Base {\n            let named")], "src/wire"),
     # Tables
     Fault("a number with two readings is taken", "core", "one_number_with_two_readings", [
         ("if is_grouped && thousands.parse()", "if false && is_grouped && thousands.parse()")], "src/measurement"),

@@ -66,6 +66,7 @@ impl<'a> Tool<'a> {
             position_mm: Vector3::zeros(),
             target: 0,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         };
         let mut rows = weighted_jacobian(

@@ -91,7 +91,9 @@ pub fn check_table(is_mapped: bool, bytes: &[u8], n_joints: usize) {
         bytes,
         columns: &columns,
         decimal: None,
+        rotation: None,
         frame: Frame::Base,
+        instrument: None,
     };
     match from_file(&upload, n_joints) {
         Ok((set, reading)) => {

@@ -165,11 +165,11 @@ struct Session {
 fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Result<Session> {
     let frame = arguments.set_options.frame;
     let files = read_measured(path, &arguments.table)?;
-    let (set, reading) =
-        measurement::from_file(&files.upload(frame), robot.links.len()).map_err(|invalid| {
-            let invalid = with_best_convention(invalid, robot, &files.upload(frame));
-            Usage(cannot_be_used(path, &files.shown, &invalid.issues))
-        })?;
+    let upload = files.upload(frame, arguments.set_options.noise.instrument());
+    let (set, reading) = measurement::from_file(&upload, robot.links.len()).map_err(|invalid| {
+        let invalid = with_best_convention(invalid, robot, &upload);
+        Usage(cannot_be_used(path, &files.shown, &invalid.issues))
+    })?;
     for line in reading.iter().flat_map(understood_in_words) {
         eprintln!("{}", plain(&line));
     }

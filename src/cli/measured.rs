@@ -6,6 +6,7 @@ use super::usage::Usage;
 use crate::measurement::{Decimal, RotationConvention};
 use crate::wire::canonical;
 use crate::wire::columns::ColumnsBody;
+use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::{MAX_UPLOAD_BYTES, Upload};
 use crate::wire::understood::{JoinBody, Reading, UnderstoodBody, UnderstoodColumn};
 use std::io::Read;
@@ -44,7 +45,11 @@ pub struct Measured {
 
 impl Measured {
     /// As the reader of uploads takes it.
-    pub fn upload(&self, frame: crate::measurement::Frame) -> Upload<'_> {
+    pub fn upload(
+        &self,
+        frame: crate::measurement::Frame,
+        instrument: Option<InstrumentBody>,
+    ) -> Upload<'_> {
         Upload {
             content_type: &self.content_type,
             bytes: &self.bytes,
@@ -52,6 +57,7 @@ impl Measured {
             decimal: self.decimal,
             rotation: self.rotation,
             frame,
+            instrument,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Options that several commands share.
 
 use crate::wire::corrections::PayloadBody;
+use crate::wire::instrument::InstrumentBody;
 use crate::wire::job::{
     CorrectionsChoice, FinalFit, JobRequestBody, Method, Model, ParametersBody, Preset, Prior,
     VerifyBody,
@@ -18,6 +19,33 @@ pub struct SetOptions {
     /// Accept a set that the upload check refuses with this code, e.g. frame_suspect; it cannot lead to a release.
     #[arg(long, env = "KINCAL_INSIST", value_name = "CODE", value_enum)]
     pub insist: Option<Insist>,
+    #[command(flatten)]
+    pub noise: NoiseOptions,
+}
+
+/// Noise of an instrument at the origin of the measuring frame.
+#[derive(Debug, clap::Args)]
+pub struct NoiseOptions {
+    /// Standard uncertainty of a length that a tracker at the frame's origin measures, mm; with --angle-std-deg and --frame instrument.
+    #[arg(long, env = "KINCAL_RANGE_STD_MM", value_name = "MM")]
+    pub range_std_mm: Option<f64>,
+    /// The part of it that grows with the length, mm per m [default: 0].
+    #[arg(long, env = "KINCAL_RANGE_STD_MM_PER_M", value_name = "MM")]
+    pub range_std_mm_per_m: Option<f64>,
+    /// Standard uncertainty of each of the tracker's angles, degrees.
+    #[arg(long, env = "KINCAL_ANGLE_STD_DEG", value_name = "DEG")]
+    pub angle_std_deg: Option<f64>,
+}
+
+impl NoiseOptions {
+    /// The instrument, if one is stated.
+    pub fn instrument(&self) -> Option<InstrumentBody> {
+        InstrumentBody::of_parameters(
+            self.range_std_mm,
+            self.range_std_mm_per_m,
+            self.angle_std_deg,
+        )
+    }
 }
 
 /// Settings of the identification.

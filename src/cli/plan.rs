@@ -144,6 +144,7 @@ fn offline(arguments: &Arguments, path: &Path, body: &PosePlanBody) -> anyhow::R
             decimal: None,
             rotation: None,
             frame,
+            instrument: None,
         };
         let read = from_file(&upload, robot.links.len());
         let (set, _) =

@@ -12,6 +12,7 @@ use super::terminal::{Output, in_commands, plain};
 use super::usage::Usage;
 use crate::release::unusable_because;
 use crate::report_page::words;
+use crate::wire::instrument::InstrumentBody;
 use crate::wire::job::{After, JobRequestBody, Kind};
 use crate::wire::job_answer::{JobAnswer, JobStatus};
 use crate::wire::release::GatesAnswer;
@@ -191,6 +192,9 @@ async fn upload(
     let mut parameters = vec![("frame", arguments.set_options.frame.as_str().to_owned())];
     let insist = arguments.set_options.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
+    let instrument = arguments.set_options.noise.instrument();
+    let of_instrument = instrument.iter().flat_map(InstrumentBody::parameters);
+    parameters.extend(of_instrument.map(|(name, value)| (name, value.to_string())));
     let serial_number = arguments.serial_number.clone();
     parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {

@@ -100,6 +100,7 @@ fn observations(
             position_mm: (flange * Point3::from(*p)).coords,
             target,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         };
         targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()

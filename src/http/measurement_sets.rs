@@ -13,6 +13,7 @@ use crate::operations::rotation_convention::with_best_convention;
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::content_type::{DECIMAL_COMMA, rotation_convention, with_rotation};
+use crate::wire::instrument::InstrumentBody;
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
     self, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
@@ -55,6 +56,15 @@ pub struct UploadQuery {
     /// Stores the set although the check refuses it with this code. The code is stored too, and no release rests on the set.
     #[param(inline)]
     insist: Option<Insist>,
+    /// Standard uncertainty of a length that an instrument at the frame's origin measures, mm; with `angle_std_deg`, in frame `instrument`. A JSON body may state it instead (`instrument`).
+    #[param(minimum = 1e-6, maximum = 1000, example = 0.01)]
+    range_std_mm: Option<f64>,
+    /// The part of it that grows with the length, mm per m; default 0.
+    #[param(minimum = 0, maximum = 1000, example = 0.0004)]
+    range_std_mm_per_m: Option<f64>,
+    /// Standard uncertainty of each of the instrument's angles, degrees.
+    #[param(exclusive_minimum = 0, maximum = 90, example = 0.0002)]
+    angle_std_deg: Option<f64>,
     /// What the columns of a table mean: a mapping in JSON, or the name of one that the robot has (`PUT …/columns/{name}`).
     columns: Option<String>,
 }
@@ -197,11 +207,18 @@ fn parse_upload(
     check_serial_number(body, serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
+    let instrument = InstrumentBody::of_parameters(
+        query.range_std_mm,
+        query.range_std_mm_per_m,
+        query.angle_std_deg,
+    );
     let (stated_frame, name, set, reading, content_type) = if is_json(&content_type) {
         let upload: MeasurementSetBody = json::parse(bytes)?;
         let frame = upload.resolve_frame(query.frame)?;
-        let set = upload.measurement_set(frame, n_joints)?;
-        (frame, upload.name.or(query.name), set, None, content_type)
+        let set = upload.measurement_set(frame, instrument, n_joints)?;
+        let reading = upload.reading(instrument);
+        let name = upload.name.or(query.name);
+        (frame, name, set, reading, content_type)
     } else {
         let content_type = table_type(bytes, content_type)?;
         let upload = measurement::Upload {
@@ -211,6 +228,7 @@ fn parse_upload(
             decimal: query.decimal,
             rotation: None,
             frame: query.frame.unwrap_or(DEFAULT_FRAME),
+            instrument,
         };
         let (set, reading) = measurement::from_file(&upload, n_joints)
             .map_err(|refusal| with_best_convention(refusal, &robot, &upload))?;
@@ -349,6 +367,7 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             insisted_on: row.insisted_on.as_deref().and_then(Insist::parse),
             understood: reading.understood,
             joined: reading.joined,
+            instrument: reading.instrument,
             archived_at: row.archived_at_ms.map(rfc3339),
         })
     }

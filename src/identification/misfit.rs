@@ -37,6 +37,7 @@ impl Misfit {
                 position_mm: Vector3::zeros(),
                 target,
                 weight,
+                whitening: None,
                 rotation: None,
             })
             .collect();

@@ -18,6 +18,9 @@ pub struct Observation {
     pub target: usize,
     /// Weight of the squared residual; 1 unless the points carry their own uncertainties.
     pub weight: f64,
+    /// W of the rows sqrt(weight) · W · (measured − predicted), where the position's noise differs from direction to direction: Wᵀ·W is
+    /// the inverse of its covariance times the mean of its three variances. `None` where all directions are alike, W = 1.
+    pub whitening: Option<Matrix3<f64>>,
     /// How the target was turned, of a pose.
     pub rotation: Option<MeasuredRotation>,
 }
@@ -28,6 +31,22 @@ impl Observation {
         Self {
             rotation: None,
             ..self.clone()
+        }
+    }
+
+    /// The same with noise that is alike in all directions.
+    pub fn with_even_noise(&self) -> Self {
+        Self {
+            whitening: None,
+            ..self.clone()
+        }
+    }
+
+    /// W·v of a vector in the measuring frame.
+    pub fn whitened(&self, v: Vector3<f64>) -> Vector3<f64> {
+        match &self.whitening {
+            Some(w) => w * v,
+            None => v,
         }
     }
 
@@ -62,11 +81,13 @@ fn rotation_rows_mm(model: &KinematicModel, o: &Observation) -> Option<Vector3<f
 
 /// Σ |row|² of an observation of weight 1, mm².
 pub fn squared_rows_mm2(model: &KinematicModel, o: &Observation) -> f64 {
-    let of_position = (o.position_mm - model.position(&o.q_rad, o.target)).norm_squared();
+    let residual = o.position_mm - model.position(&o.q_rad, o.target);
+    let of_position = o.whitened(residual).norm_squared();
     of_position + rotation_rows_mm(model, o).map_or(0.0, |rows| rows.norm_squared())
 }
 
-/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11]; of poses, that of the rotation rows included.
+/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11], of whitened residuals where directions differ; of poses, that of the rotation rows
+/// included.
 pub fn cost(model: &KinematicModel, observations: &[Observation]) -> f64 {
     observations
         .iter()
@@ -74,12 +95,12 @@ pub fn cost(model: &KinematicModel, observations: &[Observation]) -> f64 {
         .sum()
 }
 
-/// sqrt(weight) · residual: three rows per position, six per pose.
+/// sqrt(weight) · W · residual: three rows per position, six per pose.
 pub fn weighted_residuals(model: &KinematicModel, observations: &[Observation]) -> DVector<f64> {
     let mut rows = Vec::with_capacity(3 * observations.len());
     for (o, residual) in observations.iter().zip(residuals(model, observations)) {
         let root = o.weight.sqrt();
-        rows.extend((residual * root).iter());
+        rows.extend((o.whitened(residual) * root).iter());
         if let Some(turn) = rotation_rows_mm(model, o) {
             rows.extend((turn * root).iter());
         }
@@ -87,7 +108,7 @@ pub fn weighted_residuals(model: &KinematicModel, observations: &[Observation]) 
     DVector::from_vec(rows)
 }
 
-/// The identification Jacobian: sqrt(weight) · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the
+/// The identification Jacobian: sqrt(weight) · W · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the
 /// residual is its negative. `base_rotation_rad` is the rotation vector by which `model`'s base differs from the reference that the
 /// deviations are counted from (zero at the reference). Of poses the rotation rows follow those of the position; their targets are turned as in
 /// the reference.
@@ -113,6 +134,7 @@ pub fn weighted_jacobian(
         let root = observation.weight.sqrt();
         for (column, parameter) in parameters.iter().enumerate() {
             let derivative = derivative_by(parameter, &at, &turned, observation.target);
+            let derivative = observation.whitened(derivative);
             for axis in 0..3 {
                 jacobian[(row + axis, column)] = root * derivative[axis];
             }

@@ -2,7 +2,7 @@
 //!
 //! Coordinate x_j is the deviation of variable j from the reference in units of its width, so that all coordinates are of the same
 //! size. A block holds the rows of one measurement and knows how many it has; nothing else counts rows. A row is
-//! sqrt(weight) · (measured − predicted), in mm; of a pose, three rows more: the rotation vector between the predicted and the measured target,
+//! sqrt(weight) · W · (measured − predicted), in mm, W whitening noise that differs from direction to direction; of a pose, three rows more: the rotation vector between the predicted and the measured target,
 //! times the length by which it counts. The priors are rows too, of which [`crate::identification::estimate`] takes care.
 
 use crate::identification::KinematicModel;
@@ -193,7 +193,10 @@ impl Block<'_> {
         let root = o.weight.sqrt();
         let left = o.position_mm - here.position_mm;
         let of_position = self.rows.start..self.rows.start + 3;
-        fill_rows(&mut residuals[of_position.clone()], &(left * root));
+        fill_rows(
+            &mut residuals[of_position.clone()],
+            &(o.whitened(left) * root),
+        );
         let base_turned = left_jacobian(&at.base_rotation_rad);
         let mut jacobian = jacobian;
         if let Some(jacobian) = jacobian.as_deref_mut() {
@@ -202,6 +205,7 @@ impl Block<'_> {
                 let column = &mut jacobian.column_mut(j);
                 let rows = &mut column.as_mut_slice()[of_position.clone()];
                 let derivative = derivative_by(&variable.parameter, &here, &turned, o.target);
+                let derivative = o.whitened(derivative);
                 fill_rows(rows, &(derivative * (-root * variable.width)));
             }
         }

@@ -233,6 +233,7 @@ fn jacobian(poses: &Poses<'_>, parameters: &[Parameter]) -> DMatrix<f64> {
         .iter()
         .map(|o| Observation {
             weight: 1.0,
+            whitening: None,
             ..o.position_alone()
         })
         .collect();

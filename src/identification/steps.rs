@@ -121,11 +121,14 @@ impl Columns {
                 .fixed_columns_mut::<3>(0)
                 .copy_from(&(Matrix3::identity() * root));
             block.fixed_columns_mut::<3>(3).copy_from(&(arm * root));
-            block
+            o.whitening.map_or(block, |w| w * block)
         };
         let target = |o: &Observation| {
             let flange = t_base_flange(&model.links, &o.q_rad);
-            model.t_instrument_base.rotation.matrix() * flange.rotation.matrix() * o.weight.sqrt()
+            let block = model.t_instrument_base.rotation.matrix()
+                * flange.rotation.matrix()
+                * o.weight.sqrt();
+            o.whitening.map_or(block, |w| w * block)
         };
         Self {
             target: observations.iter().map(target).collect(),

@@ -7,7 +7,8 @@
 //! - δ, deviations of the parameters from the identified ones, with the priors of the estimate;
 //! - u, what links cannot say: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm;
 //! - c, what all points of one configuration share, σc;
-//! - e, white noise of the instrument and of the robot's repeatability, σ.
+//! - e, white noise of the instrument and of the robot's repeatability, σ. Where it differs from direction to direction, all rows are whitened
+//!   first.
 //!
 //! σ and σm are the most probable ones [MacKay 1992], σm with a half-Cauchy prior [Gelman 2006]; σc comes from an analysis of variance. The
 //! posterior of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is an error of it, and it counts as
@@ -33,6 +34,8 @@ const SEARCHES: usize = 3;
 const CHANCE: f64 = 0.05;
 /// σc²/σ² where the points of a configuration agree to the last bit.
 const MOST_SHARED: f64 = 1e6;
+/// Iteration limit of an eigenvalue decomposition.
+const EIGEN_ITERATIONS: usize = 1000;
 /// Points that are reduced to a triangle at once: memory does not grow with the points.
 const POINTS_AT_ONCE: usize = 200;
 
@@ -122,6 +125,42 @@ fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<
     Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
 }
 
+/// How what the points of a configuration share enters their rows: rows = A·c, A = one block of 3 × 3 a point.
+enum Common {
+    /// A block is the square root of the point's weight times 1.
+    Alike { roots: Vec<f64>, weight: f64 },
+    /// Or that times what whitens the point's noise. Columns of `along`, 3·N × 3, are orthonormal and span those of A; `weights` are the
+    /// eigenvalues of AᵀA.
+    Uneven {
+        along: DMatrix<f64>,
+        weights: Vector3<f64>,
+    },
+}
+
+impl Common {
+    /// Weight of the mean, of an axis.
+    fn weight(&self) -> f64 {
+        match self {
+            Self::Alike { weight, .. } => *weight,
+            Self::Uneven { weights, .. } => weights.sum() / 3.0,
+        }
+    }
+
+    /// Rows that take the three means of some rows: 3 × 3·N, orthonormal.
+    fn means(&self, n_rows: usize) -> DMatrix<f64> {
+        match self {
+            Self::Alike { roots, weight } => {
+                let mut along = DMatrix::zeros(3, n_rows);
+                for (k, root) in roots.iter().enumerate() {
+                    (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
+                }
+                along
+            }
+            Self::Uneven { along, .. } => along.transpose(),
+        }
+    }
+}
+
 /// What the points of several configurations share.
 #[derive(Clone, Copy)]
 struct Shared {
@@ -184,9 +223,16 @@ impl<'a> Rows<'a> {
             let o = &observations[*point];
             (o.q_rad.as_slice(), o.target, o.weight)
         });
+        let mut features = -misfit.features(model, poses);
+        for (k, point) in points.iter().enumerate() {
+            if let Some(w) = observations[*point].whitening {
+                let mut rows = features.rows_mut(3 * k, 3);
+                rows.copy_from(&(w * &rows));
+            }
+        }
         matrix
             .columns_mut(self.columns.without_features(), self.columns.n_features)
-            .copy_from(&-misfit.features(model, poses));
+            .copy_from(&features);
         let mut blocks: Vec<usize> = points.iter().map(|p| self.places[*p].block).collect();
         blocks.dedup();
         let part = problem.part(blocks.iter().copied());
@@ -225,6 +271,7 @@ impl<'a> Rows<'a> {
                 for axis in 0..3 {
                     let along = Vector3::ith(axis, o.weight.sqrt());
                     let mut put = |column, v: Vector3<f64>| {
+                        let v = o.whitened(v);
                         matrix.fixed_view_mut::<3, 1>(3 * k, column).copy_from(&v)
                     };
                     put(first + axis, along * problem.reach_mm);
@@ -242,25 +289,65 @@ impl<'a> Rows<'a> {
         if ratio == 0.0 {
             return (matrix, residuals);
         }
-        let roots = self.roots(points);
-        let weight: f64 = roots.iter().map(|root| root * root).sum();
-        let less = (1.0 - 1.0 / (1.0 + ratio * weight).sqrt()) / weight;
         let columns = matrix.as_mut_slice().chunks_exact_mut(3 * points.len());
-        for column in columns.chain([residuals.as_mut_slice()]) {
-            for axis in 0..3 {
-                let along: f64 = (0..roots.len())
-                    .map(|k| roots[k] * column[3 * k + axis])
-                    .sum();
-                (0..roots.len()).for_each(|k| column[3 * k + axis] -= roots[k] * along * less);
+        let columns = columns.chain([residuals.as_mut_slice()]);
+        match self.common(points) {
+            Common::Alike { roots, weight } => {
+                let less = (1.0 - 1.0 / (1.0 + ratio * weight).sqrt()) / weight;
+                for column in columns {
+                    for axis in 0..3 {
+                        let along: f64 = (0..roots.len())
+                            .map(|k| roots[k] * column[3 * k + axis])
+                            .sum();
+                        (0..roots.len())
+                            .for_each(|k| column[3 * k + axis] -= roots[k] * along * less);
+                    }
+                }
+            }
+            // V = 1 + ρ·A·Aᵀ, whose eigenvectors beside 1 are `along`
+            Common::Uneven { along, weights } => {
+                let less = weights.map(|weight| 1.0 - 1.0 / (1.0 + ratio * weight).sqrt());
+                for column in columns {
+                    let rows = DVector::from_column_slice(column);
+                    let mut means = along.tr_mul(&rows);
+                    means.component_mul_assign(&less);
+                    column.copy_from_slice((rows - &along * means).as_slice());
+                }
             }
         }
         (matrix, residuals)
     }
 
-    /// Square roots of the weights of some points.
-    fn roots(&self, points: &[usize]) -> Vec<f64> {
-        let root = |point: &usize| self.session.observations[*point].weight.sqrt();
-        points.iter().map(root).collect()
+    /// How what some points share enters their rows.
+    fn common(&self, points: &[usize]) -> Common {
+        let all = self.session.observations;
+        let root = |point: &usize| all[*point].weight.sqrt();
+        let roots: Vec<f64> = points.iter().map(root).collect();
+        let whitening = |point: &usize| match &all[*point] {
+            o if o.rotation.is_some() => None,
+            o => o.whitening,
+        };
+        if points.iter().all(|point| whitening(point).is_none()) {
+            let weight: f64 = roots.iter().map(|root| root * root).sum();
+            return Common::Alike { roots, weight };
+        }
+        let mut a = DMatrix::zeros(3 * points.len(), 3);
+        for (k, point) in points.iter().enumerate() {
+            let block = whitening(point).unwrap_or_else(Matrix3::identity) * roots[k];
+            a.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&block);
+        }
+        let square: Matrix3<f64> = a.tr_mul(&a).fixed_view::<3, 3>(0, 0).into();
+        let Some(eigen) = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS) else {
+            let weight = square.trace() / 3.0;
+            return Common::Alike { roots, weight };
+        };
+        // blocks are invertible, so that the eigenvalues are positive
+        let over = eigen.eigenvalues.map(|weight| 1.0 / weight.sqrt());
+        let along = a * (eigen.eigenvectors * Matrix3::from_diagonal(&over));
+        Common::Uneven {
+            along: DMatrix::from_column_slice(along.nrows(), 3, along.as_slice()),
+            weights: eigen.eigenvalues,
+        }
     }
 
     fn triangle(&self, ratio: f64) -> Triangle {
@@ -300,12 +387,8 @@ impl<'a> Rows<'a> {
             let matrix = matrix.columns(0, n);
             let left = DVector::from_vec(residuals) + matrix * &step;
             let taken = matrix * &root;
-            let roots = self.roots(points);
-            let weight: f64 = roots.iter().map(|root| root * root).sum();
-            let mut along = DMatrix::zeros(3, left.len());
-            for (k, root) in roots.iter().enumerate() {
-                (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
-            }
+            let common = self.common(points);
+            let along = common.means(left.len());
             let taken_by_means = (&along * &taken).norm_squared();
             n_means += 3.0 - taken_by_means;
             if points.len() < 2 {
@@ -316,7 +399,7 @@ impl<'a> Rows<'a> {
             within_mm2 += left.norm_squared() - means;
             n_between += 3.0 - taken_by_means;
             n_within += left.len() as f64 - 3.0 - (taken.norm_squared() - taken_by_means);
-            weights += weight;
+            weights += common.weight();
             n_configurations += 1.0;
         }
         let n_points = self.session.observations.len() as f64;
@@ -520,6 +603,7 @@ impl Uncertainty {
             position_mm: Vector3::zeros(),
             target,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         }];
         let p = self.n_parameters;

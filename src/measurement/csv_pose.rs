@@ -1,5 +1,6 @@
 //! The cells of a row that say how its target was turned, and how uncertain that is.
 
+use crate::measurement::position_noise::PositionNoise;
 use crate::measurement::rotation_convention::{CONVENTIONS, RotationConvention};
 use crate::measurement::set::Point;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -161,7 +162,8 @@ impl PoseCells {
             point.rotation = Some(convention.rotation(&angles));
             point.rotation_angles_rad = Some(angles);
         }
-        point.std_axes_mm = all_of(self.std_axes_mm).map(Vector3::from);
+        let of_axes = all_of(self.std_axes_mm).map(Vector3::from);
+        point.position_noise = of_axes.map(PositionNoise::of_axes);
         let of_axes = all_of(self.std_rotation_axes_rad);
         point.std_rotation_rad = self
             .std_rotation_rad

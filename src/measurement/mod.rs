@@ -13,6 +13,7 @@ pub mod join;
 mod join_options;
 mod join_time;
 mod number_text;
+pub mod position_noise;
 pub mod repeatability;
 pub mod rotation_convention;
 pub mod sessions;

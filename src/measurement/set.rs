@@ -1,6 +1,7 @@
 //! A measurement set: joint values and where the instrument saw the target.
 
 use crate::measurement::conventions::{Frame, Subset};
+use crate::measurement::position_noise::PositionNoise;
 use nalgebra::{Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -34,8 +35,8 @@ pub struct Point {
     pub rotation: Option<Rotation3<f64>>,
     /// The three angles that it was written by, rad, where it was.
     pub rotation_angles_rad: Option<Vector3<f64>>,
-    /// The position's standard uncertainty along each axis of the measuring frame, mm.
-    pub std_axes_mm: Option<Vector3<f64>>,
+    /// The position's own standard uncertainties where directions differ, in the measuring frame; instead of `std_mm`.
+    pub position_noise: Option<PositionNoise>,
     /// Standard uncertainty of a coordinate of the rotation vector, rad.
     pub std_rotation_rad: Option<f64>,
 }
@@ -66,17 +67,17 @@ impl Point {
             sweep_joint: None,
             rotation: None,
             rotation_angles_rad: None,
-            std_axes_mm: None,
+            position_noise: None,
             std_rotation_rad: None,
         }
     }
 }
 
 impl Point {
-    /// Standard uncertainty of a coordinate of the position, mm: where it is stated by axis, the root mean square of the three.
+    /// Standard uncertainty of a coordinate of the position, mm: where directions differ, the root mean square of the three.
     pub fn position_std_mm(&self) -> Option<f64> {
-        let of_axes = self.std_axes_mm.map(|axes| axes.norm() / 3.0_f64.sqrt());
-        self.std_mm.or(of_axes)
+        self.std_mm
+            .or(self.position_noise.map(|noise| noise.rms_mm()))
     }
 }
 
@@ -137,6 +138,12 @@ impl MeasurementSet {
     pub fn n_distinct_configurations(&self) -> usize {
         let numbers = self.distinct_configurations();
         numbers.into_values().collect::<BTreeSet<_>>().len()
+    }
+
+    /// True if the stated noise of some position differs from direction to direction.
+    pub fn has_uneven_noise(&self) -> bool {
+        let noise = self.points.iter().filter_map(|p| p.position_noise);
+        noise.into_iter().any(|noise| !noise.is_alike())
     }
 
     /// True if poses were measured, not positions alone.

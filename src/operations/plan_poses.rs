@@ -73,6 +73,7 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         position_mm: point.position_mm,
         target: point.target,
         weight: 1.0,
+        whitening: None,
         rotation: None,
     };
     set.points.iter().map(observation).collect()

@@ -39,6 +39,7 @@ impl Tool {
             position_mm: Vector3::zeros(),
             target,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         }
     }

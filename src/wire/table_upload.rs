@@ -7,6 +7,7 @@ use crate::measurement::table_points::{self, Content, Preview, TableError, Table
 use crate::measurement::table_text::Source;
 use crate::measurement::{Decimal, Frame, MeasurementSet, RotationConvention};
 use crate::wire::columns::{ColumnsBody, FilePart};
+use crate::wire::instrument;
 use crate::wire::issue::{Invalid, Issue, MAX_ISSUES};
 use crate::wire::multipart::{self, is_multipart};
 use crate::wire::understood::{JoinBody, JoinedFiles, Reading, UnderstoodBody};
@@ -104,6 +105,7 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
         let reading = Reading {
             understood: Some(UnderstoodBody::from(&content.understood)),
             joined: None,
+            instrument: None,
         };
         return Ok((MeasurementSet::new(options.frame, content.points), reading));
     }
@@ -126,6 +128,7 @@ fn joined(
             instrument: UnderstoodBody::from(&instrument.understood),
             join: JoinBody::from(&found),
         }),
+        instrument: None,
     };
     Ok((MeasurementSet::new(frame, points), reading))
 }
@@ -176,18 +179,24 @@ pub fn read_again(
             file.ok_or_else(|| Invalid::at("", "unreadable", "the upload has no such file"))?;
         one(file, &understood.mapping(), &options)
     };
-    match (&reading.understood, &reading.joined) {
+    let mut set = match (&reading.understood, &reading.joined) {
         (_, Some(two)) => {
             let (robot, instrument) = (read(0, &two.robot)?, read(1, &two.instrument)?);
-            Ok(joined(&robot, &instrument, &two.join.options(), frame)?.0)
+            joined(&robot, &instrument, &two.join.options(), frame)?.0
         }
-        (Some(understood), None) => Ok(MeasurementSet::new(frame, read(0, understood)?.points)),
-        (None, None) => Err(Invalid::at(
-            "",
-            "unreadable",
-            "nothing says how it was read",
-        )),
+        (Some(understood), None) => MeasurementSet::new(frame, read(0, understood)?.points),
+        (None, None) => {
+            return Err(Invalid::at(
+                "",
+                "unreadable",
+                "nothing says how it was read",
+            ));
+        }
+    };
+    if let Some(stated) = instrument::resolve(None, reading.instrument)? {
+        stated.state(&mut set)?;
     }
+    Ok(set)
 }
 
 fn state_decimal(mapping: &mut Mapping, stated: Option<Decimal>) -> Result<(), Invalid> {

@@ -4,6 +4,7 @@ use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
 use crate::measurement::table_points::Understood;
+use crate::wire::instrument::InstrumentBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -117,6 +118,9 @@ pub struct Reading {
     /// Of two files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joined: Option<JoinedFiles>,
+    /// The instrument that parameters beside the file, or a JSON body, state.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument: Option<InstrumentBody>,
 }
 
 impl From<&Understood> for UnderstoodBody {

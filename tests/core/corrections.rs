@@ -79,6 +79,7 @@ fn derivatives_equal_central_differences() {
         .enumerate()
         .map(|(i, q_rad)| Observation {
             // the first half are poses, turned by some tenths of a radian from where the model has them
+            whitening: None,
             rotation: (i < 4).then(|| MeasuredRotation {
                 rotation: model.rotation(&q_rad, i % 2).unwrap()
                     * rotation_exp(&(random.vector() * 0.3)),

@@ -79,6 +79,7 @@ impl Making {
                 q_rad,
                 target: 0,
                 weight: 1.0,
+                whitening: None,
                 rotation: None,
             }
         };

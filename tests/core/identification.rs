@@ -110,6 +110,7 @@ fn observations(set: &MeasurementSet, subset: Option<Subset>) -> Vec<Observation
             position_mm: p.position_mm,
             target: p.target,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         })
         .collect()
@@ -1024,6 +1025,7 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
             position_mm: p.position_mm,
             target: 0,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         })
         .collect();
@@ -1072,6 +1074,7 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
         target: 0,
         // Some points have a larger weight.
         weight: if p.q_rad[0] > 0.0 { 2.5 } else { 1.0 },
+        whitening: None,
         rotation: None,
     };
     let nominal = KinematicModel::nominal(&links, 1);

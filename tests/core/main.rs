@@ -15,6 +15,7 @@ mod identification;
 mod kinematics;
 mod measurement;
 mod network_starts;
+mod noise;
 mod numeric_solvers;
 mod paper_pins;
 mod partial;
@@ -36,4 +37,4 @@ mod uncertainty;
 mod work_frames;
 mod workbooks;
 
-use support::{bad_campaigns, data, drifts, real_robot, robots, simulation};
+use support::{bad_campaigns, data, drifts, real_robot, robots, simulation, trackers};

@@ -45,6 +45,7 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
             position_mm: Vector3::zeros(),
             target: 0,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         };
         weighted_jacobian(
@@ -201,6 +202,7 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
             position_mm: Vector3::zeros(),
             target: 0,
             weight: 1.0,
+            whitening: None,
             rotation: None,
         })
         .collect();

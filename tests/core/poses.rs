@@ -70,6 +70,7 @@ fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         position_mm: p.position_mm,
         target: p.target,
         weight: 1.0,
+        whitening: None,
         rotation: p.rotation.map(|rotation| MeasuredRotation {
             rotation,
             mm_per_rad: 400.0,

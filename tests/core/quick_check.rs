@@ -301,6 +301,7 @@ fn the_statistic_is_that_of_generalised_least_squares() {
                 position_mm: p.position_mm,
                 target: 0,
                 weight: 1.0,
+                whitening: None,
                 rotation: None,
             })
             .collect();

@@ -43,6 +43,7 @@ fn read(body: &[u8], columns: &str) -> Result<(MeasurementSet, Option<Reading>),
         decimal: None,
         rotation: None,
         frame: Frame::Base,
+        instrument: None,
     };
     from_file(&upload, 6)
 }
@@ -336,6 +337,7 @@ fn exchanged_and_single_files_are_told_so() {
             decimal: None,
             rotation: None,
             frame: Frame::Base,
+            instrument: None,
         };
         let error = from_file(&upload, 6).unwrap_err();
         assert_eq!(error.issues.len(), 1);

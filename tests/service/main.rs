@@ -11,4 +11,5 @@ mod support;
 
 use support::{
     app, computations, data, engines, fixtures, people, process, raw, real_robot, simulation,
+    trackers,
 };

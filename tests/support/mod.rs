@@ -15,3 +15,4 @@ pub mod raw;
 pub mod real_robot;
 pub mod robots;
 pub mod simulation;
+pub mod trackers;

@@ -127,6 +127,8 @@ impl Arrangement {
             let o = &mut observed.all[point];
             o.target = at[&(observed.targets[point], self.segments[point])];
             o.position_mm = (motion * Point3::from(observed.positions_mm[point])).coords;
+            let uneven = observed.whitenings[point];
+            o.whitening = uneven.map(|w| w * motion.rotation.matrix().transpose());
             if let Some((of_pose, measured)) = o.rotation.as_mut().zip(observed.rotations[point]) {
                 of_pose.rotation = motion.rotation * measured;
             }

@@ -79,6 +79,7 @@ pub fn generic_jacobian(
             position_mm: Vector3::zeros(),
             target: i % n_targets.max(1),
             weight: 1.0,
+            whitening: None,
             rotation: None,
         })
         .collect();

@@ -10,7 +10,7 @@ use crate::identification::pose_rows::MeasuredRotation;
 use crate::identification::problem::usual_mm_per_rad;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Subset, split};
-use nalgebra::{IsometryMatrix3, Point3, Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Share of the configurations kept for verification where nothing else is said.
@@ -31,6 +31,8 @@ pub struct Observed {
     pub positions_mm: Vec<Vector3<f64>>,
     /// And how its target was turned there, of poses.
     pub rotations: Vec<Option<Rotation3<f64>>>,
+    /// What whitens its noise there, where that differs from direction to direction and is known ([`crate::calibration::preparation::row_weights`]).
+    pub whitenings: Vec<Option<Matrix3<f64>>>,
 }
 
 impl Observed {
@@ -47,6 +49,7 @@ impl Observed {
             targets: all.iter().map(|o| o.target).collect(),
             positions_mm: all.iter().map(|o| o.position_mm).collect(),
             rotations: all.iter().map(|o| Some(o.rotation?.rotation)).collect(),
+            whitenings: vec![None; all.len()],
             all,
         }
     }
@@ -147,7 +150,7 @@ pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) ->
 }
 
 /// What turns measured positions into the frame of the fit: the base frame where sweeps give it, else the measuring frame.
-fn to_base(request: &CalibrationRequest) -> IsometryMatrix3<f64> {
+pub(super) fn to_base(request: &CalibrationRequest) -> IsometryMatrix3<f64> {
     match (&request.frames, request.model(), request.set.frame) {
         (Some(frames), Model::Paper, Frame::Instrument) => frames.t_instrument_base.inverse(),
         _ => IsometryMatrix3::identity(),
@@ -171,6 +174,7 @@ fn observations(
         position_mm: (to_base * Point3::from(point.position_mm)).coords,
         target: point.target,
         weight,
+        whitening: None,
         rotation: point.rotation.map(|rotation| MeasuredRotation {
             rotation: to_base.rotation * rotation,
             mm_per_rad,

@@ -4,7 +4,7 @@ use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::preparation::motions::parameters_of;
 use crate::calibration::preparation::observe::{Observed, observe, with_target_rotations};
 use crate::calibration::preparation::placement::nominal_model;
-use crate::calibration::preparation::pose_weights::weigh_poses;
+use crate::calibration::preparation::row_weights::weigh;
 use crate::calibration::preparation::screening::screen;
 use crate::calibration::preparation::stated_priors::stated_priors;
 use crate::calibration::problem::Problem;
@@ -61,7 +61,7 @@ impl<'a> Problem<'a> {
             priors,
             least_sigma_mm: None,
         };
-        weigh_poses(&mut problem);
+        weigh(&mut problem, watch);
         problem.priors = stated_priors(&problem)?;
         Ok(problem)
     }

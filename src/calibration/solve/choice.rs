@@ -1,7 +1,7 @@
 //! Which method runs, from where, and why.
 
 use crate::calibration::preparation::placement::placed;
-use crate::calibration::preparation::pose_weights::start_of_poses;
+use crate::calibration::preparation::row_weights::start_of_poses;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Method;
 use crate::identification::KinematicModel;

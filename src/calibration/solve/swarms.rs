@@ -5,6 +5,7 @@ use crate::calibration::settings::{box_too_small, half_widths};
 use crate::calibration::solve::solution::Found;
 use crate::calibration::{Error, Event, Monitor};
 use crate::identification::bpnn_pso::links_from_nominal;
+use crate::identification::objective::Observation;
 use crate::identification::search_space::SearchSpace;
 use crate::identification::swarm::run_bounded_swarm;
 use crate::identification::{KinematicModel, bpnn_pso};
@@ -35,7 +36,10 @@ pub fn swarm(
     start: Start,
     monitor: &mut Monitor<'_>,
 ) -> Result<Found, Error> {
-    let space = search_space(problem, reference);
+    // the kernel knows one weight a point
+    let even = problem.identify.iter().map(Observation::with_even_noise);
+    let identify: Vec<Observation> = even.collect();
+    let space = search_space(problem, &identify, reference);
     if space.n_coordinates() == 0 {
         return Err(box_too_small(problem.decomposition.visible_mm));
     }
@@ -59,7 +63,7 @@ pub fn swarm(
     };
     let summary = run_bounded_swarm(
         &space,
-        &problem.identify,
+        &identify,
         problem.loss.bound(),
         &problem.settings.pso,
         Some(&mut move_particles),
@@ -81,7 +85,11 @@ pub fn swarm(
 }
 
 /// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
-fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpace {
+fn search_space(
+    problem: &Problem<'_>,
+    identify: &[Observation],
+    reference: &KinematicModel,
+) -> SearchSpace {
     let (parameters, scale) = (
         problem.parameters.clone(),
         half_widths(&problem.settings, &problem.parameters),
@@ -91,14 +99,10 @@ fn search_space(problem: &Problem<'_>, reference: &KinematicModel) -> SearchSpac
         problem.settings.singular_directions,
         problem.priors.as_ref().map(|known| &known.priors),
     ) {
-        (true, None) => SearchSpace::singular(reference, parameters, scale, &problem.identify),
-        (true, Some(priors)) => SearchSpace::singular_with_priors(
-            reference,
-            parameters,
-            scale,
-            &problem.identify,
-            priors,
-        ),
+        (true, None) => SearchSpace::singular(reference, parameters, scale, identify),
+        (true, Some(priors)) => {
+            SearchSpace::singular_with_priors(reference, parameters, scale, identify, priors)
+        }
         (false, priors) => {
             let known = priors
                 .map(|priors| priors.from(&reference))

@@ -188,6 +188,7 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
         position_mm: p.position_mm,
         target: p.target,
         weight: 1.0,
+        whitening: None,
         rotation: None,
     };
     set.points.iter().step_by(step).map(observation).collect()

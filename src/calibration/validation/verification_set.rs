@@ -7,6 +7,8 @@ use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::placed_weights::weigh_placed;
+use crate::calibration::preparation::row_weights::is_by_direction;
 use crate::calibration::preparation::screening::{Screening, screen};
 use crate::calibration::report::Errors;
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
@@ -20,6 +22,8 @@ use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
 
+/// Placement and weights by direction take turns so often: the weights depend little on where the robot is placed.
+const WEIGHINGS: usize = 2;
 /// Fewer residuals for each number that is placed say nothing of single points.
 const PER_NUMBER: usize = 2;
 
@@ -131,23 +135,35 @@ impl<'a> Layout<'a> {
             self.arrangement.clone(),
         );
         observed.subsets.fill(Subset::Identify);
-        fit_motions(
-            &placing,
-            &mut observed,
-            &mut arrangement,
-            Some(Subset::Identify),
-            &Watch::nobody(),
-        )?;
-        arrangement.apply(&mut observed);
-        observed.subsets.fill(Subset::Verify);
-        let segments = arrangement.fitted_targets(&observed).segments;
-        let mut placed = Placed {
-            model: model.clone(),
-            observed,
-            segments,
+        let mut fit = |observed: &mut Observed| {
+            fit_motions(
+                &placing,
+                observed,
+                &mut arrangement,
+                Some(Subset::Identify),
+                &Watch::nobody(),
+            )?;
+            arrangement.apply(observed);
+            let segments = arrangement.fitted_targets(observed).segments;
+            let mut placed = Placed {
+                model: model.clone(),
+                observed: observed.clone(),
+                segments,
+            };
+            placed.observed.subsets.fill(Subset::Verify);
+            placed.model =
+                fit_base_and_targets(&model.links, &placed.counting(), placed.segments.len());
+            Ok::<_, Error>((placed, arrangement.clone()))
         };
-        placed.model =
-            fit_base_and_targets(&model.links, &placed.counting(), placed.segments.len());
+        let (mut placed, mut arranged) = fit(&mut observed)?;
+        if is_by_direction(self.request, self.set) {
+            for _ in 0..WEIGHINGS {
+                let n_placed = self.n_refitted();
+                let laid_out = (&arranged, self.screening.outliers.as_slice());
+                weigh_placed(self.set, &mut observed, laid_out, &placed.model, n_placed);
+                (placed, arranged) = fit(&mut observed)?;
+            }
+        }
         Ok(placed)
     }
 

@@ -12,7 +12,7 @@ use crate::kinematics::rotation::{left_jacobian, rotation_exp};
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Vector3};
 
-/// sqrt(weight) · (measured − predicted), 3·N + 3·M, and the derivatives of the prediction by `parameters` and by `terms`, weighted alike: the
+/// sqrt(weight) · W · (measured − predicted), 3·N + 3·M, and the derivatives of the prediction by `parameters` and by `terms`, weighted alike: the
 /// positions of all observations, then the rotation rows of the M poses among them ([`rotation_rows`]). That a link moves the masses on it is left out of its own derivative: it is a thousandth of it.
 pub fn linearise(
     model: &KinematicModel,
@@ -33,7 +33,7 @@ pub fn linearise(
         let root = o.weight.sqrt();
         residuals
             .fixed_rows_mut::<3>(3 * i)
-            .copy_from(&((o.position_mm - pose.position_mm) * root));
+            .copy_from(&(o.whitened(o.position_mm - pose.position_mm) * root));
         // from a small turn of the prediction to the change of its rotation rows
         let turned = rotation_rows[i].map(|row| {
             let measured = o.rotation.as_ref();
@@ -48,7 +48,7 @@ pub fn linearise(
             (row, by_turn)
         });
         let put = |to: &mut DMatrix<f64>, column: usize, moved: Moved| {
-            let shift = moved.shift * root;
+            let shift = o.whitened(moved.shift) * root;
             to.fixed_view_mut::<3, 1>(3 * i, column).copy_from(&shift);
             if let Some((row, by_turn)) = turned {
                 let turn = by_turn * moved.turn;

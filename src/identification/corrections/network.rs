@@ -5,6 +5,7 @@
 
 use super::fit::{Fitted, Setting};
 use super::folds::{Evidence, Folds, Unseen};
+use crate::identification::objective::Observation;
 use crate::kinematics::ResidualNetwork;
 use crate::solvers::bpnn::{self, Activation, Network};
 use nalgebra::{DVector, Vector3};
@@ -73,8 +74,8 @@ pub(super) fn choose_network(
         )?;
         for point in unseen {
             let o = &setting.observations[point];
-            errors[point] = o.weight
-                * (left(residuals, point) - network.displacement_mm(&o.q_rad)).norm_squared();
+            let error = left(residuals, point) - network.displacement_mm(&o.q_rad);
+            errors[point] = o.weight * whitened_from_base(fitted, o, error).norm_squared();
         }
     }
     // of the same division: what another division would leave is not the network's merit
@@ -122,7 +123,20 @@ fn left_in_base(
     point: usize,
 ) -> Vector3<f64> {
     let to_base = fitted.model.t_instrument_base.rotation.inverse();
-    to_base * residuals.fixed_rows::<3>(3 * point) / setting.observations[point].weight.sqrt()
+    let o = &setting.observations[point];
+    let row: Vector3<f64> = residuals.fixed_rows::<3>(3 * point).into();
+    // a covariance has an inverse
+    let whitening = o.whitening.and_then(|w| w.try_inverse());
+    let row = whitening.map_or(row, |back| back * row);
+    to_base * row / o.weight.sqrt()
+}
+
+/// A vector of the base frame as rows of an observation have it, without their weight.
+fn whitened_from_base(fitted: &Fitted, o: &Observation, v: Vector3<f64>) -> Vector3<f64> {
+    match o.whitening {
+        Some(w) => w * (fitted.model.t_instrument_base.rotation * v),
+        None => v,
+    }
 }
 
 /// A cheap look before anything is trained: a smooth function of the joints makes the residuals of neighbouring poses alike. True if their

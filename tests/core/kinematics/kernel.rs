@@ -86,6 +86,7 @@ fn observations(
                 q_rad,
                 target,
                 weight,
+                whitening: None,
                 rotation: None,
             }
         })

@@ -194,6 +194,7 @@ fn every_column_of_the_jacobian_equals_central_differences() {
             position_mm: Vector3::zeros(),
             target: 1,
             weight: 2.25,
+            whitening: None,
             rotation: None,
         };
         let turned = Vector3::new(

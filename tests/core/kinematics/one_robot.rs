@@ -56,6 +56,7 @@ fn case(
                 position_mm,
                 target: i % n_targets,
                 weight: random.random_range(0.1..2.0),
+                whitening: None,
                 rotation: None,
             }
         })

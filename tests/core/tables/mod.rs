@@ -151,6 +151,7 @@ fn read(bytes: &[u8], columns: &str) -> Result<(MeasurementSet, Option<Reading>)
         decimal: None,
         rotation: None,
         frame: Frame::Instrument,
+        instrument: None,
     };
     from_file(&upload, 6)
 }

@@ -27,6 +27,7 @@ mod matrix;
 mod measurement_sets;
 mod metrics;
 mod misfits;
+mod noise;
 mod overview;
 mod parameter_sets;
 mod patch_robots;

@@ -95,6 +95,7 @@ pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> 
         position_mm: p.position_mm,
         target: 0,
         weight: 1.0,
+        whitening: None,
         rotation: None,
     };
     points.iter().step_by(step).map(observation).collect()

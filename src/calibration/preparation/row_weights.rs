@@ -1,20 +1,28 @@
-//! How position and rotation of poses are weighed: a variance for each, estimated.
+//! How position and rotation of poses are weighed, and positions whose noise differs from direction to direction: a variance for each,
+//! estimated.
 //!
 //! The variance of a row is what the instrument states for it and what the robot does beside, which is estimated for positions and for rotations
 //! each: after a fit, the squares that the rows of a class leave are worth their number less what the fit takes of them (its leverages). Weights and
 //! fit take turns until neither changes [Förstner 1979; Paule & Mandel 1982]. A stated noise is thus a lower bound: a T-Mac states 0.01 mm where
 //! links miss by 0.45.
+//!
+//! What the robot does beside is the same in all directions. An instrument that states a covariance C of a position thus has C + s²·1, and a beam
+//! that is ten times better than its angles counts ten times as much only where the robot is as good.
 
+use crate::calibration::preparation::observe::{Observed, to_base};
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
+use crate::calibration::request::{CalibrationRequest, Method, Preset};
 use crate::identification::estimate::{Estimate, estimate};
 use crate::identification::linearisation::decomposition_at;
 use crate::identification::multistart::{BestStart, best_start};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::Parameter;
 use crate::identification::problem::{self, USUAL_ANGLE_RAD, usual_length_mm};
+use crate::measurement::position_noise::PositionNoise;
 use crate::measurement::{MeasurementSet, Point, Subset};
-use nalgebra::DMatrix;
+use crate::solvers::watch::Watch;
+use nalgebra::{DMatrix, IsometryMatrix3};
 use std::ops::ControlFlow;
 
 /// Fits and weights take turns so often at most; three to five are usual.
@@ -37,7 +45,15 @@ struct Noise {
     rotation_rad: f64,
 }
 
-/// Rows that share a variance: the squared length of each residual of three rows, with what is stated for a row.
+/// Points that were fitted, with the noise that they were weighed with.
+struct Weighed<'a> {
+    points: &'a [Observation],
+    noise: &'a Noise,
+    is_by_direction: bool,
+}
+
+/// Rows that share a variance: the squared length of each residual of three rows, with what is stated for a row; where directions differ, the
+/// square of each row.
 #[derive(Default)]
 struct Class {
     squares: Vec<(f64, f64)>,
@@ -62,9 +78,25 @@ pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
     best_start(&problem.nominal, None, &parameters, &positions, &placed)
 }
 
-/// Weighs the poses of a problem, those to verify as well; what they see is taken anew. Positions alone stay as they are.
-pub fn weigh_poses(problem: &mut Problem<'_>) {
-    if !problem.request.set.has_poses() {
+/// Whether the noise of a set's positions counts by its directions. The swarms and the paper's preset know one weight a point.
+pub fn is_by_direction(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
+    let is_least_squares = matches!(request.method, Method::Auto | Method::LeastSquares);
+    request.preset == Preset::Default && is_least_squares && set.has_uneven_noise()
+}
+
+/// The noise of a point, where its directions differ.
+pub(super) fn uneven_noise(point: &Point) -> Option<&PositionNoise> {
+    point
+        .position_noise
+        .as_ref()
+        .filter(|noise| !noise.is_alike())
+}
+
+/// Weighs the points of a problem, those to verify as well; what they see is taken anew. Positions whose noise is alike in all directions stay as
+/// they are.
+pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
+    let is_by_direction = is_by_direction(problem.request, &problem.request.set);
+    if !problem.request.set.has_poses() && !is_by_direction {
         return;
     }
     let n_targets = problem.screening.targets.len();
@@ -79,11 +111,27 @@ pub fn weigh_poses(problem: &mut Problem<'_>) {
         rotation_rad: USUAL_ANGLE_RAD,
     };
     for _ in 0..ROUNDS {
-        apply(problem, &noise);
-        let rows = problem.rows(&problem.identify, &[]);
-        let go_on = &mut |_| ControlFlow::Continue(());
+        apply(problem, &noise, is_by_direction);
+        // a robust loss keeps gross errors in the fit; the noise is that of the others
+        let points = match is_by_direction {
+            true => problem.trusted(),
+            false => problem.identify.clone(),
+        };
+        let rows = problem.rows(&points, &[]);
+        let go_on = &mut |_| match watch.goes_on() {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        };
         let found = estimate(&rows, &rows.coordinates(&model), 0.0, go_on);
-        let next = estimated(problem, &rows, &found, reach_mm);
+        if watch.was_stopped() {
+            return;
+        }
+        let weighed = Weighed {
+            points: &points,
+            noise: &noise,
+            is_by_direction,
+        };
+        let next = estimated(problem, &rows, &found, &weighed, reach_mm);
         let near = |a: f64, b: f64| (a - b).abs() <= FOUND * b;
         let is_found = near(next.position_mm, noise.position_mm)
             && near(next.rotation_rad, noise.rotation_rad);
@@ -92,7 +140,7 @@ pub fn weigh_poses(problem: &mut Problem<'_>) {
             break;
         }
     }
-    apply(problem, &noise);
+    apply(problem, &noise, is_by_direction);
     // before: the nominal robot, placed with the same weights as the identified one
     let counting = problem.identify.iter().filter(|o| o.weight > 0.0);
     let counting: Vec<Observation> = counting.cloned().collect();
@@ -116,7 +164,7 @@ fn variances(point: &Point, noise: &Noise) -> (f64, f64) {
 }
 
 /// Weights by these variances, 1 on average over the points to identify. Points that do not count stay without weight.
-fn apply(problem: &mut Problem<'_>, noise: &Noise) {
+fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
     let set = &problem.request.set;
     let all = &mut problem.observed.all;
     let is_fitted =
@@ -133,8 +181,38 @@ fn apply(problem: &mut Problem<'_>, noise: &Noise) {
             rotation.mm_per_rad = (position_mm2 / rotation_rad2).sqrt();
         }
     }
+    if is_by_direction {
+        let to_measuring = to_base(problem.request).inverse();
+        let motion_of = |row: usize| problem.arrangement.motions[problem.arrangement.setups[row]];
+        let beside_mm = noise.position_mm;
+        whiten(
+            &mut problem.observed,
+            set,
+            beside_mm,
+            &to_measuring,
+            &motion_of,
+        );
+    }
     problem.identify = problem.observed.of(Subset::Identify);
     problem.least_sigma_mm = least_sigma_mm(set, &fitted);
+}
+
+/// Whitens each point's noise, with a part beside it that is the same in all directions. Noise is stated in the measuring frame; `to_measuring`
+/// takes the frame in which points were observed there, and the motion of a row carries it into the frame of the fit.
+pub(super) fn whiten(
+    observed: &mut Observed,
+    set: &MeasurementSet,
+    beside_mm: f64,
+    to_measuring: &IsometryMatrix3<f64>,
+    motion_of: &dyn Fn(usize) -> IsometryMatrix3<f64>,
+) {
+    for (row, point) in set.points.iter().enumerate() {
+        let whitening = uneven_noise(point)
+            .map(|noise| noise.whitening(beside_mm) * to_measuring.rotation.matrix());
+        observed.whitenings[row] = whitening;
+        observed.all[row].whitening =
+            whitening.map(|w| w * motion_of(row).rotation.matrix().transpose());
+    }
 }
 
 /// What is stated for the points that are fitted, one standard deviation of a row of weight 1, mm; `None` where one of them states nothing.
@@ -150,9 +228,10 @@ fn estimated(
     problem: &Problem<'_>,
     rows: &problem::Problem<'_>,
     found: &Estimate,
+    weighed: &Weighed<'_>,
     reach_mm: f64,
 ) -> Noise {
-    let [position, rotation] = classes(problem, rows, found);
+    let [position, rotation] = classes(problem, rows, found, weighed);
     let (length_mm, angle_rad) = (usual_length_mm(reach_mm), USUAL_ANGLE_RAD);
     let usual = |class: &Class, usual: f64| -> Vec<(f64, f64, f64)> {
         let terms = class.squares.iter();
@@ -180,7 +259,12 @@ fn estimated(
 }
 
 /// Residuals of positions and of rotations, and what the fit leaves free of each.
-fn classes(problem: &Problem<'_>, rows: &problem::Problem<'_>, found: &Estimate) -> [Class; 2] {
+fn classes(
+    problem: &Problem<'_>,
+    rows: &problem::Problem<'_>,
+    found: &Estimate,
+    weighed: &Weighed<'_>,
+) -> [Class; 2] {
     let (n_rows, p) = (rows.n_rows(), found.x.len());
     let (mut residuals, mut jacobian) = (vec![0.0; n_rows], DMatrix::zeros(n_rows, p));
     rows.evaluate(&found.x, &mut residuals, Some(&mut jacobian));
@@ -196,27 +280,40 @@ fn classes(problem: &Problem<'_>, rows: &problem::Problem<'_>, found: &Estimate)
         .map(|(_, point)| point);
     let mut classes = [Class::default(), Class::default()];
     let mut row = 0;
-    let counting = problem
-        .identify
+    let counting = weighed
+        .points
         .iter()
         .zip(points)
         .filter(|(o, _)| o.weight > 0.0);
     for (o, point) in counting {
         let (position_mm, rotation_rad) = stated(point);
-        let mut add = |class: usize, root: f64, stated: f64| {
+        let uneven = uneven_noise(point).filter(|_| weighed.is_by_direction);
+        let mut add = |class: usize, root: f64, stated: f64, uneven: Option<&PositionNoise>| {
             let here = row..row + 3;
-            let square: f64 = residuals[here.clone()].iter().map(|r| r * r).sum();
             let leverage = taken.rows(row, 3).norm_squared();
             let class: &mut Class = &mut classes[class];
-            class
-                .squares
-                .push((square / (root * root), stated * stated));
+            match uneven {
+                None => {
+                    let square: f64 = residuals[here].iter().map(|r| r * r).sum();
+                    let term = (square / (root * root), stated * stated);
+                    class.squares.push(term);
+                }
+                Some(noise) => {
+                    let stretched = noise.stretched(weighed.noise.position_mm);
+                    class.squares.extend((0..3).map(|axis| {
+                        let along_mm = residuals[row + axis] / (root * stretched[axis]);
+                        let std_mm = noise.std_mm[axis];
+                        (along_mm * along_mm, std_mm * std_mm)
+                    }));
+                }
+            }
             class.freedom += 3.0 - leverage;
             row += 3;
         };
-        add(0, o.weight.sqrt(), position_mm);
+        add(0, o.weight.sqrt(), position_mm, uneven);
         if let Some(measured) = &o.rotation {
-            add(1, o.weight.sqrt() * measured.mm_per_rad, rotation_rad);
+            let root = o.weight.sqrt() * measured.mm_per_rad;
+            add(1, root, rotation_rad, None);
         }
     }
     classes
@@ -224,7 +321,7 @@ fn classes(problem: &Problem<'_>, rows: &problem::Problem<'_>, found: &Estimate)
 
 /// The factor c² for which Σ square/(stated² + c²·usual²) is as large as the freedom; terms are (square, stated², usual²). 0 where what is
 /// stated is enough.
-fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
+pub(super) fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
     let freedom = freedom.max(1.0);
     let sum = |c2: f64| -> f64 {
         let term = |(square, stated, usual): &(f64, f64, f64)| square / (stated + c2 * usual);

@@ -1,0 +1,71 @@
+//! Weights of points that a known robot is only placed on, where their noise differs from direction to direction.
+//!
+//! As in [`row_weights`](super::row_weights): the covariance of a position is what is stated and s²·1 beside it, and the residuals of the placed
+//! robot, each along the axes of its point's noise, say how large s is. A robot that is off by much is thus placed by all directions alike.
+
+use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::row_weights::{uneven_noise, variance_over_usual, whiten};
+use crate::calibration::preparation::screening::Outlier;
+use crate::identification::KinematicModel;
+use crate::identification::problem::usual_length_mm;
+use crate::kinematics::reach_mm;
+use crate::measurement::MeasurementSet;
+use nalgebra::IsometryMatrix3;
+
+/// Weighs the points of `set`, laid out as in `observed`, by the residuals of a model that was placed on them with `n_placed` numbers. What does
+/// not belong says nothing of the noise.
+pub fn weigh_placed(
+    set: &MeasurementSet,
+    observed: &mut Observed,
+    (arrangement, outliers): (&Arrangement, &[Outlier]),
+    model: &KinematicModel,
+    n_placed: usize,
+) {
+    let motion_of = |row: usize| arrangement.motions[arrangement.setups[row]];
+    let usual_mm = usual_length_mm(reach_mm(&model.links));
+    let usual_mm2 = usual_mm * usual_mm;
+    let mut terms = Vec::new();
+    let mut n_trusted = 0;
+    for (row, (point, o)) in set.points.iter().zip(&observed.all).enumerate() {
+        if o.weight <= 0.0 || outliers.iter().any(|outlier| outlier.row == row) {
+            continue;
+        }
+        n_trusted += 1;
+        let residual = o.position_mm - model.position(&o.q_rad, o.target);
+        match uneven_noise(point) {
+            Some(noise) => {
+                let measured = motion_of(row).rotation.inverse() * residual;
+                let along = noise.axes.tr_mul(&measured);
+                terms.extend((0..3).map(|axis| {
+                    let std_mm = noise.std_mm[axis];
+                    (along[axis] * along[axis], std_mm * std_mm, usual_mm2)
+                }));
+            }
+            None => {
+                let std_mm = point.position_std_mm().unwrap_or(0.0);
+                terms.push((residual.norm_squared(), std_mm * std_mm, usual_mm2));
+            }
+        }
+    }
+    let freedom = (3 * n_trusted) as f64 - n_placed as f64;
+    let beside_mm = variance_over_usual(&terms, freedom).sqrt() * usual_mm;
+    let variances: Vec<f64> = set
+        .points
+        .iter()
+        .map(|point| {
+            let std_mm = point.position_std_mm().unwrap_or(0.0);
+            std_mm * std_mm + beside_mm * beside_mm
+        })
+        .collect();
+    let counting: Vec<usize> = (0..variances.len())
+        .filter(|row| observed.all[*row].weight > 0.0)
+        .collect();
+    let sum: f64 = counting.iter().map(|row| 1.0 / variances[*row]).sum();
+    let mean = sum / counting.len().max(1) as f64;
+    for row in counting {
+        observed.all[row].weight = 1.0 / (variances[row] * mean);
+    }
+    let to_measuring = IsometryMatrix3::identity();
+    whiten(observed, set, beside_mm, &to_measuring, &motion_of);
+}

@@ -1,0 +1,225 @@
+//! What an instrument at the origin of the measuring frame states of its noise: in uploads, and in the summary of a set.
+
+use crate::measurement::csv::{MAX_STD_MM, MIN_STD_MM};
+use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD};
+use crate::measurement::position_noise::InstrumentNoise;
+use crate::measurement::{Frame, MeasurementSet};
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::issue::{Invalid, Issue};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Noise of an instrument that measures a length and two angles, such as a laser tracker: along its beam `range_std_mm` + `range_std_mm_per_m` · length,
+/// across it length · `angle_std_deg`. One standard deviation each. The instrument is the origin of the measuring frame, of every station its
+/// own. `range_std_mm` and `angle_std_deg` belong together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Instrument)]
+pub struct InstrumentBody {
+    /// Standard uncertainty of a length, mm: the part that does not depend on it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 1e-6, maximum = 1000)]
+    pub range_std_mm: Option<f64>,
+    /// And the part that grows with it, mm per m; default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1000)]
+    pub range_std_mm_per_m: Option<f64>,
+    /// Standard uncertainty of each angle, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0, maximum = 90)]
+    pub angle_std_deg: Option<f64>,
+}
+
+/// An instrument, and where it is stated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stated {
+    /// What it states.
+    pub instrument: InstrumentBody,
+    /// True if a JSON body states it, under `/instrument`; else parameters beside the file do.
+    pub in_body: bool,
+}
+
+/// Codes of refusals.
+const OUT_OF_RANGE: &str = "out_of_range";
+const INCOMPLETE: &str = "incomplete_instrument";
+const IN_BASE_FRAME: &str = "instrument_in_base_frame";
+/// A noise is stated by the points and by their instrument, or twice by a point.
+pub const TWICE: &str = "noise_stated_twice";
+
+impl InstrumentBody {
+    /// Of parameters beside a file; `None` where none is given.
+    pub fn of_parameters(
+        range_std_mm: Option<f64>,
+        range_std_mm_per_m: Option<f64>,
+        angle_std_deg: Option<f64>,
+    ) -> Option<Self> {
+        let instrument = Self {
+            range_std_mm,
+            range_std_mm_per_m,
+            angle_std_deg,
+        };
+        (instrument != Self::default()).then_some(instrument)
+    }
+
+    /// The same, by name and value, for a query.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let all = [
+            ("range_std_mm", self.range_std_mm),
+            ("range_std_mm_per_m", self.range_std_mm_per_m),
+            ("angle_std_deg", self.angle_std_deg),
+        ];
+        all.into_iter()
+            .filter_map(|(name, value)| Some((name, value?)))
+    }
+}
+
+/// The instrument of a body, or of the parameters beside it.
+///
+/// # Errors
+/// [`Invalid`] if both state one.
+pub fn resolve(
+    body: Option<InstrumentBody>,
+    beside: Option<InstrumentBody>,
+) -> Result<Option<Stated>, Invalid> {
+    let stated = |in_body| {
+        move |instrument| Stated {
+            instrument,
+            in_body,
+        }
+    };
+    match (body, beside) {
+        (Some(_), Some(_)) => Err(Invalid::at(
+            "/instrument",
+            TWICE,
+            "the body states the instrument, and so do parameters beside it: leave one of them out",
+        )),
+        (body, beside) => Ok(body.map(stated(true)).or(beside.map(stated(false)))),
+    }
+}
+
+impl Stated {
+    /// The noise that it states.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the parameter or JSON pointer of everything that is wrong.
+    pub fn noise(&self, frame: Frame) -> Result<InstrumentNoise, Invalid> {
+        let InstrumentBody {
+            range_std_mm,
+            range_std_mm_per_m,
+            angle_std_deg,
+        } = self.instrument;
+        let mut issues = Vec::new();
+        for (name, value, other) in [
+            ("range_std_mm", range_std_mm, "angle_std_deg"),
+            ("angle_std_deg", angle_std_deg, "range_std_mm"),
+        ] {
+            if value.is_none() {
+                let detail = format!(
+                    "an instrument states range_std_mm and angle_std_deg, and {name} is missing: add it, or leave {other} out and state the noise of each point (std_mm, \
+                     or std_x_mm std_y_mm std_z_mm)"
+                );
+                issues.push(self.issue(name, INCOMPLETE, detail));
+            }
+        }
+        let mut check = |name, value: Option<f64>, allowed: &dyn Fn(f64) -> bool, range: String| {
+            if let Some(value) = value.filter(|value| !allowed(*value)) {
+                issues.push(self.issue(name, OUT_OF_RANGE, format!("{value}: {range}")));
+            }
+        };
+        check(
+            "range_std_mm",
+            range_std_mm,
+            &|v| (MIN_STD_MM..=MAX_STD_MM).contains(&v),
+            format!("a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm"),
+        );
+        check(
+            "range_std_mm_per_m",
+            range_std_mm_per_m,
+            &|v| (0.0..=MAX_STD_MM).contains(&v),
+            format!(
+                "a standard uncertainty that grows with the length is 0 to {MAX_STD_MM} mm per m"
+            ),
+        );
+        let (least_deg, most_deg) = (
+            to_degrees(MIN_STD_ROTATION_RAD),
+            to_degrees(MAX_STD_ROTATION_RAD),
+        );
+        check(
+            "angle_std_deg",
+            angle_std_deg,
+            &|v| (least_deg..=most_deg).contains(&v),
+            "a standard uncertainty of an angle is above 0 and at most 90°".into(),
+        );
+        if frame == Frame::Base {
+            let named = self.instrument.parameters().next();
+            let name = named.map_or("range_std_mm", |(name, _)| name);
+            let detail = "range and angle are those of an instrument at the origin of the measuring frame, and these positions are in the robot's base \
+                          frame: say frame=instrument and upload them as the instrument measured them, or state the noise of each point (std_x_mm \
+                          std_y_mm std_z_mm)";
+            issues.push(self.issue(name, IN_BASE_FRAME, detail.into()));
+        }
+        match (range_std_mm, angle_std_deg) {
+            (Some(range_std_mm), Some(angle_std_deg)) if issues.is_empty() => Ok(InstrumentNoise {
+                range_std_mm,
+                range_std_mm_per_m: range_std_mm_per_m.unwrap_or(0.0),
+                angle_std_rad: to_radians(angle_std_deg),
+            }),
+            _ => Err(Invalid {
+                code: "invalid_instrument",
+                issues,
+            }),
+        }
+    }
+
+    /// States the noise of every point of a set.
+    ///
+    /// # Errors
+    /// As [`Self::noise`]; and if points state their own.
+    pub fn state(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
+        let noise = self.noise(set.frame)?;
+        let own = set
+            .points
+            .iter()
+            .position(|p| p.std_mm.is_some() || p.position_noise.is_some());
+        if let Some(row) = own {
+            let column = match set.points[row].std_mm {
+                Some(_) => "std_mm",
+                None => "std_x_mm",
+            };
+            let detail = format!(
+                "the points state their own noise, and so does their instrument (range_std_mm, angle_std_deg): leave one of them \
+                 out"
+            );
+            let issue = match self.in_body {
+                true => Issue::at("/instrument", TWICE, detail),
+                false => Issue {
+                    row: Some(row),
+                    column: Some(column.into()),
+                    code: TWICE.into(),
+                    detail,
+                    ..Issue::default()
+                },
+            };
+            return Err(Invalid {
+                code: "invalid_instrument",
+                issues: vec![issue],
+            });
+        }
+        for point in &mut set.points {
+            point.position_noise = Some(noise.at(&point.position_mm, MIN_STD_MM));
+        }
+        Ok(())
+    }
+
+    fn issue(&self, name: &str, code: &str, detail: String) -> Issue {
+        match self.in_body {
+            true => Issue::at(format!("/instrument/{name}"), code, detail),
+            false => Issue {
+                column: Some(name.into()),
+                code: code.into(),
+                detail,
+                ..Issue::default()
+            },
+        }
+    }
+}

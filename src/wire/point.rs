@@ -1,0 +1,219 @@
+//! A measured point in JSON, and its checks.
+
+use crate::measurement::csv::{
+    EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
+};
+use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
+use crate::measurement::position_noise::PositionNoise;
+use crate::measurement::{Point, Subset};
+use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::instrument;
+use crate::wire::issue::Checker;
+use crate::wire::json;
+use crate::wire::robot::MAX_NAME;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Largest number of joint values that are read per point. It exceeds that of any robot, so the check can report the expected number.
+const MAX_LISTED: usize = 1_000;
+
+/// Largest joint value, degrees: ten turns.
+pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
+
+/// Check of `measured_at`: new uploads must have a time, older stored ones may have any label.
+pub type TimeCheck = fn(&str) -> bool;
+
+/// One measured position.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointBody {
+    /// The controller's joint values, degrees.
+    #[serde(deserialize_with = "json::at_most::<_, _, MAX_LISTED>")]
+    pub q_deg: Vec<f64>,
+    /// Measured position of the target, mm.
+    pub position_mm: [f64; 3],
+    /// How the target was turned in the measuring frame, of a pose: w, x, y, z, of length 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+    /// Points of one arm configuration share this label; default: equal joint values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub configuration: Option<String>,
+    /// Which reflector on the tool, 0-based; default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(maximum = 31)]
+    pub target: Option<usize>,
+    /// Whether it is fitted (`identify`) or only scored (`verify`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub subset: Option<Subset>,
+    /// Its own standard uncertainty, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_mm: Option<f64>,
+    /// Its own standard uncertainty along x, y and z of the measuring frame, mm; instead of `std_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_axes_mm: Option<[f64; 3]>,
+    /// Its own covariance in the measuring frame, mm², row by row; instead of `std_mm`. Symmetric, with positive eigenvalues.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance_mm2: Option<[[f64; 3]; 3]>,
+    /// Standard uncertainty of the rotation about each axis, degrees, of a pose.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(exclusive_minimum = 0, maximum = 90)]
+    pub std_rotation_deg: Option<f64>,
+    /// Label of the instrument's set-up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub station: Option<String>,
+    /// Label of the measuring session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub session: Option<String>,
+    /// Place in the measuring order; default: the order of the points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<i64>,
+    /// Air temperature at the robot, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// When it was measured, RFC 3339; stored with the upload.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_at: Option<String>,
+}
+
+impl PointBody {
+    /// Notes everything that is wrong.
+    pub fn check(&self, at: &str, n_joints: usize, is_time: TimeCheck, checker: &mut Checker) {
+        checker.length(
+            format!("{at}/q_deg"),
+            self.q_deg.len(),
+            n_joints,
+            "one joint value per link of the robot",
+        );
+        for (j, q) in self.q_deg.iter().enumerate() {
+            checker.magnitude(
+                format!("{at}/q_deg/{j}"),
+                *q,
+                MAX_JOINT_VALUE_DEG,
+                "joint values are in degrees",
+            );
+        }
+        for (j, x) in self.position_mm.iter().enumerate() {
+            checker.magnitude(
+                format!("{at}/position_mm/{j}"),
+                *x,
+                MAX_COORDINATE_MM,
+                "positions are in millimetres",
+            );
+        }
+        if let Some(target) = self.target.filter(|target| *target >= MAX_TARGETS) {
+            checker.note(
+                format!("{at}/target"),
+                "out_of_range",
+                format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"),
+            );
+        }
+        if let Some(std) = self
+            .std_mm
+            .filter(|std| !(MIN_STD_MM..=MAX_STD_MM).contains(std))
+        {
+            let detail =
+                format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
+            checker.note(format!("{at}/std_mm"), "out_of_range", detail);
+        }
+        self.check_directions(at, checker);
+        if let Some(Err((code, detail))) = self.quaternion.map(unit_quaternion) {
+            checker.note(format!("{at}/quaternion"), code, detail);
+        }
+        let range_deg = to_degrees(MIN_STD_ROTATION_RAD)..=to_degrees(MAX_STD_ROTATION_RAD);
+        if let Some(std) = self.std_rotation_deg.filter(|std| !range_deg.contains(std)) {
+            let detail =
+                format!("{std}: a standard uncertainty of a rotation is above 0 and at most 90°");
+            checker.note(format!("{at}/std_rotation_deg"), "out_of_range", detail);
+        }
+        if self.std_rotation_deg.is_some() && self.quaternion.is_none() {
+            let detail = "a position has no rotation whose uncertainty this could be";
+            checker.note(format!("{at}/std_rotation_deg"), "mixed_kinds", detail);
+        }
+        if let Some(temperature_c) = self.temperature_c {
+            checker.magnitude(
+                format!("{at}/temperature_c"),
+                temperature_c,
+                MAX_TEMPERATURE_C,
+                "temperatures are in °C",
+            );
+        }
+        for (label, name) in [
+            (&self.configuration, "configuration"),
+            (&self.station, "station"),
+            (&self.session, "session"),
+            (&self.measured_at, "measured_at"),
+        ] {
+            if let Some(label) = label {
+                checker.text(&format!("{at}/{name}"), label, MAX_NAME);
+            }
+        }
+        if let Some(text) = self.measured_at.as_deref().filter(|text| !is_time(text)) {
+            let shown: String = text.chars().take(40).collect();
+            let detail = format!("{shown:?} is not a time; write it as {EXAMPLE_OF_A_TIME}");
+            checker.note(format!("{at}/measured_at"), "not_a_time", detail);
+        }
+    }
+
+    /// Its noise, where it is stated by direction.
+    fn check_directions(&self, at: &str, checker: &mut Checker) {
+        let range = MIN_STD_MM..=MAX_STD_MM;
+        for (k, std) in self.std_axes_mm.iter().flatten().enumerate() {
+            if !range.contains(std) {
+                let detail =
+                    format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
+                checker.note(format!("{at}/std_axes_mm/{k}"), "out_of_range", detail);
+            }
+        }
+        if let Some(covariance) = self.covariance_mm2 {
+            let noise = PositionNoise::of_covariance(&matrix(covariance));
+            let is_one = |noise: &PositionNoise| noise.std_mm.iter().all(|v| range.contains(v));
+            if !noise.as_ref().is_some_and(is_one) {
+                let detail = format!(
+                    "a covariance is symmetric, and the square roots of its eigenvalues are {MIN_STD_MM} to {MAX_STD_MM} mm"
+                );
+                checker.note(format!("{at}/covariance_mm2"), "not_a_covariance", detail);
+            }
+        }
+        let stated = [
+            ("std_mm", self.std_mm.is_some()),
+            ("std_axes_mm", self.std_axes_mm.is_some()),
+            ("covariance_mm2", self.covariance_mm2.is_some()),
+        ];
+        let mut names = stated.iter().filter(|(_, is)| *is).map(|(name, _)| name);
+        if let (Some(one), Some(other)) = (names.next(), names.next()) {
+            let detail = format!("{one} and {other} say the same twice: keep one of them");
+            checker.note(format!("{at}/{other}"), instrument::TWICE, detail);
+        }
+    }
+
+    /// The point, of a body that was checked.
+    pub fn point(&self, row: usize) -> Point {
+        let of_axes = self.std_axes_mm.map(Vector3::from);
+        let of_covariance = self.covariance_mm2.map(matrix);
+        Point {
+            q_rad: self.q_deg.iter().map(|deg| to_radians(*deg)).collect(),
+            position_mm: Vector3::from(self.position_mm),
+            configuration: self.configuration.clone().unwrap_or_default(),
+            target: self.target.unwrap_or(0),
+            subset: self.subset,
+            std_mm: self.std_mm,
+            station: self.station.clone(),
+            session: self.session.clone(),
+            sequence: self.sequence.unwrap_or(row as i64),
+            temperature_c: self.temperature_c,
+            sweep_joint: None,
+            rotation: self.quaternion.and_then(|q| unit_quaternion(q).ok()),
+            position_noise: of_axes
+                .map(PositionNoise::of_axes)
+                .or(of_covariance.and_then(|c| PositionNoise::of_covariance(&c))),
+            std_rotation_rad: self.std_rotation_deg.map(to_radians),
+            rotation_angles_rad: None,
+        }
+    }
+}
+
+/// A matrix from its rows.
+fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, column| rows[row][column])
+}
