@@ -131,10 +131,15 @@ fn unknown_because(orientation: Orientation) -> Option<String> {
         Orientation::NotComputed => {
             Some("by how much the flange may be turned could not be computed".into())
         }
+        Orientation::NotComputedByOlderVersion => Some(
+            "the measured positions hardly show how the flange is turned, and by how much it may be was not computed by the version that identified \
+             this set"
+                .into(),
+        ),
         Orientation::NotShown { links_std_deg, .. } => Some(format!(
             "the measured positions do not show how the flange is turned ({links_std_deg:.1}°, one standard deviation)"
         )),
-        _ => None,
+        Orientation::Known | Orientation::LastJointZeroUnknown { .. } => None,
     }
 }
 

@@ -49,18 +49,13 @@ pub(crate) fn parse_optional<T: for<'de> Deserialize<'de>>(
     name.map(|name| variant(name, column)).transpose()
 }
 
-/// Reads a number of things.
+/// Reads a number of things. A negative one, which only an edit outside the service writes, counts as 0: the audit chain shows the edit.
 ///
 /// # Errors
-/// If the column is missing, is no integer, or is negative.
+/// If the column is missing or is no integer.
 pub(crate) fn count(row: &sqlx::any::AnyRow, column: &str) -> sqlx::Result<usize> {
     let n: i64 = sqlx::Row::try_get(row, column)?;
-    n.try_into().map_err(
-        |source: std::num::TryFromIntError| sqlx::Error::ColumnDecode {
-            index: column.into(),
-            source: source.into(),
-        },
-    )
+    Ok(usize::try_from(n).unwrap_or(0))
 }
 
 fn variant<T: for<'de> Deserialize<'de>>(name: String, column: &str) -> sqlx::Result<T> {
