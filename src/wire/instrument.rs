@@ -186,17 +186,14 @@ impl Stated {
                 Some(_) => "std_mm",
                 None => "std_x_mm",
             };
-            let detail = format!(
-                "the points state their own noise, and so does their instrument (range_std_mm, angle_std_deg): leave one of them \
-                 out"
-            );
+            let detail = "the points state their own noise, and so does their instrument (range_std_mm, angle_std_deg): leave one of them out";
             let issue = match self.in_body {
                 true => Issue::at("/instrument", TWICE, detail),
                 false => Issue {
                     row: Some(row),
                     column: Some(column.into()),
                     code: TWICE.into(),
-                    detail,
+                    detail: detail.into(),
                     ..Issue::default()
                 },
             };

@@ -330,7 +330,8 @@ impl MeasurementSetBody {
 
     /// All points state their noise in the same way, or none does.
     fn check_noise(&self, checker: &mut Checker) {
-        let ways: [(&str, &str, fn(&PointBody) -> bool); 3] = [
+        type States = fn(&PointBody) -> bool;
+        let ways: [(&str, &str, States); 3] = [
             ("std_mm", "mixed_std_mm", |p| p.std_mm.is_some()),
             ("std_axes_mm", "mixed_std", |p| p.std_axes_mm.is_some()),
             ("covariance_mm2", "mixed_std", |p| {
