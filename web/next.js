@@ -81,6 +81,7 @@ function afterVerification(report, robot, verified) {
   if (report.evidence !== "independent_session") return [el("p", {}, "These points are no independent session. Measure other poses at another time, and verify with them."), el("div.actions", {}, link)];
   if (!better) return [el("p", {}, "The set is no better than the nominal robot on this session. Do not release it; calibrate anew with these points."), el("div.actions", {}, link)];
   if (report.warnings.some((remark) => remark.code === "worse_than_identified")) return [el("p", {}, "The set is several times worse on this session than when it was identified. Look at the warning below and at the robot, and measure another session: if it agrees, calibrate anew."), el("div.actions", {}, link)];
+  if (report.warnings.some((remark) => remark.code === "misses_session")) return [el("p", {}, "The set misses this session by far more than the session scatters. Calibrate with these points, with all parameters."), el("div.actions", {}, link)];
   return [el("p", {}, { candidate: "The set holds on this session. Its page says whether a release would be accepted.", released: "The released set still holds on this session.", superseded: "The older set holds on this session.", withdrawn: "That set was withdrawn." }[verified.status] ?? ""), el("div.actions", {}, link)];
 }
 

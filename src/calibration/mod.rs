@@ -34,7 +34,7 @@ pub use validation::repeated_rows::{is_anew, repeated_rows};
 pub use validation::rescoring::{errors_mm, errors_on_verify_subset_mm};
 pub use validation::robust_comparison::{RobustComparison, after_errors_mm, robust_comparison};
 pub use validation::session_fit::{HeldOut, session_fit, times_worse};
-pub use validation::verdict::{NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
+pub use validation::verdict::{MISSES_SESSION, NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
 pub use validation::verification_set::{n_placed, n_placed_where};
 pub use validation::verify::{check_verify, verify};
 pub use warnings::orientation::{MAX_FLANGE_ROTATION_STD_RAD, NOT_KNOWN as ORIENTATION_NOT_KNOWN};

@@ -107,9 +107,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         if arguments.upload_only {
             if arguments.output.json {
-                for set in &sets {
-                    say!("{}", serde_json::to_string_pretty(set)?);
-                }
+                let text = match sets.as_slice() {
+                    [set] => serde_json::to_string_pretty(set)?,
+                    sets => serde_json::to_string_pretty(sets)?,
+                };
+                say!("{text}");
             }
             return Ok(());
         }

@@ -12,8 +12,9 @@ use crate::store::{
 };
 use crate::wire::frames::FramesContent;
 use crate::wire::id;
+use crate::wire::issue::Invalid;
 use crate::wire::job::{JobRequestBody, Kind, Method, VerifyBody};
-use crate::wire::measurement::Frame;
+use crate::wire::measurement::{Frame, MAX_UPLOAD_BYTES};
 use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::safetensors::NetworkMetadata;
@@ -78,10 +79,10 @@ pub async fn load(
     let (robot, sets, verify_set, frames, parameter_set) =
         (robot?, sets?, verify_set?, frames?, parameter_set?);
     access::require_in_use(&robot)?;
-    for set in sets.iter().chain(&verify_set) {
-        if set.row.archived_at_ms.is_some() {
+    for row in sets.iter().chain(verify_set.iter().map(|set| &set.row)) {
+        if row.archived_at_ms.is_some() {
             let (what, path) = ("measurement set", "measurement-sets");
-            return Err(access::archived(what, path, &set.row.id));
+            return Err(access::archived(what, path, &row.id));
         }
     }
     if let Some(set) = &parameter_set {
@@ -90,9 +91,8 @@ pub async fn load(
             return Err(held_is_withdrawn(&set.id));
         }
     }
-    let rows: Vec<&MeasurementSetRow> = sets.iter().map(|set| &set.row).collect();
-    several_sessions::check(request, &rows)?;
-    let mut sets = sets.into_iter();
+    several_sessions::check(request, &sets)?;
+    let mut sets = with_bytes(app, sets).await?.into_iter();
     let set = sets.next().ok_or(store::Error::NotFound)?;
     let further_sets: Vec<_> = sets.collect();
     let (networks, residual_networks, scored_frame) = tokio::join!(
@@ -113,15 +113,41 @@ pub async fn load(
     })
 }
 
-/// The sets of the request, in its order.
+/// The sets of the request, in its order, without their bytes.
 async fn sets(
     app: &App,
     robot_id: &str,
     request: &JobRequestBody,
-) -> Result<Vec<MeasurementSetInput>, Error> {
+) -> Result<Vec<MeasurementSetRow>, Error> {
     let mut sets = Vec::new();
     for (place, id) in request.set_ids().into_iter().enumerate() {
-        sets.push(set(app, robot_id, id, &request.set_pointer(place)).await?);
+        sets.push(require_own(
+            measurement_sets::get(&app.store, id).await,
+            |row| row.robot_id == robot_id,
+            &request.set_pointer(place),
+            "measurement set",
+        )?);
+    }
+    Ok(sets)
+}
+
+/// The sets with their bytes. Together they have no more than one upload may have, because all are in memory at once.
+async fn with_bytes(
+    app: &App,
+    rows: Vec<MeasurementSetRow>,
+) -> Result<Vec<MeasurementSetInput>, Error> {
+    let (mut sets, mut n_bytes) = (Vec::with_capacity(rows.len()), 0);
+    for row in rows {
+        let body = measurement_sets::body(&app.store, &row.id).await?;
+        n_bytes += body.len();
+        if n_bytes > MAX_UPLOAD_BYTES {
+            let detail = format!(
+                "the files of these sessions have more than {} MiB together: leave sessions out",
+                MAX_UPLOAD_BYTES >> 20
+            );
+            return Err(Invalid::at("/measurement_set_ids", "too_large", detail).into());
+        }
+        sets.push(MeasurementSetInput { row, body });
     }
     Ok(sets)
 }
@@ -346,11 +372,13 @@ async fn residual_networks(
 async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Vec<String>, Error> {
     let network = networks::get(&app.store, network_id).await?;
     let job = stored::get(&app.store, &network.job_id).await?;
-    let mut uploads = job_sources::uploads(&app.store, &job.id).await?;
-    uploads.extend(job.set_ids().map(str::to_owned));
-    let mut hashes = Vec::with_capacity(uploads.len());
-    for id in uploads {
-        hashes.push(measurement_sets::get(&app.store, &id).await?.sha256);
+    let sources = job_sources::uploads(&app.store, &job.id).await?;
+    let sources = sources
+        .iter()
+        .map(|upload| upload.measurement_set_id.as_str());
+    let mut hashes = Vec::new();
+    for id in job.set_ids().chain(sources) {
+        hashes.push(measurement_sets::get(&app.store, id).await?.sha256);
     }
     Ok(hashes)
 }

@@ -9,7 +9,7 @@ use crate::wire::measurement::{MAX_POINTS, MAX_TARGETS};
 ///
 /// # Errors
 /// [`Invalid`]: `mixed_frames`, `robot_mismatch`, `too_many_points`, `too_many_targets`.
-pub fn check(request: &JobRequestBody, sets: &[&MeasurementSetRow]) -> Result<(), Invalid> {
+pub fn check(request: &JobRequestBody, sets: &[MeasurementSetRow]) -> Result<(), Invalid> {
     let [first, further @ ..] = sets else {
         return Ok(());
     };
@@ -57,6 +57,6 @@ pub fn check(request: &JobRequestBody, sets: &[&MeasurementSetRow]) -> Result<()
     Ok(())
 }
 
-fn sum(sets: &[&MeasurementSetRow], of: impl Fn(&MeasurementSetRow) -> i64) -> i64 {
-    sets.iter().map(|set| of(set)).sum()
+fn sum(sets: &[MeasurementSetRow], of: impl Fn(&MeasurementSetRow) -> i64) -> i64 {
+    sets.iter().map(of).sum()
 }

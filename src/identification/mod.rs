@@ -30,6 +30,7 @@ pub mod start;
 pub mod steps;
 pub mod swarm;
 pub mod uncertainty;
+mod uncertainty_problem;
 pub mod variance;
 pub mod whitening;
 pub mod workspace;

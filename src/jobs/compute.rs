@@ -302,8 +302,8 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
 /// The uploads of the jobs that a job's result rests on.
 async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetInput>> {
     let mut sources = Vec::new();
-    for id in job_sources::uploads(store, job_id).await? {
-        sources.push(MeasurementSetInput::read(store, &id).await?);
+    for upload in job_sources::uploads(store, job_id).await? {
+        sources.push(MeasurementSetInput::read(store, &upload.measurement_set_id).await?);
     }
     Ok(sources)
 }

@@ -5,8 +5,8 @@ use super::{JobOutcome, JobSignals};
 use crate::release::facts::facts_at_end;
 use crate::release::{self, CheckStateChange};
 use crate::store::{
-    Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, jobs, leases, networks,
-    parameter_sets, robots, verifications,
+    Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, job_sources, jobs, leases,
+    networks, parameter_sets, robots, verifications,
 };
 use crate::wire::Problem;
 use crate::wire::verification::Verification;
@@ -95,6 +95,7 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
     // The residual network is stored first: lists are newest first, and clients take the first network of a job for `network_id`.
     if let Some(network) = &outcome.residual_network {
         networks::insert_residual(tx, &lease.job_id, network).await?;
+        job_sources::insert_residual(tx, &lease.job_id).await?;
     }
     if let Some(network) = &outcome.network {
         networks::insert(tx, &lease.job_id, network).await?;

@@ -111,7 +111,9 @@ struct GateInputs {
     /// Keys that uploaded the points of the identification, those that its held values rest on and, if its job used sweeps, the sweeps. `None` for
     /// an unknown key.
     uploaders: Vec<Option<String>>,
-    /// A withdrawn parameter set whose values it holds, or whose residual network it continues.
+    /// Code of the suspicion that was overridden with `insist` for an upload that its held values or its residual network rest on.
+    insisted_source: Option<String>,
+    /// A withdrawn parameter set whose values it holds.
     withdrawn_source: Option<String>,
 }
 
@@ -134,9 +136,15 @@ pub async fn check(
         sets.push(measurement_sets::get(store, id).await?);
     }
     let mut uploaders: Vec<_> = sets.iter().map(|set| set.uploaded_by.clone()).collect();
-    for id in job_sources::uploads(store, &job.id).await? {
-        uploaders.push(measurement_sets::get(store, &id).await?.uploaded_by);
+    let mut insisted_source = None;
+    for upload in job_sources::uploads(store, &job.id).await? {
+        let source = measurement_sets::get(store, &upload.measurement_set_id).await?;
+        insisted_source = insisted_source.or(source.insisted_on);
+        if upload.is_held {
+            uploaders.push(source.uploaded_by);
+        }
     }
+    let withdrawn_source = job_sources::withdrawn(store, &job.id).await?;
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
     }
@@ -147,6 +155,7 @@ pub async fn check(
         policy_version: policy.version,
         n_verifications: stored.n_verifications(),
         robot: robot.check(),
+        withdrawn_source: withdrawn_source.clone(),
     };
     let parsed = blocking::run(permit, || evidence::parse(stored)).await??;
     let parsed = Arc::new(parsed);
@@ -156,13 +165,13 @@ pub async fn check(
     };
     let unscored = unscored_session(store, permit, &parsed, robot.checked_seq).await?;
     let (id, approver) = (row.id.clone(), request.approver.clone());
-    let withdrawn_source = job_sources::withdrawn(store, &job.id).await?;
     let inputs = GateInputs {
         request,
         robot,
         policy,
         sets,
         uploaders,
+        insisted_source,
         withdrawn_source,
     };
     let decision = blocking::run(permit, move || {
@@ -245,6 +254,7 @@ fn run_gates(
         policy,
         sets,
         uploaders,
+        insisted_source,
         withdrawn_source,
     } = inputs;
     let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
@@ -271,10 +281,11 @@ fn run_gates(
         },
         has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
         is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
+        insisted_source: insisted_source.as_deref(),
         withdrawn_source: withdrawn_source.as_deref(),
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
-        stated_serial_number: stated_serial_number(sets),
+        stated_serial_number: stated_serial_number(sets, body.serial_number.as_deref()),
         uploaders,
         approver: &request.approver,
         change_reason: request.purpose.change_reason(),
@@ -282,9 +293,14 @@ fn run_gates(
     }))
 }
 
-/// The serial number that was stated with every set, if they all state the same.
-fn stated_serial_number(sets: &[MeasurementSetRow]) -> Option<&str> {
-    let mut stated = sets.iter().map(|set| set.serial_number.as_deref());
-    let first = stated.next().flatten();
-    first.filter(|_| stated.all(|other| other == first))
+/// A serial number that was stated with a set and contradicts the robot's, else the one that all sets state.
+fn stated_serial_number<'a>(
+    sets: &'a [MeasurementSetRow],
+    of_robot: Option<&str>,
+) -> Option<&'a str> {
+    let stated = || sets.iter().map(|set| set.serial_number.as_deref());
+    let contradicts = |stated: &&str| of_robot.is_some_and(|own| own != *stated);
+    let first = stated().next().flatten();
+    let of_all = first.filter(|_| stated().all(|other| other == first));
+    stated().flatten().find(contradicts).or(of_all)
 }

@@ -4,8 +4,8 @@ use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
-    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, RobustComparison, SET_FAR_OFF,
-    WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where, repeated_rows,
+    CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, MISSES_SESSION, RobustComparison,
+    SET_FAR_OFF, WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where, repeated_rows,
     robust_comparison, session_fit,
 };
 use crate::kinematics::Robot;
@@ -164,7 +164,10 @@ pub fn identification_facts(
             _ if n_verified_configurations(request, report) < FEWEST_TO_PROVE => Evidence::None,
             _ if report.evidence == Evidence::None => Evidence::None,
             _ if is_far_off || has_warning(report, INSISTED) => Evidence::None,
-            _ if is_verified_anew && !has_warning(report, BASE_NOT_CHECKED) => {
+            _ if is_verified_anew
+                && !has_warning(report, BASE_NOT_CHECKED)
+                && !has_warning(report, MISSES_SESSION) =>
+            {
                 Evidence::IndependentSession
             }
             _ => Evidence::SameUpload,
@@ -261,7 +264,9 @@ pub fn session_facts(
             Evidence::None
         },
         is_repeat: since.is_repeat,
-        is_worse: has_warning(report, WORSE_THAN_IDENTIFIED),
+        is_worse: [WORSE_THAN_IDENTIFIED, MISSES_SESSION]
+            .iter()
+            .any(|code| has_warning(report, code)),
         check_seq: since.check_seq,
         uncertainty_mm: None,
     }

@@ -63,7 +63,9 @@ pub struct Facts<'a> {
     pub has_other_joint_map: bool,
     /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
-    /// A withdrawn parameter set whose values this one holds, or whose residual network it continues.
+    /// Code of the suspicion that was overridden with `insist` for an upload that its held values or its residual network rest on.
+    pub insisted_source: Option<&'a str>,
+    /// A withdrawn parameter set whose values this one holds.
     pub withdrawn_source: Option<&'a str>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,
@@ -87,7 +89,8 @@ impl Facts<'_> {
         let is_independent = |session: &Session| {
             session.verification.fit == Fit::Fits
                 && session.verification.evidence == Evidence::IndependentSession
-                && (self.policy.tolerance_mm.is_some() || self.times_worse(session).is_none())
+                && (self.policy.tolerance_mm.is_some()
+                    || !session.verification.is_worse && self.times_worse(session).is_none())
         };
         if self.sessions.iter().any(is_independent) {
             Evidence::IndependentSession

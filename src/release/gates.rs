@@ -214,12 +214,20 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
 fn not_insisted(facts: &Facts<'_>) -> Gate {
     let name = "upload_not_insisted";
     let mut warnings = facts.report.warnings.iter();
-    match warnings.find(|warning| warning.code == INSISTED) {
-        None => Gate::new(name, true, "no upload that it rests on was insisted on"),
-        Some(warning) => Gate::new(
+    let own = warnings.find(|warning| warning.code == INSISTED);
+    match (own, facts.insisted_source) {
+        (None, None) => Gate::new(name, true, "no upload that it rests on was insisted on"),
+        (Some(warning), _) => Gate::new(
             name,
             false,
             format!("{}: measure again, or mend the file", warning.detail),
+        ),
+        (None, Some(code)) => Gate::new(
+            name,
+            false,
+            format!(
+                "an upload that its held values or its residual network rest on was insisted on ({code}): identify all parameters, without that network"
+            ),
         ),
     }
 }
@@ -320,6 +328,16 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
             ". The session of job {} repeats the poses that the set was identified from, and nothing in its noise shows that they were measured anew: \
              measure other poses",
             session.job_id
+        );
+    }
+    let misses =
+        |session: &&Session| session.verification.is_worse && facts.times_worse(session).is_none();
+    if let Some(session) = fitting.clone().find(misses) {
+        limits += &format!(
+            ". The set misses the session of job {} by several times what a robot leaves that is fitted to that session alone ({}). Unless the policy's \
+             tolerance_mm allows it, that session supports nothing: identify anew, with all parameters",
+            session.job_id,
+            errors_in_words(&session.verification)
         );
     }
     let worse = fitting.find_map(|session| Some((session, facts.times_worse(session)?)));

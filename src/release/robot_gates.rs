@@ -136,11 +136,15 @@ fn unknown_because(orientation: Orientation) -> Option<String> {
              this set"
                 .into(),
         ),
-        Orientation::NotShown { links_std_deg, .. } => Some(format!(
-            "the measured positions do not show how the flange is turned ({links_std_deg:.1}°, one standard deviation)"
-        )),
+        Orientation::NotShown { links_std_deg, .. } => Some(not_shown(links_std_deg)),
         Orientation::Known | Orientation::LastJointZeroUnknown { .. } => None,
     }
+}
+
+fn not_shown(std_deg: f64) -> String {
+    format!(
+        "the measured positions do not show how the flange is turned ({std_deg:.1}°, one standard deviation)"
+    )
 }
 
 /// Points of one upload fit equally well with a wrongly rotated flange. Another session shows at least that the reflector's positions are right.
@@ -148,7 +152,9 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
     let name = "orientation_known";
     let n_links = facts.robot.links.len();
     let orientation = orientation_of(facts);
-    let (found, remedy) = if let Some(unknown) = unknown_because(orientation) {
+    let (found, remedy) = if let Orientation::NotShown { std_deg, .. } = orientation {
+        (not_shown(std_deg), String::new())
+    } else if let Some(unknown) = unknown_because(orientation) {
         (unknown, String::new())
     } else if let Orientation::LastJointZeroUnknown { std_deg } = orientation {
         let remedy = format!(". {}", last_joint_zero_remedy(n_links));

@@ -1,62 +1,84 @@
-//! The jobs that a job's result rests on: it holds parameters that they identified, or continues to train their residual network. Their own sources
-//! are among them.
+//! The jobs that a job's result rests on, and theirs: it holds parameter values that they identified, or it kept a residual network whose training went on
+//! from theirs.
 
+use super::from_row::from_row;
 use super::{Result, Store, Tx};
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, UPLOADS, WITHDRAWN];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT_HELD, INSERT_RESIDUAL, UPLOADS, WITHDRAWN];
 
-const INSERT: &str = "
-    with direct as (
-        select p.job_id from parameter_set p where p.id = cast($2 as text)
-        union select r.job_id from residual_network r where r.id = cast($3 as text))
-    insert into job_source (job_id, source_job_id)
-    select cast($1 as text), d.job_id from direct d
-    union select cast($1 as text), s.source_job_id from job_source s join direct d on d.job_id = s.job_id";
+const INSERT_HELD: &str = "
+    insert into job_source (job_id, source_job_id, is_held)
+    select cast($1 as text), p.job_id, 1 from parameter_set p where p.id = $2
+    union select cast($1 as text), s.source_job_id, s.is_held from job_source s join parameter_set p on p.job_id = s.job_id where p.id = $2";
+
+const INSERT_RESIDUAL: &str = "
+    insert into job_source (job_id, source_job_id, is_held)
+    select j.id, r.job_id, 0 from job j join residual_network r on r.id = j.residual_network_input_id where j.id = $1
+    union select j.id, s.source_job_id, 0 from job j join residual_network r on r.id = j.residual_network_input_id
+        join job_source s on s.job_id = r.job_id where j.id = $1";
 
 const UPLOADS: &str = "
-    select distinct u.measurement_set_id from job_source s join job_upload u on u.job_id = s.source_job_id where s.job_id = $1 order by u.measurement_set_id";
+    select u.measurement_set_id as measurement_set_id, max(s.is_held) as is_held from job_source s join job_upload u on u.job_id = s.source_job_id
+    where s.job_id = $1 group by u.measurement_set_id order by u.measurement_set_id";
 
 const WITHDRAWN: &str = "
     select p.id from job_source s join parameter_set p on p.job_id = s.source_job_id
-    where s.job_id = $1 and p.status = 'withdrawn' order by p.id limit 1";
+    where s.job_id = $1 and s.is_held = 1 and p.status = 'withdrawn' order by p.id limit 1";
 
-/// Stores the sources of a new job, which never change.
+/// An upload that a job's result rests on, besides the job's own.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SourceUpload {
+    /// The measurement set.
+    pub measurement_set_id: String,
+    /// Whether parameter values from it are held; else a residual network was trained on it.
+    pub is_held: bool,
+}
+
+from_row!(SourceUpload { measurement_set_id } flags { is_held });
+
+/// Stores the sources of a new job that holds the values of a parameter set. They never change.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub(super) async fn insert(
-    tx: &mut Tx,
-    job_id: &str,
-    held_parameter_set_id: Option<&str>,
-    residual_network_id: Option<&str>,
-) -> Result<()> {
-    sqlx::query(INSERT)
-        .bind(job_id)
-        .bind(held_parameter_set_id)
-        .bind(residual_network_id)
-        .execute(tx.connection())
-        .await?;
+pub(super) async fn insert_held(tx: &mut Tx, job_id: &str, parameter_set_id: &str) -> Result<()> {
+    let query = sqlx::query(INSERT_HELD).bind(job_id).bind(parameter_set_id);
+    query.execute(tx.connection()).await?;
     Ok(())
 }
 
-/// Measurement sets of the job's sources, without the job's own.
+/// Stores the sources of a job that kept the residual network whose training it went on with.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn uploads(store: &Store, job_id: &str) -> Result<Vec<String>> {
-    Ok(sqlx::query_scalar(UPLOADS)
-        .bind(job_id)
-        .fetch_all(store.readers())
-        .await?)
+pub async fn insert_residual(tx: &mut Tx, job_id: &str) -> Result<()> {
+    let query = sqlx::query(INSERT_RESIDUAL).bind(job_id);
+    query.execute(tx.connection()).await?;
+    Ok(())
 }
 
-/// A parameter set of the job's sources that was withdrawn, if there is one.
+/// Uploads of the job's sources.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn uploads(store: &Store, job_id: &str) -> Result<Vec<SourceUpload>> {
+    let query = sqlx::query_as(UPLOADS).bind(job_id);
+    Ok(query.fetch_all(store.readers()).await?)
+}
+
+/// A withdrawn parameter set whose values the job holds, if there is one.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn withdrawn(store: &Store, job_id: &str) -> Result<Option<String>> {
-    Ok(sqlx::query_scalar(WITHDRAWN)
-        .bind(job_id)
-        .fetch_optional(store.readers())
-        .await?)
+    let query = sqlx::query_scalar(WITHDRAWN).bind(job_id);
+    Ok(query.fetch_optional(store.readers()).await?)
+}
+
+/// As [`withdrawn`], in a transaction.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub(super) async fn withdrawn_in(tx: &mut Tx, job_id: &str) -> Result<Option<String>> {
+    let query = sqlx::query_scalar(WITHDRAWN).bind(job_id);
+    Ok(query.fetch_optional(tx.connection()).await?)
 }

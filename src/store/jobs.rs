@@ -333,10 +333,8 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
         row.robot_version = new.robot_version;
     }
     let held = new.parameter_set_input_id.as_deref();
-    let held = held.filter(|_| new.holds_parameter_set);
-    let residual = new.residual_network_input_id.as_deref();
-    if held.is_some() || residual.is_some() {
-        job_sources::insert(tx, &id, held, residual).await?;
+    if let Some(held) = held.filter(|_| new.holds_parameter_set) {
+        job_sources::insert_held(tx, &id, held).await?;
     }
     job_sessions::insert(tx, &id, &new.further_set_ids).await?;
     row.further_set_ids = new.further_set_ids.join(",");

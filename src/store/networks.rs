@@ -155,7 +155,12 @@ const NEWEST: &str = concat!("select id, weights from network
 
 const NEWEST_RESIDUAL: &str = concat!("select n.id as id, n.weights as weights from residual_network n
      join job j on j.id = n.job_id join measurement_set m on m.id = j.measurement_set_id
-     where n.robot_id = $1 and m.sha256 <> $2 and ", is_usable!("n"), "
+     where n.robot_id = $1 and m.sha256 <> $2 and m.insisted_on is null and ", is_usable!("n"), "
+        and not exists (select 1 from parameter_set p where p.job_id = n.job_id and p.status = 'withdrawn')
+        and not exists (select 1 from job_session o join measurement_set x on x.id = o.measurement_set_id
+            where o.job_id = n.job_id and x.insisted_on is not null)
+        and not exists (select 1 from job_source s join job k on k.id = s.source_job_id join measurement_set x on x.id = k.measurement_set_id
+            left join parameter_set p on p.job_id = k.id where s.job_id = n.job_id and (x.insisted_on is not null or p.status = 'withdrawn'))
      order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
      limit cast($3 as bigint)");
 

@@ -11,8 +11,8 @@ use super::listing::{self, ListQueries, list_queries, list_row};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
-    verifications,
+    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, job_sources,
+    policies, robots, verifications,
 };
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -119,6 +119,8 @@ pub struct CheckedState {
     pub n_verifications: i64,
     /// The state of the robot.
     pub robot: RobotCheck,
+    /// A withdrawn set whose values this one holds.
+    pub withdrawn_source: Option<String>,
 }
 
 // The version of the robot's joint map that a set was identified with.
@@ -395,6 +397,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         policy_version: policy.version,
         n_verifications: verifications::count_in(tx, &release.id).await?,
         robot: robot.check(),
+        withdrawn_source: job_sources::withdrawn_in(tx, &set.job_id).await?,
     };
     if now != release.checked {
         return Err(Conflict::ChecksOutdated.into());

@@ -53,14 +53,11 @@ impl VerificationRow {
         let found = &self.found;
         let mut entry = json!({"parameter_set_id": self.parameter_set_id, "kind": found.kind.as_str(), "seq": self.seq, "n_points": found.n_points,
             "before_rms_mm": found.before_rms_mm, "after_rms_mm": found.after_rms_mm, "is_better": i64::from(found.is_better), "fit": found.fit.as_str(),
-            "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "check_seq": found.check_seq,
+            "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "is_worse": i64::from(found.is_worse), "check_seq": found.check_seq,
             "verified_uncertainty_mm": found.uncertainty_mm});
-        // Entries of older versions have neither field.
+        // Entries of older versions do not have it.
         if let Some(expanded_mm) = found.after_expanded_mm {
             entry["after_expanded_mm"] = json!(expanded_mm);
-        }
-        if found.is_worse {
-            entry["is_worse"] = json!(1);
         }
         entry
     }
@@ -162,11 +159,12 @@ const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v
 // Of the whole robot: a later session of another set counts as well.
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
 
-// Repeats of earlier uploads show nothing new.
+// Repeats of earlier uploads show nothing new. Of several sessions of one job, one that repeats does not hide the others.
 const LATER_SESSIONS: &str = "
     select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
     from verification v join job_upload u on u.job_id = v.job_id left join report_summary r on r.job_id = v.job_id
-    where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3 and v.is_repeat = 0
+    where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3
+        and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id))
         and v.seq > (select own.seq from verification own join parameter_set p on p.job_id = own.job_id where p.id = $1)
         and not exists (select 1 from verification s join job k on k.id = s.job_id
             where s.parameter_set_id = $1 and (k.measurement_set_id = u.measurement_set_id or k.verify_set_id = u.measurement_set_id
@@ -191,7 +189,8 @@ const EARLIER_UPLOADS: &str = concat!(
     " and a.event = $4 where v.robot_id = $1 and v.seq = $2), 0)
         and (m.id not in (select ",
     scored_set!(),
-    " from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id where v.robot_id = $1 and v.fit <> 'fits')
+    " from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id where v.robot_id = $1 and v.fit <> 'fits'
+                and not exists (select 1 from job_session o where o.job_id = j.id))
             or (cast($5 as bigint) = 1 and m.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
                 where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
     order by m.id limit cast($3 as bigint)"

@@ -18,7 +18,7 @@ use crate::calibration::solve::solution::Found;
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::errors::{self, corrected_errors, errors, rotation_errors};
 use crate::calibration::validation::repeatability::repeatability;
-use crate::calibration::validation::session_fit::own_scatter_mm;
+use crate::calibration::validation::session_fit::SessionScatter;
 use crate::calibration::validation::verdict;
 use crate::calibration::validation::verification_set::Layout;
 use crate::calibration::validation::verification_set::refits;
@@ -98,7 +98,7 @@ pub fn verify_errors(
 }
 
 /// Why nothing is stated of a swarm that was stopped.
-const UNFINISHED: &str = "the method did not converge: the swarm ended at its limit of iterations, and nothing refined its answer. Ask for \
+const UNFINISHED: &str = "the method did not converge: it ended at its limit of iterations, and nothing refined its answer. Ask for \
                           `refine: true`, or for method auto";
 
 /// What a calibration found.
@@ -246,9 +246,11 @@ pub fn report(
         let fitted = errors::without_outliers(&per_point, Subset::Identify).unwrap_or(identify);
         fit = fit.or_else(|| {
             let refused_as = request.refused_as.as_deref();
-            verdict::of_another_session(&errors_mm, &fitted, &request.robot, refused_as, || {
-                own_scatter_mm(&after.model, &after.observed.all)
-            })
+            let scatter = SessionScatter {
+                model: &after.model,
+                observations: &after.observed.all,
+            };
+            verdict::of_another_session(&errors_mm, &fitted, &request.robot, refused_as, &scatter)
         });
         let of_set = layout.screening.outliers.iter();
         outliers.extend(of_set.map(|outlier| per_point.len() + outlier.row));
@@ -288,10 +290,9 @@ pub fn report(
         with_found_misfit(of_links, &identify)
     });
     let mut not_determined = None;
-    // no least squares followed that swarm: its answer is on the way to a minimum, and the weakest combinations are the furthest from it
-    let is_unfinished = answer.method != Method::LeastSquares
-        && !problem.settings.refine
-        && found.termination == "iteration_limit";
+    // no least squares came to its end: the answer is on the way to a minimum, and the weakest combinations are the furthest from it
+    let is_unfinished = found.termination == "iteration_limit"
+        && (answer.method == Method::LeastSquares || !problem.settings.refine);
     let why_not_stated = match misfit {
         Some(code) => Some(format!(
             "the identified robot does not fit the points ({code})"

@@ -28,6 +28,10 @@ const AS_BEFORE: f64 = 2.0;
 const FINEST: f64 = 1e-5;
 /// rms over median of the length of a 3-D normal error: √3 over 1.5382. A median is not moved by a few outliers.
 const RMS_OVER_MEDIAN: f64 = 1.126;
+/// Points that the scatter of a session is estimated from, at most.
+const MAX_FITTED: usize = 2_000;
+/// Share of the equations that a fit of the session is taken to leave, at least: priors hold what few points do not show.
+const LEAST_LEFT: f64 = 0.25;
 /// Equations for each number, below which a fit of the session says nothing of its scatter.
 const EQUATIONS_PER_NUMBER: usize = 2;
 
@@ -47,9 +51,49 @@ pub fn times_worse(session_mm: f64, identified_mm: f64, links: &[Link]) -> Optio
     (times >= WORSE).then_some(times)
 }
 
+/// How many times larger a set's errors are on a session than those of a robot that is fitted to this session alone (`scatter_mm`, 0 where there are
+/// too few points to tell), both rms, mm; `None` below [`WORSE`] times.
+fn times_its_scatter(session_mm: f64, scatter_mm: f64, links: &[Link]) -> Option<f64> {
+    let times = session_mm / scatter_mm.max(FINEST * reach_mm(links));
+    (scatter_mm > 0.0 && times >= WORSE).then_some(times)
+}
+
+/// [`own_scatter_mm`] as it would be at points that were not fitted, of at most [`MAX_FITTED`] points.
+fn expected_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
+    let step = observations.len().div_ceil(MAX_FITTED).max(1);
+    let some: Vec<Observation> = observations.iter().step_by(step).cloned().collect();
+    let n_numbers = complete_parameters(model.links.len(), model.targets_mm.len()).len();
+    let left = 1.0 - n_numbers as f64 / (3 * some.len()).max(1) as f64;
+    own_scatter_mm(model, &some) / left.max(LEAST_LEFT).sqrt()
+}
+
 /// The error from which on [`times_worse`] has a word, mm.
 pub fn least_worth_a_word_mm(identified_mm: f64, links: &[Link]) -> f64 {
     WORSE * identified_mm.max(FINEST * reach_mm(links))
+}
+
+/// What a robot leaves that is fitted to a session alone. It is fitted only where the answer depends on it.
+pub struct SessionScatter<'a> {
+    /// The scored robot on the session.
+    pub model: &'a KinematicModel,
+    /// The session's points.
+    pub observations: &'a [Observation],
+}
+
+impl SessionScatter<'_> {
+    /// See [`own_scatter_mm`].
+    pub fn own_mm(&self) -> f64 {
+        own_scatter_mm(self.model, self.observations)
+    }
+
+    /// See [`times_its_scatter`]; `None` for errors that no instrument measures.
+    pub fn times(&self, session_mm: f64, links: &[Link]) -> Option<f64> {
+        if session_mm < least_worth_a_word_mm(0.0, links) {
+            return None;
+        }
+        let scatter_mm = expected_scatter_mm(self.model, self.observations);
+        times_its_scatter(session_mm, scatter_mm, links)
+    }
 }
 
 /// How they fit. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with corrections.

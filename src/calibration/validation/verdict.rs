@@ -7,7 +7,9 @@ use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
-use crate::calibration::validation::session_fit::{HeldOut, session_fit, times_worse};
+use crate::calibration::validation::session_fit::{
+    HeldOut, SessionScatter, session_fit, times_worse,
+};
 use crate::calibration::warnings::plausibility;
 use crate::calibration::warnings::refused_upload::advice;
 use crate::kinematics::{Link, Robot, reach_mm};
@@ -19,6 +21,8 @@ pub const SET_FAR_OFF: &str = "set_far_off";
 pub const NO_BETTER: &str = "no_better_than_nominal";
 /// Warning that a parameter set that fits a session is several times worse there than when it was identified.
 pub const WORSE_THAN_IDENTIFIED: &str = "worse_than_identified";
+/// Warning that a parameter set misses a session by several times what a robot leaves that is fitted to that session alone.
+pub const MISSES_SESSION: &str = "misses_session";
 const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is frame=instrument), with joints counted otherwise, or of another robot";
 
 /// What the points say of the parameter set.
@@ -33,6 +37,8 @@ pub struct Verdict {
     pub held_out: Option<HeldOut>,
     /// See [`times_worse`]; `None` where nothing was found when the set was identified.
     pub times_worse: Option<f64>,
+    /// See [`SessionScatter::times`].
+    pub times_its_scatter: Option<f64>,
     /// Code with which the points were refused, if somebody insisted.
     pub refused_as: Option<String>,
 }
@@ -106,6 +112,15 @@ impl Verdict {
                     "on these points{remark} the calibrated robot ({after:.4} mm rms) is no better than the nominal one ({before:.4} mm rms): do not use it"
                 ),
             ),
+            Fit::Fits if self.times_worse.is_none() => {
+                let times = self.times_its_scatter?;
+                let detail = format!(
+                    "on these points{remark} the calibrated robot misses by {after:.4} mm rms, {times:.1} times what is left where a robot is fitted to \
+                     these points alone{at_identification}: the parameter set is not right for the robot as it was here. Too few parameters were \
+                     identified, its own points were coarse, or it holds only near the poses that it was identified from"
+                );
+                (MISSES_SESSION, detail)
+            }
             Fit::Fits => {
                 let times = self.times_worse?;
                 let detail = format!(
@@ -164,7 +179,7 @@ pub fn of_another_session(
     fitted: &SubsetErrors,
     robot: &Robot,
     refused_as: Option<&str>,
-    own_scatter_mm: impl FnOnce() -> f64,
+    scatter: &SessionScatter<'_>,
 ) -> Option<Warning> {
     let held_out = HeldOut {
         nominal_rms_mm: fitted.before.rms_mm,
@@ -178,8 +193,9 @@ pub fn of_another_session(
             held_out.identified_rms_mm,
             &robot.links,
         ),
+        times_its_scatter: scatter.times(comparison.after_rms_mm, &robot.links),
         comparison,
-        fit: session_fit(errors_mm, Some(&held_out), robot, own_scatter_mm),
+        fit: session_fit(errors_mm, Some(&held_out), robot, || scatter.own_mm()),
         held_out: Some(held_out),
         refused_as: refused_as.map(str::to_owned),
     };

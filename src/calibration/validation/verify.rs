@@ -16,7 +16,7 @@ use crate::calibration::validation::errors::{
 };
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{
-    nominal_fit, own_scatter_mm, session_fit, times_worse,
+    SessionScatter, nominal_fit, session_fit, times_worse,
 };
 use crate::calibration::validation::verdict::Verdict;
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
@@ -360,8 +360,15 @@ fn report(
     }
     let errors_mm = counted_errors_mm(&per_point);
     let comparison = robust_comparison(&errors_mm);
+    let scatter = SessionScatter {
+        model: &scored.after.model,
+        observations: &scored.after.observed.all,
+    };
     let verdict = Verdict {
         is_identified,
+        times_its_scatter: is_identified
+            .then(|| scatter.times(comparison.after_rms_mm, &request.robot.links))
+            .flatten(),
         times_worse: request.held_out.and_then(|held_out| {
             let identified_mm = held_out.identified_rms_mm;
             times_worse(comparison.after_rms_mm, identified_mm, &request.robot.links)
@@ -372,7 +379,7 @@ fn report(
                 &errors_mm,
                 request.held_out.as_ref(),
                 &request.robot,
-                || own_scatter_mm(&scored.after.model, &scored.after.observed.all),
+                || scatter.own_mm(),
             ),
             false => nominal_fit(
                 &request.robot,

@@ -485,7 +485,11 @@ fn the_schema_itself_looks_at_the_uploads_that_a_set_rests_on() {
             })
             .await;
             let sources = job_sources::uploads(store, &candidate.job_id).await;
-            assert_eq!(sources.unwrap(), [first.id]);
+            let expected = job_sources::SourceUpload {
+                measurement_set_id: first.id,
+                is_held: true,
+            };
+            assert_eq!(sources.unwrap(), [expected]);
             let released = sqlx::query(UNCHECKED_UPDATE)
                 .bind(&candidate.id)
                 .bind("same_upload")

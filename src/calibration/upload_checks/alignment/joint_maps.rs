@@ -18,7 +18,8 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Points that conventions are compared on.
 const COMPARED_POINTS: usize = 18;
-/// Fewer points say nothing of a convention: twelve give 36 equations for the fifteen numbers of base and target.
+/// With fewer points only makers' conventions are tried: one of all conventions would fit by chance. Twelve points give 36 equations for the fifteen
+/// numbers of base and target.
 const FEWEST_POINTS: usize = 12;
 /// Disjoint choices of points, tried in turn: a gross row spoils those that hold it.
 const CHOICES: usize = 2;
@@ -61,8 +62,8 @@ struct Tried {
 #[derive(Clone, Copy, Default)]
 struct Path([u8; MAX_LINKS]);
 
-/// The simplest convention of those that fit best, and how near it comes; never the one that the robot has. `None` where there are too few
-/// points to tell.
+/// The simplest convention of those that fit best, and how near it comes; never the one that the robot has. With few points only makers' signs and
+/// couplings are tried; `None` where there are too few even for them.
 pub(super) fn search(
     links: &[Link],
     observations: &[Observation],
@@ -70,7 +71,7 @@ pub(super) fn search(
     fits_mm: f64,
 ) -> Option<(Convention, Fitted)> {
     if observations.len() < FEWEST_POINTS {
-        return None;
+        return of_makers(links, observations, frame);
     }
     let mut found: Option<(Convention, Fitted)> = None;
     for choice in 0..CHOICES {
@@ -94,6 +95,38 @@ pub(super) fn search(
         }
     }
     found
+}
+
+/// The simplest of the makers' signs and couplings that fit best.
+fn of_makers(
+    links: &[Link],
+    observations: &[Observation],
+    frame: Frame,
+) -> Option<(Convention, Fitted)> {
+    let n = links.len();
+    let as_they_are = vec![false; n];
+    let makers = MAKERS.iter().filter(|maker| maker.len() == n);
+    let signs = makers.map(|maker| maker.to_vec()).chain([as_they_are]);
+    let conventions = signs.flat_map(|reversed| {
+        COUPLINGS.map(|coupling| Convention {
+            reversed: reversed.clone(),
+            coupling,
+            quarter_turns: vec![0; n],
+        })
+    });
+    let is_other = |convention: &Convention| convention.complexity() > 0;
+    let mut fits: Vec<(Convention, Fitted)> = conventions
+        .filter(|convention| n >= 3 && is_other(convention))
+        .filter_map(|convention| {
+            let fitted = placed(links, &convention.observations(observations), frame)?;
+            Some((convention, fitted))
+        })
+        .collect();
+    let rms_mm = fits.iter().map(|(_, fit)| fit.rms_mm);
+    let best_mm = rms_mm.fold(f64::INFINITY, f64::min);
+    fits.retain(|(_, fit)| fit.rms_mm <= AS_GOOD * best_mm);
+    fits.into_iter()
+        .min_by_key(|(convention, _)| convention.complexity())
 }
 
 /// As [`search`], with every joint's zero free: joints that were never mastered hide a maker's convention. Zeros that are quarter turns away are

@@ -208,7 +208,14 @@ impl<'a> Suspect<'a> {
             What::File(hypothesis) => {
                 let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
                 let (words, hint) = (hypothesis.words(&names), hypothesis.hint());
-                let or = supposed.or_joints.as_ref().map_or(String::new(), |convention| {
+                let alone = match hypothesis.is_left_handed() {
+                    true => {
+                        ". Joints that are counted the other way round may look the same: compare the controller's joint values with the nominal robot \
+                         before columns are exchanged, or a mirrored robot is identified"
+                    }
+                    false => "",
+                };
+                let or = supposed.or_joints.as_ref().map_or(alone.to_owned(), |convention| {
                     format!(
                         ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one a \
                          mirrored robot is identified",

@@ -1,0 +1,433 @@
+//! The wider problem of [`uncertainty`](super::uncertainty): its rows, and their solution.
+
+use crate::identification::KinematicModel;
+use crate::identification::distributions::f_tail;
+use crate::identification::evidence::{Evidence, Posterior, Triangle};
+use crate::identification::misfit::Misfit;
+use crate::identification::objective::Observation;
+use crate::identification::problem::Problem;
+use crate::solvers::watch::Watch;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Scale of the half-Cauchy prior of σm, rad: joints that turn by 0.3 mrad under the weight of an arm's end are usual.
+const USUAL_MISFIT_RAD: f64 = 3e-4;
+/// Searches of σm, each with the noise of the one before.
+const SEARCHES: usize = 3;
+/// What configurations share counts where chance would show as much in fewer cases than these.
+const CHANCE: f64 = 0.05;
+/// σc²/σ² where the points of a configuration agree to the last bit.
+const MOST_SHARED: f64 = 1e6;
+/// Iteration limit of an eigenvalue decomposition.
+const EIGEN_ITERATIONS: usize = 1000;
+/// Points that are reduced to a triangle at once: memory does not grow with the points.
+const POINTS_AT_ONCE: usize = 200;
+
+/// The points of a session at its fit.
+pub struct Session<'a> {
+    /// The identified robot.
+    pub model: &'a KinematicModel,
+    /// Its problem, with the priors of its parameters.
+    pub problem: &'a Problem<'a>,
+    /// The problem's observations, every one with some weight. A pose is two of them, three rows each: its position without, then the same with
+    /// its rotation.
+    pub observations: &'a [Observation],
+    /// The number of each observation's configuration.
+    pub configurations: &'a [usize],
+    /// The instrument's station of each observation, from 0; `None` for the one in whose frame the model stands.
+    pub stations: &'a [Option<usize>],
+    /// What links cannot say.
+    pub misfit: Misfit,
+    /// Asked between parts of the work; once it says no, the answer is of no use.
+    pub watch: &'a Watch<'a>,
+}
+
+/// The columns of the wider problem.
+pub(super) struct Columns {
+    pub(super) n_parameters: usize,
+    n_stations: usize,
+    n_features: usize,
+}
+
+impl Columns {
+    pub(super) fn without_features(&self) -> usize {
+        self.n_parameters + 6 * self.n_stations
+    }
+
+    fn all(&self) -> usize {
+        self.without_features() + self.n_features
+    }
+}
+
+/// Where the three rows of an observation are: the block of its measurement, and the first of them there.
+struct Place {
+    block: usize,
+    first: usize,
+}
+
+/// The rows of a session: the identified robot's coordinates, and the points of each configuration.
+pub(super) struct Rows<'a> {
+    session: &'a Session<'a>,
+    pub(super) columns: Columns,
+    x: Vec<f64>,
+    points_of: Vec<Vec<usize>>,
+    /// Where each observation's rows are.
+    places: Vec<Place>,
+}
+
+/// How a station that is turned turns a pose that was measured from it, by its rotation rows; `None` of positions.
+fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<f64>> {
+    let measured = o.rotation.as_ref()?;
+    let predicted = model.rotation(&o.q_rad, o.target)?;
+    Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
+}
+
+/// How what the points of a configuration share enters their rows: rows = A·c, A = one block of 3 × 3 a point.
+enum Common {
+    /// A block is the square root of the point's weight times 1.
+    Alike { roots: Vec<f64>, weight: f64 },
+    /// Or that times what whitens the point's noise. Columns of `along`, 3·N × 3, are orthonormal and span those of A; `weights` are the
+    /// eigenvalues of AᵀA.
+    Uneven {
+        along: DMatrix<f64>,
+        weights: Vector3<f64>,
+    },
+}
+
+impl Common {
+    /// Weight of the mean, of an axis.
+    fn weight(&self) -> f64 {
+        match self {
+            Self::Alike { weight, .. } => *weight,
+            Self::Uneven { weights, .. } => weights.sum() / 3.0,
+        }
+    }
+
+    /// Rows that take the three means of some rows: 3 × 3·N, orthonormal.
+    fn means(&self, n_rows: usize) -> DMatrix<f64> {
+        match self {
+            Self::Alike { roots, weight } => {
+                let mut along = DMatrix::zeros(3, n_rows);
+                for (k, root) in roots.iter().enumerate() {
+                    (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
+                }
+                along
+            }
+            Self::Uneven { along, .. } => along.transpose(),
+        }
+    }
+}
+
+/// What the points of several configurations share.
+#[derive(Clone, Copy)]
+pub(super) struct Shared {
+    /// σc²/σ².
+    pub(super) ratio: f64,
+    /// Degrees of freedom of the means of all configurations.
+    pub(super) freedom: f64,
+}
+
+impl<'a> Rows<'a> {
+    pub(super) fn new(session: &'a Session<'a>) -> Self {
+        let Session {
+            model,
+            problem,
+            configurations,
+            stations,
+            misfit,
+            ..
+        } = session;
+        let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
+        let mut points_of = vec![vec![]; n_configurations];
+        for (point, configuration) in configurations.iter().enumerate() {
+            points_of[*configuration].push(point);
+        }
+        points_of.retain(|points| !points.is_empty());
+        let columns = Columns {
+            n_parameters: problem.variables.len(),
+            n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
+            n_features: misfit.features(model, [].into_iter()).ncols(),
+        };
+        let mut n_blocks = 0;
+        let place = |o: &Observation| {
+            n_blocks += usize::from(o.rotation.is_none());
+            Place {
+                block: n_blocks - 1,
+                first: if o.rotation.is_some() { 3 } else { 0 },
+            }
+        };
+        Self {
+            session,
+            columns,
+            x: problem.coordinates(model),
+            places: session.observations.iter().map(place).collect(),
+            points_of,
+        }
+    }
+
+    /// Derivatives of some points' residuals by all columns, and the residuals.
+    fn of(&self, points: &[usize]) -> (DMatrix<f64>, Vec<f64>) {
+        let Session {
+            model,
+            problem,
+            observations,
+            stations,
+            misfit,
+            ..
+        } = self.session;
+        let mut matrix = DMatrix::zeros(3 * points.len(), self.columns.all());
+        let poses = points.iter().map(|point| {
+            let o = &observations[*point];
+            (o.q_rad.as_slice(), o.target, o.weight)
+        });
+        let mut features = -misfit.features(model, poses);
+        for (k, point) in points.iter().enumerate() {
+            if let Some(w) = observations[*point].whitening {
+                let mut rows = features.rows_mut(3 * k, 3);
+                rows.copy_from(&(w * &rows));
+            }
+        }
+        matrix
+            .columns_mut(self.columns.without_features(), self.columns.n_features)
+            .copy_from(&features);
+        let mut blocks: Vec<usize> = points.iter().map(|p| self.places[*p].block).collect();
+        blocks.dedup();
+        let part = problem.part(blocks.iter().copied());
+        let mut of_blocks = DMatrix::zeros(part.n_rows(), self.columns.n_parameters);
+        let mut left = vec![0.0; part.n_rows()];
+        part.evaluate(&self.x, &mut left, Some(&mut of_blocks));
+        let mut residuals = Vec::with_capacity(matrix.nrows());
+        let mut at = 0;
+        for (k, point) in points.iter().enumerate() {
+            let o = &observations[*point];
+            let place = &self.places[*point];
+            at += usize::from(blocks[at] != place.block);
+            let first = part.rows_of(at).start + place.first;
+            residuals.extend_from_slice(&left[first..first + 3]);
+            matrix
+                .view_mut((3 * k, 0), (3, self.columns.n_parameters))
+                .copy_from(&of_blocks.rows(first, 3));
+            if o.rotation.is_some() {
+                matrix
+                    .view_mut(
+                        (3 * k, self.columns.without_features()),
+                        (3, self.columns.n_features),
+                    )
+                    .copy_from(&-misfit.turns(model, o));
+            }
+            // a station that stands elsewhere moves what was measured from it
+            if let Some(station) = stations[*point] {
+                let first = self.columns.n_parameters + 6 * station;
+                if let Some(turned) = turned_by_station(model, o) {
+                    matrix
+                        .fixed_view_mut::<3, 3>(3 * k, first + 3)
+                        .copy_from(&turned);
+                    continue;
+                }
+                let from_base = o.position_mm - model.t_instrument_base.translation.vector;
+                for axis in 0..3 {
+                    let along = Vector3::ith(axis, o.weight.sqrt());
+                    let mut put = |column, v: Vector3<f64>| {
+                        let v = o.whitened(v);
+                        matrix.fixed_view_mut::<3, 1>(3 * k, column).copy_from(&v)
+                    };
+                    put(first + axis, along * problem.reach_mm);
+                    put(first + 3 + axis, along.cross(&from_base));
+                }
+            }
+        }
+        (matrix, residuals)
+    }
+
+    /// As [`Self::of`] for the points of a configuration, with what they share whitened: along their mean, rows are divided by sqrt(1 + ρ·L), L
+    /// the sum of their weights.
+    fn whitened(&self, points: &[usize], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
+        let (mut matrix, mut residuals) = self.of(points);
+        if ratio == 0.0 {
+            return (matrix, residuals);
+        }
+        let columns = matrix.as_mut_slice().chunks_exact_mut(3 * points.len());
+        let columns = columns.chain([residuals.as_mut_slice()]);
+        match self.common(points) {
+            Common::Alike { roots, weight } => {
+                let less = (1.0 - 1.0 / (1.0 + ratio * weight).sqrt()) / weight;
+                for column in columns {
+                    for axis in 0..3 {
+                        let along: f64 = (0..roots.len())
+                            .map(|k| roots[k] * column[3 * k + axis])
+                            .sum();
+                        (0..roots.len())
+                            .for_each(|k| column[3 * k + axis] -= roots[k] * along * less);
+                    }
+                }
+            }
+            // V = 1 + ρ·A·Aᵀ, whose eigenvectors beside 1 are `along`
+            Common::Uneven { along, weights } => {
+                let less = weights.map(|weight| 1.0 - 1.0 / (1.0 + ratio * weight).sqrt());
+                for column in columns {
+                    let rows = DVector::from_column_slice(column);
+                    let mut means = along.tr_mul(&rows);
+                    means.component_mul_assign(&less);
+                    column.copy_from_slice((rows - &along * means).as_slice());
+                }
+            }
+        }
+        (matrix, residuals)
+    }
+
+    /// How what some points share enters their rows.
+    fn common(&self, points: &[usize]) -> Common {
+        let all = self.session.observations;
+        let root = |point: &usize| all[*point].weight.sqrt();
+        let roots: Vec<f64> = points.iter().map(root).collect();
+        let whitening = |point: &usize| match &all[*point] {
+            o if o.rotation.is_some() => None,
+            o => o.whitening,
+        };
+        if points.iter().all(|point| whitening(point).is_none()) {
+            let weight: f64 = roots.iter().map(|root| root * root).sum();
+            return Common::Alike { roots, weight };
+        }
+        let mut a = DMatrix::zeros(3 * points.len(), 3);
+        for (k, point) in points.iter().enumerate() {
+            let block = whitening(point).unwrap_or_else(Matrix3::identity) * roots[k];
+            a.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&block);
+        }
+        let square: Matrix3<f64> = a.tr_mul(&a).fixed_view::<3, 3>(0, 0).into();
+        let Some(eigen) = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS) else {
+            let weight = square.trace() / 3.0;
+            return Common::Alike { roots, weight };
+        };
+        // blocks are invertible, so that the eigenvalues are positive
+        let over = eigen.eigenvalues.map(|weight| 1.0 / weight.sqrt());
+        let along = a * (eigen.eigenvectors * Matrix3::from_diagonal(&over));
+        Common::Uneven {
+            along: DMatrix::from_column_slice(along.nrows(), 3, along.as_slice()),
+            weights: eigen.eigenvalues,
+        }
+    }
+
+    fn triangle(&self, ratio: f64) -> Triangle {
+        let mut triangle = Triangle::empty(self.columns.all());
+        let mut some: Vec<(DMatrix<f64>, Vec<f64>)> = Vec::new();
+        let mut n_points = 0;
+        for points in &self.points_of {
+            some.push(self.whitened(points, ratio));
+            n_points += points.len();
+            if n_points >= POINTS_AT_ONCE {
+                if !self.session.watch.goes_on() {
+                    break;
+                }
+                triangle.append(&some);
+                (some, n_points) = (vec![], 0);
+            }
+        }
+        triangle.append(&some);
+        triangle.expect(self.session.problem);
+        triangle
+    }
+
+    /// Analysis of variance of what is left: between the means of configurations, and within them.
+    pub(super) fn shared(&self, solved: &Solved) -> Shared {
+        let posterior = &solved.posterior;
+        let n = posterior.step.len();
+        let step = DVector::from_column_slice(&posterior.step);
+        let root = &posterior.root / solved.evidence.sigma_mm;
+        let (mut between_mm2, mut within_mm2) = (0.0, 0.0);
+        let (mut n_between, mut n_within, mut n_configurations) = (0.0, 0.0, 0.0);
+        let (mut weights, mut n_means) = (0.0, 0.0);
+        for (k, points) in self.points_of.iter().enumerate() {
+            if k % POINTS_AT_ONCE == 0 && !self.session.watch.goes_on() {
+                break;
+            }
+            let (matrix, residuals) = self.of(points);
+            let matrix = matrix.columns(0, n);
+            let left = DVector::from_vec(residuals) + matrix * &step;
+            let taken = matrix * &root;
+            let common = self.common(points);
+            let along = common.means(left.len());
+            let taken_by_means = (&along * &taken).norm_squared();
+            n_means += 3.0 - taken_by_means;
+            if points.len() < 2 {
+                continue;
+            }
+            let means = (&along * &left).norm_squared();
+            between_mm2 += means;
+            within_mm2 += left.norm_squared() - means;
+            n_between += 3.0 - taken_by_means;
+            n_within += left.len() as f64 - 3.0 - (taken.norm_squared() - taken_by_means);
+            weights += common.weight();
+            n_configurations += 1.0;
+        }
+        let n_points = self.session.observations.len() as f64;
+        let none = Shared {
+            ratio: 0.0,
+            freedom: 3.0 * n_points,
+        };
+        if n_between < 1.0 || n_within < 1.0 || between_mm2 <= 0.0 {
+            return none;
+        }
+        let (between, within) = (between_mm2 / n_between, within_mm2.max(0.0) / n_within);
+        if f_tail(between / within, n_between, n_within) >= CHANCE {
+            return none;
+        }
+        let of_one = weights / n_configurations;
+        Shared {
+            ratio: ((between / within - 1.0) / of_one).min(MOST_SHARED),
+            freedom: n_means,
+        }
+    }
+}
+
+/// The wider problem, solved.
+pub(super) struct Solved {
+    pub(super) triangle: Triangle,
+    pub(super) evidence: Evidence,
+    pub(super) posterior: Posterior,
+    pub(super) misfit_std_rad: f64,
+}
+
+impl Rows<'_> {
+    /// The posterior, with σm and σ. `links` has the widths that the estimate of links alone has found.
+    pub(super) fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
+        let (columns, problem) = (&self.columns, self.session.problem);
+        let least_mm = problem.least_sigma_mm;
+        let mut x = problem.coordinates(self.session.model);
+        x.resize(columns.all(), 0.0);
+        let without = columns.without_features();
+        let triangle = self.triangle(ratio);
+        let of_links = triangle.leading(without);
+        let mut evidence = links.clone();
+        evidence.widths.resize(without, Evidence::FLAT);
+        let mut posterior = of_links.solve(&x[..without], &evidence);
+        evidence.sigma_mm = of_links.noise_mm(&posterior).max(least_mm);
+        let mut misfit_std_rad = 0.0;
+        for _ in 0..SEARCHES {
+            let Some(spectrum) = triangle.spectrum(&x, &evidence, without) else {
+                break;
+            };
+            misfit_std_rad = spectrum.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm);
+            if misfit_std_rad == 0.0 {
+                evidence.widths.truncate(without);
+                posterior = of_links.solve(&x[..without], &evidence);
+                evidence.sigma_mm = of_links.noise_mm(&posterior).max(least_mm);
+                break;
+            }
+            evidence.widths.resize(columns.all(), misfit_std_rad);
+            evidence.widths[without..].fill(misfit_std_rad);
+            posterior = triangle.solve(&x, &evidence);
+            evidence.sigma_mm = triangle.noise_mm(&posterior).max(least_mm);
+        }
+        let triangle = match misfit_std_rad > 0.0 {
+            true => triangle,
+            false => of_links,
+        };
+        evidence.widths.truncate(triangle.n_coordinates());
+        let posterior = triangle.solve(&x[..triangle.n_coordinates()], &evidence);
+        Solved {
+            triangle,
+            evidence,
+            posterior,
+            misfit_std_rad,
+        }
+    }
+}
