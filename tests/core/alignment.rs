@@ -495,6 +495,21 @@ fn the_joint_map_of_the_papers_arm_is_the_makers_own() {
     }
 }
 
+/// Too few points for a search of all conventions: a mirrored frame alone would be told, and a mirrored robot identified.
+#[test]
+fn with_few_points_makers_signs_are_told_and_no_mirrored_frame_alone() {
+    let (_, robot) = models().swap_remove(0);
+    for (frame, n_points) in [(Frame::Instrument, 10), (Frame::Base, 8)] {
+        let clean = Tolerances { frame, ..CLEAN };
+        let mut set = measured(&robot, &clean, &mut Normal::new(8));
+        set.points.truncate(n_points);
+        let map = joint_map(CONVENTIONS[0], 6);
+        let found = suspicion(&robot, &as_counted_by(&map, &set));
+        assert_eq!(found.code, "joint_map_suspect", "{frame:?}: {found:?}");
+        assert_eq!(found.joint_map, Some(map), "{frame:?}: {}", found.detail);
+    }
+}
+
 #[test]
 fn a_joint_map_that_the_robot_has_already_is_mended_and_not_replaced() {
     let (_, mut robot) = models().swap_remove(0);

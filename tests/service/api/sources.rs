@@ -1,6 +1,8 @@
 //! A partial recalibration rests on the uploads of the set that it holds, too.
 
-use crate::api::sessions::{csv, rows, scored, upload, with_noise};
+use crate::api::sessions::{
+    Row, codes, csv, failed_gates, rows, scored, set_policy, upload, with_noise,
+};
 use crate::app::{TestApp, text};
 use crate::people::{Person, guarded};
 use crate::simulation::Normal;
@@ -132,4 +134,25 @@ async fn who_uploaded_what_a_set_holds_is_no_second_person() {
         let is_second = !failed.contains(&"second_person".into());
         assert_eq!(is_second, expected, "{found}");
     }
+}
+
+#[tokio::test]
+async fn a_set_with_too_few_parameters_is_verified_by_no_session() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    set_policy(&app, &robot, json!({"independent_session_required": true})).await;
+    let mut random = Normal::new(54);
+    let collided = with_noise(&rows("followup_collision.csv"), 0.02, &mut random);
+    let every_other = |first: usize| collided.iter().skip(first).step_by(2).cloned().collect();
+    let (one, other): (Vec<Row>, Vec<Row>) = (every_other(0), every_other(1));
+    let set = upload(&app, &robot, &one).await;
+    let request = json!({"measurement_set_id": set, "method": "least_squares", "corrections": "off",
+        "parameters": {"identify": ["theta_offset_5"]}});
+    let job = app.run(&robot, &request).await;
+    let session = upload(&app, &robot, &other).await;
+    let (_, report) = scored(&app, &robot, &session, &job["parameter_set_id"]).await;
+    assert!(codes(&report).contains(&"misses_session"), "{report}");
+    let (failed, evidence) = failed_gates(&app, &job["parameter_set_id"]).await;
+    assert!(failed.contains(&"evidence".into()), "{failed:?}");
+    assert_ne!(evidence, "independent_session");
 }
