@@ -102,6 +102,20 @@ fn bounded() -> Vec<Bounded> {
         ("PointBody", "std_mm", vec![Range(MIN_STD_MM, MAX_STD_MM)]),
         (
             "PointBody",
+            "std_axes_mm",
+            vec![Items(3, 3), Range(MIN_STD_MM, MAX_STD_MM)],
+        ),
+        (
+            "PointBody",
+            "covariance_mm2",
+            vec![
+                Items(3, 3),
+                Items(3, 3),
+                plus_minus(MAX_STD_MM * MAX_STD_MM),
+            ],
+        ),
+        (
+            "PointBody",
             "temperature_c",
             vec![plus_minus(MAX_TEMPERATURE_C)],
         ),

@@ -240,6 +240,11 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
             json!({"frame": "base", "points": [pose]}),
         ),
         post(
+            format!("{robot}/measurement-sets"),
+            "/v1/robots/{robot_id}/measurement-sets",
+            json!({"frame": "base", "points": [by_axes]}),
+        ),
+        post(
             format!("{robot}/checked"),
             "/v1/robots/{robot_id}/checked",
             json!({"reason": "r"}),
