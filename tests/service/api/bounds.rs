@@ -191,6 +191,9 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
         "station": "s", "session": "s", "sequence": 1, "temperature_c": 20, "measured_at": "2026-03-01T08:15:30Z"});
     let mut pose = point.clone();
     (pose["quaternion"], pose["std_rotation_deg"]) = (json!([1, 0, 0, 0]), json!(0.01));
+    let mut by_axes = point.clone();
+    by_axes.as_object_mut().unwrap().remove("std_mm");
+    by_axes["std_axes_mm"] = json!([0.05, 0.05, 0.1]);
     let fixture =
         |nominal_mm: [f64; 3]| json!({"nominal_mm": nominal_mm, "measured_mm": nominal_mm});
     let fixture: Vec<Value> = [[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0]]
