@@ -194,7 +194,8 @@ macro_rules! list_row {
             }
 
             $(fn name(&self) -> &str {
-                &self.$name
+                let sorted_by: &str = &self.$name;
+                sorted_by
             })?
         }
     };
