@@ -29,7 +29,7 @@ pub const POWER: f64 = 0.95;
 const FINEST: f64 = 1e-5;
 /// Directions of the placement below this share of the largest are not determined by the points.
 const PLACED: f64 = 1e-9;
-/// What the placement leaves of an effect, at least, for it to be seen: less is rounding.
+/// What the placement leaves of an effect, at least, for it to be seen: less is rounding. Of causes, a share of the largest effect of a usual error.
 const SEEN: f64 = 1e-6;
 /// A zero that would have to turn by more than this, rad, is not seen: the reflector hardly leaves its axis, and derivatives say nothing of such turns.
 const MOST_TURN_RAD: f64 = 0.1;
@@ -194,8 +194,12 @@ impl Checked {
     /// What explains the difference, among the parameters for which `belongs` says yes.
     pub fn causes(&self, belongs: impl Fn(&Parameter) -> bool) -> Causes {
         let all = &self.whitened;
+        let effect = |k: usize| all.effects.column(k).norm();
+        let largest = (0..all.parameters.len()).map(effect).fold(0.0, f64::max);
+        // what the placement takes up leaves rounding alone, which explains nothing
+        let is_seen = |k: usize| effect(k) > SEEN * largest;
         let chosen: Vec<usize> = (0..all.parameters.len())
-            .filter(|k| belongs(&all.parameters[*k]))
+            .filter(|k| belongs(&all.parameters[*k]) && is_seen(*k))
             .collect();
         let parameters: Vec<Parameter> = chosen.iter().map(|k| all.parameters[*k]).collect();
         let scale: Vec<f64> = chosen.iter().map(|k| all.scale[*k]).collect();

@@ -64,7 +64,9 @@ fn a_verification_says_what_to_do_next_and_so_does_the_set_afterwards() {
         let page = |job: &serde_json::Value| format!("/#/jobs/{}", job["id"].as_str().unwrap());
         browser.go(&page(&verification)).await;
         browser
-            .until_it_says("The set holds on this session. It can be released on its page.")
+            .until_it_says(
+                "The set holds on this session. Its page says whether a release would be accepted.",
+            )
             .await;
         browser.go(&page(&first)).await;
         browser
