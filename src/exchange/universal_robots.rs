@@ -48,6 +48,11 @@ pub enum NotUr {
         "with all joints at 0, {0} is not where it is on these robots, neither from the robot's own Base nor from base_link"
     )]
     Structure(&'static str),
+    /// Built alike, but with other lengths than any arm of the maker.
+    #[error(
+        "it is built like one of theirs, but {0} is none of their lengths: no arm of Universal Robots in kincal's library comes within 1 %"
+    )]
+    Lengths(String),
 }
 
 /// An arm in the maker's frames.
@@ -77,11 +82,35 @@ impl UrBase {
     }
 }
 
-/// The identified robot in the frames of the description.
+/// The identified robot in the frames of the description. `makers_arms` are those of Universal Robots: other makers build arms of the same
+/// structure.
 ///
 /// # Errors
 /// [`NotUr`] where the nominal robot is not built so, or its links begin in a frame of somebody's own.
-pub fn described(nominal: &Robot, identified: &[Link]) -> Result<UrArm, NotUr> {
+pub fn described(
+    nominal: &Robot,
+    identified: &[Link],
+    makers_arms: &[Robot],
+) -> Result<UrArm, NotUr> {
+    let (base, lengths) = base_and_lengths(nominal)?;
+    let is_of_maker = |arm: &Robot| base_and_lengths(arm).is_ok_and(|(_, of)| lengths.are(&of));
+    if !makers_arms.iter().any(is_of_maker) {
+        return Err(NotUr::Lengths(lengths.in_words()));
+    }
+    let chain = placed(
+        &lengths.chain(),
+        nominal,
+        identified,
+        &base.t_inertia_links(),
+    );
+    Ok(UrArm {
+        chain: chain.ok_or(NotUr::Coupled)?,
+        base,
+    })
+}
+
+/// The frame that the links begin in, and the lengths, of a robot of this structure.
+fn base_and_lengths(nominal: &Robot) -> Result<(UrBase, Lengths), NotUr> {
     if nominal.links.len() != FRAMES.len() {
         return Err(NotUr::JointCount(nominal.links.len()));
     }
@@ -97,17 +126,7 @@ pub fn described(nominal: &Robot, identified: &[Link]) -> Result<UrArm, NotUr> {
             .collect();
         Ok((base, lengths(&axes, &(t * t_links_flange))?))
     };
-    let (base, lengths) = in_base(UrBase::Base).or_else(|_: NotUr| in_base(UrBase::BaseLink))?;
-    let chain = placed(
-        &lengths.chain(),
-        nominal,
-        identified,
-        &base.t_inertia_links(),
-    );
-    Ok(UrArm {
-        chain: chain.ok_or(NotUr::Coupled)?,
-        base,
-    })
+    in_base(UrBase::Base).or_else(|_: NotUr| in_base(UrBase::BaseLink))
 }
 
 /// Lengths of the maker's table, mm.
@@ -121,6 +140,31 @@ struct Lengths {
 }
 
 impl Lengths {
+    fn all_mm(&self) -> [f64; 6] {
+        [self.d1, self.a2, self.a3, self.d4, self.d5, self.d6]
+    }
+
+    /// What counts as the same length, mm.
+    fn same_mm(&self) -> f64 {
+        SAME_PER_LENGTH * (self.d1.abs() + self.a2.abs() + self.a3.abs())
+    }
+
+    /// Whether they are those of another arm.
+    fn are(&self, other: &Self) -> bool {
+        let mut pairs = self.all_mm().into_iter().zip(other.all_mm());
+        pairs.all(|(a, b)| (a - b).abs() <= other.same_mm())
+    }
+
+    fn in_words(&self) -> String {
+        let names = ["d1", "a2", "a3", "d4", "d5", "d6"];
+        let words: Vec<String> = names
+            .iter()
+            .zip(self.all_mm())
+            .map(|(name, mm)| format!("{name} {mm:.1} mm"))
+            .collect();
+        words.join(", ")
+    }
+
     /// The nominal description.
     fn chain(&self) -> Chain {
         let Self {
@@ -188,7 +232,7 @@ fn lengths(axes: &[Axis], t_inertia_flange: &IsometryMatrix3<f64>) -> Result<Len
         d5: d1 - six.z,
         d6: five.y - flange.y,
     };
-    let same = SAME_PER_LENGTH * (lengths.d1.abs() + lengths.a2.abs() + lengths.a3.abs());
+    let same = lengths.same_mm();
     let are = |all: &[f64]| all.iter().all(|mm| mm.abs() <= same);
     let places = [
         (are(&[one.x, one.y]), NAMES[0]),

@@ -340,7 +340,38 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
         apart -= &direction * (direction.transpose() * &apart);
         chosen.push(best);
     }
-    together(common, whitened, &chosen)
+    together(common, whitened, &without_superfluous(whitened, chosen))
+}
+
+/// What was chosen early may be explained by what was chosen after it. It is left out again, the least first, while the rest stays within chance.
+fn without_superfluous(whitened: &Whitened, mut chosen: Vec<usize>) -> Vec<usize> {
+    let n = whitened.n_combinations;
+    while chosen.len() > 1 {
+        let without = |k: usize| {
+            let mut others = chosen.clone();
+            others.remove(k);
+            let left = left_over(whitened, &others).norm_squared();
+            (left, others)
+        };
+        let least = (0..chosen.len())
+            .map(without)
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match least {
+            Some((left, others))
+                if tail(left, n - others.len(), whitened.freedom) >= FALSE_ALARMS =>
+            {
+                chosen = others;
+            }
+            _ => break,
+        }
+    }
+    chosen
+}
+
+/// What some parameters leave of the difference.
+fn left_over(whitened: &Whitened, chosen: &[usize]) -> DVector<f64> {
+    let span = orthonormal(whitened.effects.select_columns(chosen));
+    &whitened.difference - &span * span.tr_mul(&whitened.difference)
 }
 
 /// The chosen parameters fitted together to the whitened difference, those that changed most first.
@@ -452,8 +483,7 @@ pub fn causes(
     let changes = named_by_selection(&common, &whitened);
     let place = |change: &Change| parameters.iter().position(|p| *p == change.parameters[0]);
     let named: Vec<usize> = changes.iter().filter_map(place).collect();
-    let span = orthonormal(effects.select_columns(&named));
-    let rest = difference - &span * span.tr_mul(difference);
+    let rest = left_over(&whitened, &named);
     let n_left = n_combinations.saturating_sub(named.len());
     let leaves = match n_left {
         0 => 1.0,

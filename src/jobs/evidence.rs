@@ -1,13 +1,13 @@
 //! Gathers the evidence for a release: the facts of every job about a parameter set, and the points to compare it with the active one.
 
-use crate::calibration::CalibrationRequest;
 use crate::calibration::request::VerifySource;
+use crate::calibration::{CalibrationRequest, repeats};
 use crate::jobs::request::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
     self, Compared, PointsToCompare, compare_on_set, points_to_compare,
 };
-use crate::release::facts::{repeats, verify_errors_mm};
+use crate::release::facts::verify_errors_mm;
 use crate::release::independence::{hides_base, shown_evidence};
 use crate::release::{Comparison, LastCheck, Session, UnscoredSession, has_changed};
 use crate::store::verifications::LaterSession;

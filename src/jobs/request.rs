@@ -1,10 +1,10 @@
 //! The core's request of a job, from the job's stored inputs.
 
 use crate::calibration::request::PreviousSession;
-use crate::calibration::{CalibrationRequest, HeldOut};
+use crate::calibration::{CalibrationRequest, HeldOut, repeats};
 use crate::jobs::estimate::{as_one, stored_estimate};
 use crate::jobs::{JobFailure, JobInputs, MeasurementSetInput};
-use crate::release::facts::{MeasuredSince, repeats};
+use crate::release::facts::MeasuredSince;
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
 use crate::wire::measurement::MeasurementSet;

@@ -5,10 +5,9 @@ use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, MISSES_SESSION, RobustComparison,
-    SET_FAR_OFF, WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where, repeated_rows,
+    SET_FAR_OFF, WORSE_THAN_IDENTIFIED, after_errors_mm, n_placed, n_placed_where,
     robust_comparison, session_fit,
 };
-use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
 use crate::release::guard_band::{ConfigurationErrors, expanded_mm};
 use crate::release::verdict::{INSISTED, TOO_MANY_OUTLIERS, WRONG_ROBOT, has_warning};
@@ -20,8 +19,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Fewest points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
-/// Share of rows repeated from earlier uploads above which a session counts as a repeat.
-const MAX_REPEATED: f64 = 0.1;
 
 /// Fit of an identification whose set describes no robot. Later sessions are not compared with such a set.
 pub const DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff;
@@ -31,7 +28,7 @@ pub const DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff;
 pub struct MeasuredSince {
     /// Number of that session in the robot's counter; 0 for none.
     pub check_seq: i64,
-    /// Whether the points repeat uploads from before that session ([`repeats`]), or this could not be decided.
+    /// Whether the points repeat uploads from before that session ([`crate::calibration::repeats`]), or this could not be decided.
     pub is_repeat: bool,
 }
 
@@ -279,15 +276,6 @@ pub fn facts_at_end(found: &Verification, check_seq: i64) -> Verification {
         is_repeat: found.is_repeat || found.check_seq != check_seq,
         ..found.clone()
     }
-}
-
-/// Whether a session repeats rows of earlier uploads without a sign that they were measured anew.
-pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], session: &MeasurementSet) -> bool {
-    let repeated: BTreeSet<usize> = earlier
-        .iter()
-        .flat_map(|earlier| repeated_rows(robot, earlier, session))
-        .collect();
-    repeated.len() as f64 > MAX_REPEATED * session.points.len() as f64
 }
 
 /// Errors of each verify point that is no outlier, mm: of the nominal robot, of the links, and with corrections (of the links if none is used).

@@ -1,10 +1,9 @@
 //! Whether points are independent of those that a parameter set or a network was fitted to.
 
 use crate::calibration::request::VerifySource;
-use crate::calibration::{CalibrationRequest, is_anew};
+use crate::calibration::{CalibrationRequest, is_anew, repeats};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
-use crate::release::facts::repeats;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Verification, VerificationKind};
 

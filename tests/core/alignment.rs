@@ -607,13 +607,105 @@ fn too_few_points_say_nothing() {
     let mut set = measured(
         &robot,
         &Tolerances {
-            n_points: 8,
+            n_points: 4,
             ..CLEAN
         },
         &mut Normal::new(3),
     );
     set.points.iter_mut().for_each(|p| p.position_mm *= 1000.0);
     assert_eq!(check_upload(&robot, &set, &[]), None);
+}
+
+/// Files of few points, in the base frame: number of points and of reflectors.
+const FEW: [(usize, usize); 6] = [(5, 1), (6, 1), (7, 1), (8, 1), (12, 3), (18, 3)];
+
+fn of_few_points((n_points, n_targets): (usize, usize), frame: Frame) -> Tolerances {
+    Tolerances {
+        frame,
+        n_points,
+        n_targets,
+        ..CLEAN
+    }
+}
+
+#[test]
+fn a_few_points_of_a_tracker_read_as_base_frame_are_refused() {
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        for few in FEW {
+            for placement in 0..4 {
+                let mut random = Normal::new(1000 * seed as u64 + placement);
+                let in_base = measured(&robot, &of_few_points(few, Frame::Base), &mut random);
+                let mut set = from_a_tracker(&in_base, reach_mm(&robot), &mut random);
+                let found = suspicion(&robot, &set);
+                assert_eq!(
+                    found.code, "frame_suspect",
+                    "{name} {few:?} {placement}: {found:?}"
+                );
+                set.frame = Frame::Instrument;
+                assert_eq!(
+                    check_upload(&robot, &set, &[]),
+                    None,
+                    "{name} {few:?} {placement}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn right_files_of_few_points_are_not_refused() {
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        for (few, frame) in FEW
+            .into_iter()
+            .flat_map(|few| [(few, Frame::Base), (few, Frame::Instrument)])
+        {
+            for (robot_of, off_deg) in (0..8).flat_map(|r| [(r, 0.0f64), (r, 20.0)]) {
+                let mut random = Normal::new(1000 * seed as u64 + robot_of);
+                let set = measured(&robot, &of_few_points(few, frame), &mut random);
+                let set = changed(&set, |q, _| {
+                    q[1 + robot_of as usize % 3] += off_deg.to_radians()
+                });
+                let what = format!("{name} {few:?} {frame:?} {robot_of} {off_deg}");
+                not_refused(&robot, &set, &what);
+            }
+        }
+    }
+}
+
+/// Eight points of each reflector, or nine of one: none has enough for a search of all conventions.
+#[test]
+fn makers_conventions_are_told_from_few_points_and_from_several_reflectors() {
+    for (seed, (name, robot)) in models().into_iter().enumerate() {
+        if robot.links.len() != 6 {
+            continue;
+        }
+        for (few, frame) in [(9, 1), (24, 3)]
+            .into_iter()
+            .flat_map(|few| [(few, Frame::Base), (few, Frame::Instrument)])
+        {
+            for convention in [
+                CONVENTIONS[0],
+                ("FANUC", &[1, 1, -1, -1, -1, -1], 1, &[]),
+                CONVENTIONS[3],
+                CONVENTIONS[4],
+            ] {
+                let mut random = Normal::new(seed as u64);
+                let set = measured(&robot, &of_few_points(few, frame), &mut random);
+                let file = as_counted_by(&joint_map(convention, 6), &set);
+                let what = format!("{name} {few:?} {frame:?} {}", convention.0);
+                let Some(found) = check_upload(&robot, &file, &[]) else {
+                    panic!("{what}: taken");
+                };
+                let Explanation::Refusal(found) = found else {
+                    panic!("{what}: {found:?}");
+                };
+                assert_eq!(found.code, "joint_map_suspect", "{what}: {found:?}");
+                let mut mended = robot.clone();
+                mended.joint_map = found.joint_map;
+                assert_eq!(check_upload(&mended, &file, &[]), None, "{what}");
+            }
+        }
+    }
 }
 
 // Twice the errors of real robots; and a hypothesis must fit several times better.

@@ -1,5 +1,6 @@
 //! The most probable robot: its rows, its noise and widths, and robots of odd kinds whose truth is planted.
 
+use crate::central_differences::assert_derivatives;
 use crate::data::paper_robot;
 use crate::simulation::Normal;
 use kincal::identification::KinematicModel;
@@ -95,9 +96,6 @@ fn most_probable(making: &Making, points: &[Observation]) -> Estimate {
     estimate(&problem, &start, 0.0, &mut |_| ControlFlow::Continue(()))
 }
 
-/// Central differences over a thousandth of a coordinate err by 1e-6/6 of a turn's third derivative.
-const DIFFERENCES: f64 = 1e-6;
-
 #[test]
 fn derivatives_of_the_rows_are_those_of_central_differences() {
     let (making, mut random) = (er20(1.0), Normal::new(1));
@@ -111,25 +109,8 @@ fn derivatives_of_the_rows_are_those_of_central_differences() {
     let parameters = complete_parameters(6, 2);
     let problem = Problem::new(reference, &parameters, &points);
     let x: Vec<f64> = parameters.iter().map(|_| 0.5 * random.draw()).collect();
-    let (n, p) = (problem.n_rows(), x.len());
-    assert_eq!((n, p), (21, 42));
-    let residuals = |x: &[f64]| {
-        let mut rows = DVector::zeros(n);
-        problem.evaluate(x, rows.as_mut_slice(), None);
-        rows
-    };
-    let mut jacobian = DMatrix::zeros(n, p);
-    problem.evaluate(&x, &mut vec![0.0; n], Some(&mut jacobian));
-    for j in 0..p {
-        let at = |step: f64| {
-            let mut x = x.clone();
-            x[j] += step;
-            residuals(&x)
-        };
-        let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
-        let error = (difference - jacobian.column(j)).norm() / jacobian.column(j).norm();
-        assert!(error < DIFFERENCES, "{:?}: {error}", parameters[j]);
-    }
+    assert_eq!((problem.n_rows(), x.len()), (21, 42));
+    assert_derivatives(&problem, &parameters, &x);
 }
 
 /// Noise and widths are found to a thousandth; the equations hold to a few of them.

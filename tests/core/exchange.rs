@@ -563,6 +563,17 @@ fn other_makers_robots_have_no_ur_kinematics() {
         }
     }
     println!("{refused} robots of other makers refused, {of_six} of them with six joints");
+    // An arm of the same structure with lengths of its own: a UR5e's are 162.5, -425, -392.2, 133.3, 99.7, 99.6.
+    let clone = description_by_hand([120.1, -430.0, -368.5, 115.2, 113.0, 107.0]);
+    let links = Robot::try_from(&clone).unwrap().links;
+    match ur_kinematics(&clone, &links) {
+        Err(export::Error::Invalid(invalid)) => {
+            assert_eq!(invalid.code, "not_a_universal_robot");
+            let told = &invalid.issues[0].detail;
+            assert!(told.contains("d1 120.1 mm"), "{told}");
+        }
+        other => panic!("{other:?}"),
+    }
     // The base of a UR in a custom frame cannot be located.
     let mut turned = description_by_hand([180.7, -612.7, -571.55, 174.15, 119.85, 116.55]);
     turned.links[0].theta_offset_deg = 30.0;

@@ -1,5 +1,6 @@
 //! Noise that differs from direction to direction: rows whitened by the covariance of each point, from the problem to the report.
 
+use crate::central_differences::assert_derivatives;
 use crate::data::paper_robot;
 use crate::simulation::{Normal, found, limited, poses, robot_of_the_priors, tool_intervals_held};
 use crate::trackers::{Instrument, Measured, measured, points_of};
@@ -13,7 +14,7 @@ use kincal::identification::problem::Problem;
 use kincal::kinematics::Robot;
 use kincal::measurement::position_noise::PositionNoise;
 use kincal::measurement::{MeasurementSet, Point};
-use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Translation3, Vector3};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
@@ -52,9 +53,6 @@ fn observations(set: &MeasurementSet) -> Vec<Observation> {
     set.points.iter().map(observation).collect()
 }
 
-/// Central differences over a thousandth of a coordinate err by 1e-6/6 of its third derivative.
-const DIFFERENCES: f64 = 1e-6;
-
 #[test]
 fn derivatives_of_whitened_rows_are_those_of_central_differences() {
     let Measured { truth, set, .. } = measured(&nominal(), Instrument::Tracker, 0.0, 1);
@@ -63,24 +61,7 @@ fn derivatives_of_whitened_rows_are_those_of_central_differences() {
     let problem = Problem::new(truth, &parameters, &points);
     let mut random = Normal::new(2);
     let x: Vec<f64> = parameters.iter().map(|_| 0.1 * random.draw()).collect();
-    let (n, p) = (problem.n_rows(), x.len());
-    let residuals = |x: &[f64]| {
-        let mut rows = DVector::zeros(n);
-        problem.evaluate(x, rows.as_mut_slice(), None);
-        rows
-    };
-    let mut jacobian = DMatrix::zeros(n, p);
-    problem.evaluate(&x, &mut vec![0.0; n], Some(&mut jacobian));
-    for j in 0..p {
-        let at = |step: f64| {
-            let mut x = x.clone();
-            x[j] += step;
-            residuals(&x)
-        };
-        let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
-        let error = (difference - jacobian.column(j)).norm() / jacobian.column(j).norm();
-        assert!(error < DIFFERENCES, "{:?}: {error}", parameters[j]);
-    }
+    assert_derivatives(&problem, &parameters, &x);
 }
 
 /// Rounding of sums over some hundred rows.

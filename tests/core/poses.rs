@@ -1,5 +1,6 @@
 //! Measured poses: six rows each, weighed by a variance of positions and one of rotations, from the closed form to the report.
 
+use crate::central_differences::assert_derivatives;
 use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{Normal, true_robot};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
@@ -14,7 +15,7 @@ use kincal::kinematics::rotation::{rotation_exp, rotation_log};
 use kincal::kinematics::{Robot, t_base_flange};
 use kincal::measurement::csv::{self, Conventions};
 use kincal::measurement::{Decimal, Frame, MeasurementSet, Point};
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::Vector3;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -79,9 +80,6 @@ fn observations(nominal: &Robot, set: &MeasurementSet) -> Vec<Observation> {
     set.points.iter().map(observation).collect()
 }
 
-/// Central differences over a thousandth of a coordinate err by 1e-6/6 of a turn's third derivative.
-const DIFFERENCES: f64 = 1e-6;
-
 #[test]
 fn derivatives_of_a_poses_rows_are_those_of_central_differences() {
     let (nominal, mut random) = (nominal(), Normal::new(1));
@@ -97,25 +95,8 @@ fn derivatives_of_a_poses_rows_are_those_of_central_differences() {
     parameters.extend(target_rotation_parameters(&[0]));
     let problem = Problem::new(truth, &parameters, &points);
     let x: Vec<f64> = parameters.iter().map(|_| 0.5 * random.draw()).collect();
-    let (n, p) = (problem.n_rows(), x.len());
-    assert_eq!((n, p), (54, 42));
-    let residuals = |x: &[f64]| {
-        let mut rows = DVector::zeros(n);
-        problem.evaluate(x, rows.as_mut_slice(), None);
-        rows
-    };
-    let mut jacobian = DMatrix::zeros(n, p);
-    problem.evaluate(&x, &mut vec![0.0; n], Some(&mut jacobian));
-    for j in 0..p {
-        let at = |step: f64| {
-            let mut x = x.clone();
-            x[j] += step;
-            residuals(&x)
-        };
-        let difference = (at(1e-3) - at(-1e-3)) / 2e-3;
-        let error = (difference - jacobian.column(j)).norm() / jacobian.column(j).norm();
-        assert!(error < DIFFERENCES, "{:?}: {error}", parameters[j]);
-    }
+    assert_eq!((problem.n_rows(), x.len()), (54, 42));
+    assert_derivatives(&problem, &parameters, &x);
 }
 
 /// Rotations of a closed form without noise, rad: rounding.

@@ -334,6 +334,13 @@ fn of_an_answer_that_did_not_converge_no_uncertainty_is_stated() {
     };
     unrefined.options.n_particles = Some(60);
     assert_nothing_is_stated(&run(&unrefined), "did not converge");
+    // Least squares that are told to stop at a large cost end at their start, though not for want of iterations.
+    let mut stopped = request.clone();
+    stopped.method = Method::LeastSquares;
+    stopped.options.stop_at_cost_mm2 = Some(1e4);
+    let stopped = run(&stopped);
+    assert_eq!(stopped.termination, "cost_reached");
+    assert_nothing_is_stated(&stopped, "standard deviations away from the minimum");
     // Least squares from there ends at the minimum.
     request.refine = Some(true);
     let refined = run(&request);

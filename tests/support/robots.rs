@@ -99,6 +99,8 @@ pub struct Tolerances {
     pub angle_deg: f64,
     pub noise_mm: f64,
     pub n_points: usize,
+    /// Measured in turn.
+    pub n_targets: usize,
     pub frame: Frame,
 }
 
@@ -130,15 +132,21 @@ pub fn measured(nominal: &Robot, making: &Tolerances, random: &mut Normal) -> Me
         );
         truth.targets_mm[0] = Vector3::new(40.0, -30.0, 120.0) + random.vector() * 40.0;
     }
+    for _ in 1..making.n_targets {
+        let further = Vector3::new(40.0, -30.0, 120.0) + random.vector() * 60.0;
+        truth.targets_mm.push(further);
+    }
     let joints = nominal.links.len();
     let mut point = |row: usize| {
         let q_rad: Vec<f64> = (0..joints)
             .map(|joint| reach(joint) * (2.0 * random.0.random::<f64>() - 1.0))
             .collect();
-        let position_mm = truth.position(&q_rad, 0) + random.vector() * making.noise_mm;
+        let target = row % making.n_targets;
+        let position_mm = truth.position(&q_rad, target) + random.vector() * making.noise_mm;
         Point {
             q_rad,
             position_mm,
+            target,
             ..Point::empty(joints, row)
         }
     };
@@ -157,6 +165,7 @@ pub const CLEAN: Tolerances = Tolerances {
     angle_deg: 0.1,
     noise_mm: 0.05,
     n_points: 40,
+    n_targets: 1,
     frame: Frame::Instrument,
 };
 

@@ -46,19 +46,24 @@ const SIGNIFICANT: f64 = 5.0;
 /// A row counts for no more than this many times the median: one outlier that was measured again does not show that all were.
 const CLIPPED: f64 = 3.0;
 
-/// Whether `later` was measured anew, and is not `earlier` once more: at most one row in ten repeats it.
+/// Whether `later` repeats rows of earlier uploads, more than one row in ten of all of them together, and nothing shows that they were measured
+/// anew.
+pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet) -> bool {
+    let repeated: BTreeSet<usize> = earlier
+        .iter()
+        .flat_map(|earlier| repeated_rows(robot, earlier, later))
+        .collect();
+    repeated.len() as f64 > MAX_REPEATED * later.points.len() as f64
+}
+
+/// Whether `later` was measured anew, and is not `earlier` once more.
 pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> bool {
-    let n_repeated = repeated_rows(robot, earlier, later).len();
-    n_repeated as f64 <= MAX_REPEATED * later.points.len() as f64
+    !repeats(robot, std::slice::from_ref(earlier), later)
 }
 
 /// The rows of `later` that repeat a row of `earlier`, where nothing shows that they were measured anew; also where all values of the first or the
 /// last joint are off by a constant.
-pub fn repeated_rows(
-    robot: &Robot,
-    earlier: &MeasurementSet,
-    later: &MeasurementSet,
-) -> Vec<usize> {
+fn repeated_rows(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> Vec<usize> {
     let mut rows: BTreeSet<usize> = rows_that_repeat(robot, earlier, later)
         .into_iter()
         .collect();

@@ -11,10 +11,11 @@ pub use error::Error;
 pub use source::Source;
 
 use crate::exchange::{refit, universal_robots};
-use crate::kinematics::Link;
-use crate::operations::import;
+use crate::kinematics::{Link, Robot};
+use crate::operations::{import, robot_models};
 use crate::wire::export::{BetaChoice, ExportDocument, ExportFormat, RemainingError};
 use crate::wire::issue::Invalid;
+use crate::wire::robot_model::RobotModel;
 
 /// An exported text.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,7 +101,9 @@ pub fn export(
             })
         }
         ExportFormat::UrKinematics => {
-            let arm = universal_robots::described(source.robot, &links).map_err(|reason| {
+            let makers_arms = arms_of_universal_robots()?;
+            let described = universal_robots::described(source.robot, &links, &makers_arms);
+            let arm = described.map_err(|reason| {
                 let detail = format!(
                     "ur_kinematics is for the robots of Universal Robots, with links that begin in the robot's own Base or in base_link of its \
                      description, and this robot is none: {reason}. Take format=urdf, or post the URDF that you use to this path with format=urdf"
@@ -124,6 +127,14 @@ pub fn export(
         }
         ExportFormat::Mastering => mastering(source),
     }
+}
+
+/// Universal Robots' arms in the library.
+fn arms_of_universal_robots() -> Result<Vec<Robot>, Error> {
+    let unreadable_arms = |error: &str| unreadable("ur_kinematics", error);
+    let arms = robot_models::find("", Some("Universal Robots")).map_err(unreadable_arms)?;
+    let of_model = |model: &&RobotModel| Robot::try_from(&model.robot).map_err(Error::Invalid);
+    arms.iter().map(of_model).collect()
 }
 
 /// Writes the joint origins of the identified robot into the user's own URDF.

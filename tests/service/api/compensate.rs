@@ -209,6 +209,15 @@ async fn poses_are_refused_if_the_flange_orientation_is_unknown() {
         failed_gates(&refused).contains(&"orientation_known".into()),
         "{refused}"
     );
+    // It is the links that the reflector does not show, not the zero of the last joint alone: no prior of that zero would help.
+    let gate = refused["errors"].as_array().unwrap().iter();
+    let gate = gate.map(|error| text(&error["detail"]));
+    let gate: Vec<&str> = gate.filter(|told| told.contains("flange")).collect();
+    assert!(
+        gate.iter()
+            .all(|told| told.contains("do not show how the flange is turned")),
+        "{gate:?}"
+    );
     // With a reflector off the axis, the rotation is known.
     let (job, set) = identified_by_one_reflector(&app, &urdf, [85.0, -20.0, 110.0], 19).await;
     let path = format!("/v1/jobs/{}/report", text(&job["id"]));

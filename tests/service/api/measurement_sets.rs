@@ -164,7 +164,7 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
         };
         assert_eq!(report["evidence"], expected, "{frame}, {n}: {report}");
     }
-    // Five points that are 4 m off serve for nothing, whatever their number.
+    // Five points that are 4 m off are refused. Kept all the same, they serve for nothing.
     let file = String::from_utf8(crate::app::paper("followup_unchanged.csv")).unwrap();
     let shifted = |(row, line): (usize, &str)| {
         let (rest, z) = line.rsplit_once(',').unwrap();
@@ -173,11 +173,12 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
             _ => format!("{line}\n"),
         }
     };
-    let set = upload(
-        file.lines().take(6).enumerate().map(shifted).collect(),
-        "base",
-    )
-    .await;
+    let file: String = file.lines().take(6).enumerate().map(shifted).collect();
+    let path = format!("{robot}/measurement-sets?frame=base");
+    app.post(&path, "text/csv", file.clone())
+        .await
+        .problem(422, "frame_suspect");
+    let set = upload(file, "base&insist=frame_suspect").await;
     let details = warning_details(&set);
     assert!(
         details.contains("does not fit this robot") && !details.contains("serve"),

@@ -55,6 +55,11 @@ fn base_off() -> String {
     })
 }
 
+/// The values of joint 4 are read from a zero that is 60° away.
+fn joint_4_from_another_zero() -> String {
+    changed("first_noisy.csv", |q, _| q[3] += 60.0)
+}
+
 /// Joint 6 counts the other way round, and the reflector is 10 mm off its axis.
 fn last_joint_reversed() -> String {
     let robot = paper_robot();
@@ -111,11 +116,22 @@ async fn a_set_that_is_no_better_than_nominal_trains_no_network_and_is_not_relea
 async fn an_identified_robot_that_is_wrong_corrects_no_target_and_is_not_released() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
-    for (csv, model, code) in [
-        (base_off(), "paper", "model_too_small"),
-        (last_joint_reversed(), "complete", "joint_map_suspect"),
+    for (csv, query, model, code) in [
+        (base_off(), "frame=base", "paper", "model_too_small"),
+        (
+            last_joint_reversed(),
+            "frame=base",
+            "complete",
+            "joint_map_suspect",
+        ),
+        (
+            joint_4_from_another_zero(),
+            "frame=base&insist=joint_map_suspect",
+            "complete",
+            "joint_map_suspect",
+        ),
     ] {
-        let set = upload(&app, &robot, "frame=base", &csv).await.ok(201);
+        let set = upload(&app, &robot, query, &csv).await.ok(201);
         let request =
             json!({"measurement_set_id": set["id"], "method": "least_squares", "model": model});
         let job = app.run(&robot, &request).await;

@@ -97,6 +97,30 @@ async fn play(app: &TestApp) {
         "{check}"
     );
 
+    // A joint that moved by 0.03° is far too little for a session that does not fit, and nothing else stops releases.
+    let mut slight = with_noise(
+        &rows("followup_unchanged.csv")[3..23],
+        NOISE_MM,
+        &mut random,
+    );
+    slight.iter_mut().for_each(|row| row[2] += 0.03);
+    let slight = upload(app, &robot, &slight).await;
+    let (_, report) = checked(app, &robot, &slight, json!({})).await;
+    assert_eq!(report["check"]["verdict"], "changed", "{}", report["check"]);
+    let misfits = ["session_does_not_fit", "set_far_off"];
+    let is_told = |report: &Value| codes(report).iter().any(|code| misfits.contains(code));
+    assert!(codes(&report).contains(&"check_changed") && !is_told(&report));
+    assert_eq!(state(&app.get(&robot).await.ok(200)), "check_robot");
+    // the same points are no later session by being scored, and they do fit
+    let verify =
+        json!({"kind": "verify", "measurement_set_id": slight, "parameter_set_id": parameter_set});
+    let job = app.run(&robot, &verify).await;
+    let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+    let report = app.get(&path).await.ok(200);
+    assert!(!is_told(&report), "{:?}", codes(&report));
+    let (failed, _) = failed_gates(app, &parameter_set).await;
+    assert!(failed.contains(&"check_robot".to_owned()), "{failed:?}");
+
     let collided = upload(
         app,
         &robot,
@@ -134,7 +158,7 @@ async fn play(app: &TestApp) {
 
     // the list of jobs knows the kind
     let listed = app.get(&format!("{robot}/jobs?kind=check")).await.ok(200);
-    assert_eq!(listed["total"], 3, "{listed}");
+    assert_eq!(listed["total"], 4, "{listed}");
     assert!(
         listed["items"]
             .as_array()

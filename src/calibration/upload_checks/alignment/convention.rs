@@ -11,6 +11,9 @@ pub(super) const MAKERS: [[bool; 6]; 2] = [
     [true, false, false, true, false, true],
     [false, false, true, true, true, true],
 ];
+/// What joint 2's value may be multiplied by before it is added to joint 3's.
+pub(super) const COUPLINGS: [f64; 3] = [0.0, 1.0, -1.0];
+
 /// One convention, relative to the robot's joints as they are.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Convention {
@@ -23,6 +26,20 @@ pub(super) struct Convention {
 }
 
 impl Convention {
+    /// Makers' signs, and those of the robot as it is, with each coupling.
+    pub fn of_makers(n_joints: usize) -> impl Iterator<Item = Self> {
+        let makers = MAKERS.iter().filter(move |maker| maker.len() == n_joints);
+        let signs = makers.map(|maker| maker.to_vec());
+        let signs = signs.chain([vec![false; n_joints]]);
+        signs.flat_map(move |reversed| {
+            COUPLINGS.map(|coupling| Self {
+                reversed: reversed.clone(),
+                coupling,
+                quarter_turns: vec![0; n_joints],
+            })
+        })
+    }
+
     /// The model's joint values with it.
     pub fn applied(&self, q_rad: &[f64]) -> Vec<f64> {
         let mut q: Vec<f64> = q_rad

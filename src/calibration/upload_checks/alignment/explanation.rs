@@ -62,41 +62,47 @@ impl Suspicion {
     }
 }
 
-/// One target on one station, the one with most points: for the others base or target are unknown anew.
-pub(super) fn of_one_target_and_station(set: &MeasurementSet) -> Vec<Point> {
-    let mut groups: BTreeMap<(usize, Option<&str>), Vec<&Point>> = BTreeMap::new();
+/// The points of the station that has most: for the others the base is unknown anew.
+pub(super) fn of_one_station(set: &MeasurementSet) -> Vec<Point> {
+    let mut stations: BTreeMap<Option<&str>, Vec<&Point>> = BTreeMap::new();
     for point in &set.points {
-        groups
-            .entry((point.target, point.station.as_deref()))
-            .or_default()
-            .push(point);
+        let of_station = stations.entry(point.station.as_deref()).or_default();
+        of_station.push(point);
     }
-    let largest = groups.into_values().reduce(|largest, group| {
-        if group.len() > largest.len() {
-            group
-        } else {
-            largest
-        }
-    });
-    largest
-        .unwrap_or_default()
-        .into_iter()
-        .map(|point| Point {
-            target: 0,
-            ..point.clone()
-        })
-        .collect()
+    let largest =
+        stations
+            .into_values()
+            .reduce(|largest, station| match station.len() > largest.len() {
+                true => station,
+                false => largest,
+            });
+    largest.unwrap_or_default().into_iter().cloned().collect()
 }
 
+/// Some of the points, evenly taken, the targets numbered from 0. A target with one point shows nothing but itself and is left out.
 pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
-    let observation = |p: &Point| Observation {
-        q_rad: robot.q_model_rad(&p.q_rad),
-        position_mm: p.position_mm,
-        target: 0,
-        weight: 1.0,
-        whitening: None,
-        rotation: None,
+    let some: Vec<&Point> = points.iter().step_by(step).collect();
+    let mut n_of_target: BTreeMap<usize, usize> = BTreeMap::new();
+    for point in &some {
+        *n_of_target.entry(point.target).or_default() += 1;
+    }
+    n_of_target.retain(|_, n| *n > 1);
+    let seen: Vec<usize> = n_of_target.into_keys().collect();
+    let observation = |p: &&Point| {
+        Some(Observation {
+            q_rad: robot.q_model_rad(&p.q_rad),
+            position_mm: p.position_mm,
+            target: seen.binary_search(&p.target).ok()?,
+            weight: 1.0,
+            whitening: None,
+            rotation: None,
+        })
     };
-    points.iter().step_by(step).map(observation).collect()
+    some.iter().filter_map(observation).collect()
+}
+
+/// Number of targets that the points are of.
+pub(super) fn n_targets(observations: &[Observation]) -> usize {
+    observations.iter().map(|o| o.target + 1).max().unwrap_or(0)
 }

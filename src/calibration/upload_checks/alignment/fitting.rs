@@ -1,13 +1,13 @@
-//! How near the nominal robot comes to measured points, its base, target and joint zeros placed as well as can be. Gross rows do not decide:
+//! How near the nominal robot comes to measured points, its base, targets and joint zeros placed as well as can be. Gross rows do not decide:
 //! the rows that fit worst are left out of the fit and of its rms.
 
-use super::explanation::UNMASTERED_RAD;
+use super::explanation::{UNMASTERED_RAD, n_targets};
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_least_squares;
 use crate::identification::multistart::{best_fitting, median_mm};
 use crate::identification::objective::{Observation, cost};
 use crate::identification::parameters::{Parameter, Quantity};
-use crate::identification::start::{align_in_closed_form, fit_base_and_targets};
+use crate::identification::start::{align_in_closed_form, fit_base_and_targets, fit_targets};
 use crate::kinematics::{self, Link, t_base_flange};
 use crate::measurement::Frame;
 use nalgebra::Vector3;
@@ -15,18 +15,19 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
-/// Equations beyond the unknowns that are needed before anything is said.
-const SPARE_EQUATIONS: usize = 12;
-/// Numbers of a free base and one target in closed form: nine of its rotation, three of its translation, three of the target.
-const CLOSED_FORM_UNKNOWNS: usize = 15;
+/// Equations beyond the unknowns that are needed before anything is said. A wrong robot, whose points are off by a tenth of its reach, fits to a
+/// hundredth by chance in one of 10⁶ files.
+const SPARE_EQUATIONS: usize = 6;
+/// Numbers of a free base in closed form: nine of its rotation, three of its translation.
+const CLOSED_FORM_BASE: usize = 12;
 /// One row of so many may be gross and is left out: files with a tenth of gross rows happen.
 const LEFT_OUT: usize = 5;
 /// Concentration steps at most [Rousseeuw & Van Driessen 2006]; they settle in a few.
 const CONCENTRATIONS: usize = 6;
 /// Small subsets that a placement starts from: with a tenth of gross rows, eight rows hold none with probability 0.43.
 const SUBSETS: usize = 8;
-/// Rows of such a subset: three equations each for the fifteen unknowns of the closed form.
-const SUBSET_ROWS: usize = 8;
+/// Rows of such a subset beyond those that the closed form needs: eight with one target.
+const SPARE_ROWS: usize = 3;
 /// Starts with other joint zeros, how many of their ends are gone on from without the gross rows, and how far the widest are off, rad (45°).
 const ZERO_STARTS: usize = 10;
 const ZERO_ENDS: usize = 3;
@@ -74,23 +75,32 @@ fn rms_from_centre(points: impl Iterator<Item = Vector3<f64>>) -> f64 {
     (squares / n).sqrt()
 }
 
-/// The parameters that place a robot: its target, and its base where it is not known.
-fn placing(frame: Frame) -> Vec<Parameter> {
+/// The parameters that place a robot: its targets, and its base where it is not known.
+fn placing(frame: Frame, n_targets: usize) -> Vec<Parameter> {
     let n_base = if frame == Frame::Instrument { 3 } else { 0 };
     let base = (0..n_base)
         .map(Parameter::BaseTranslation)
         .chain((0..n_base).map(Parameter::BaseRotation));
-    base.chain((0..3).map(|axis| Parameter::Target(0, axis)))
-        .collect()
+    let targets =
+        (0..n_targets).flat_map(|target| (0..3).map(move |axis| Parameter::Target(target, axis)));
+    base.chain(targets).collect()
+}
+
+/// Unknowns of a free base and the targets in closed form.
+fn closed_form_unknowns(n_targets: usize) -> usize {
+    CLOSED_FORM_BASE + 3 * n_targets
+}
+
+/// Equations beyond the unknowns; `None` where they are too few to tell anything.
+fn spare_equations(n_points: usize, n_free: usize) -> Option<usize> {
+    let spare = (3 * n_points).checked_sub(n_free)?;
+    (spare >= SPARE_EQUATIONS).then_some(spare)
 }
 
 /// rms by the degrees of freedom that are left; more where the points hardly differ in position, which any robot fits that hardly moves:
 /// metres taken for millimetres. `None` where too few equations are left to tell.
 fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) -> Option<Fitted> {
-    let spare = (3 * observations.len()).checked_sub(n_free)?;
-    if spare < SPARE_EQUATIONS {
-        return None;
-    }
+    let spare = spare_equations(observations.len(), n_free)?;
     let reach_mm = kinematics::reach_mm(&model.links);
     let unlike = match flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {
         true => (SMALL_SPREAD * reach_mm / spread_mm(observations)).max(1.0),
@@ -107,53 +117,49 @@ pub(super) fn quickly_placed(
     observations: &[Observation],
     frame: Frame,
 ) -> Option<Fitted> {
-    let is_enough = |n: usize| 3 * n >= CLOSED_FORM_UNKNOWNS + SPARE_EQUATIONS;
-    if frame == Frame::Instrument && !is_enough(observations.len()) {
+    let n_targets = n_targets(observations);
+    let unknowns = closed_form_unknowns(n_targets);
+    if frame == Frame::Instrument && spare_equations(observations.len(), unknowns).is_none() {
         return None;
     }
-    let model = closed_form(links, observations, frame)?;
-    fitted(model, observations, placing(frame).len())
+    let model = closed_form(links, observations, n_targets, frame)?;
+    let n_free = placing(frame, n_targets).len();
+    fitted(model, observations, n_free)
 }
 
 fn closed_form(
     links: &[Link],
     observations: &[Observation],
+    n_targets: usize,
     frame: Frame,
 ) -> Option<KinematicModel> {
     match frame {
         Frame::Base if observations.is_empty() => None,
-        Frame::Base => {
-            let in_flange = targets_in_flange(links, observations);
-            let sum: Vector3<f64> = in_flange.iter().sum();
-            Some(with_target(links, sum / in_flange.len() as f64))
-        }
-        Frame::Instrument if 3 * observations.len() < CLOSED_FORM_UNKNOWNS => None,
-        Frame::Instrument => align_in_closed_form(links, observations, 1, false),
+        Frame::Base => Some(fit_targets(links, observations, n_targets)),
+        Frame::Instrument if 3 * observations.len() < closed_form_unknowns(n_targets) => None,
+        Frame::Instrument => align_in_closed_form(links, observations, n_targets, false),
     }
 }
 
-/// Where each measured point lies in the flange's frame; the same for all of them if the robot is right.
-fn targets_in_flange(links: &[Link], observations: &[Observation]) -> Vec<Vector3<f64>> {
-    observations
-        .iter()
-        .map(|o| {
-            let flange = t_base_flange(links, &o.q_rad);
-            flange
-                .rotation
-                .inverse_transform_vector(&(o.position_mm - flange.translation.vector))
-        })
-        .collect()
-}
-
-fn with_target(links: &[Link], target_mm: Vector3<f64>) -> KinematicModel {
-    let mut model = KinematicModel::nominal(links, 1);
-    model.targets_mm[0] = target_mm;
+/// The robot in its base frame, each target where the median of its points lies in the flange's frame.
+fn with_median_targets(links: &[Link], observations: &[Observation]) -> KinematicModel {
+    let in_flange = |o: &Observation| {
+        let flange = t_base_flange(links, &o.q_rad);
+        flange
+            .rotation
+            .inverse_transform_vector(&(o.position_mm - flange.translation.vector))
+    };
+    let mut model = KinematicModel::nominal(links, n_targets(observations));
+    for (target, position_mm) in model.targets_mm.iter_mut().enumerate() {
+        let of_target = observations.iter().filter(|o| o.target == target);
+        *position_mm = median(&of_target.map(in_flange).collect::<Vec<_>>());
+    }
     model
 }
 
 /// With the gross rows left out.
 pub(super) fn placed(links: &[Link], observations: &[Observation], frame: Frame) -> Option<Fitted> {
-    let parameters = placing(frame);
+    let parameters = placing(frame, n_targets(observations));
     let concentrate = |start| concentrated(start, &parameters, observations);
     best(
         starts(links, observations, frame)
@@ -168,9 +174,12 @@ pub(super) fn placed_thoroughly(
     observations: &[Observation],
     frame: Frame,
 ) -> Option<Fitted> {
-    let from_everywhere = (frame == Frame::Instrument)
-        .then(|| fit_base_and_targets(links, observations, 1))
-        .and_then(|start| concentrated(start, &placing(frame), observations));
+    let from_everywhere = (frame == Frame::Instrument && !observations.is_empty())
+        .then(|| fit_base_and_targets(links, observations, n_targets(observations)))
+        .and_then(|start| {
+            let parameters = placing(frame, n_targets(observations));
+            concentrated(start, &parameters, observations)
+        });
     best(
         placed(links, observations, frame)
             .into_iter()
@@ -180,23 +189,26 @@ pub(super) fn placed_thoroughly(
 
 /// Places to begin at, some of them found without the gross rows.
 fn starts(links: &[Link], observations: &[Observation], frame: Frame) -> Vec<KinematicModel> {
-    if frame == Frame::Base {
-        let in_flange = targets_in_flange(links, observations);
-        return vec![with_target(links, median(&in_flange))];
+    if observations.is_empty() {
+        return vec![];
     }
-    let n = observations.len();
+    if frame == Frame::Base {
+        return vec![with_median_targets(links, observations)];
+    }
+    let (n, n_targets) = (observations.len(), n_targets(observations));
+    let n_rows = closed_form_unknowns(n_targets) / 3 + SPARE_ROWS;
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut subset = || -> Vec<Observation> {
-        (0..SUBSET_ROWS)
+        (0..n_rows)
             .map(|_| {
                 observations[((random.random::<f64>() * n as f64) as usize).min(n - 1)].clone()
             })
             .collect()
     };
-    let of_subsets = (0..SUBSETS).filter_map(|_| closed_form(links, &subset(), frame));
+    let of_subsets = (0..SUBSETS).filter_map(|_| closed_form(links, &subset(), n_targets, frame));
     let nearest =
         of_subsets.min_by(|a, b| median_mm(a, observations).total_cmp(&median_mm(b, observations)));
-    closed_form(links, observations, frame)
+    closed_form(links, observations, n_targets, frame)
         .into_iter()
         .chain(nearest)
         .collect()
@@ -224,7 +236,10 @@ fn concentrated(
     let mut model = start;
     let mut found: Option<Fitted> = None;
     for _ in 0..CONCENTRATIONS {
-        let kept = best_fitting(&model, observations, LEFT_OUT);
+        let mut kept = best_fitting(&model, observations, LEFT_OUT);
+        if spare_equations(kept.len(), parameters.len()).is_none() {
+            kept = observations.to_vec(); // too few to do without one
+        }
         model = fit_least_squares(&model, parameters, &kept).model;
         let next = fitted(model.clone(), &kept, parameters.len())?;
         // a rms that falls by less than a hundredth has settled
@@ -283,18 +298,19 @@ pub(super) fn with_one_free_zero(
     observations: &[Observation],
     frame: Frame,
 ) -> Option<Zeroed> {
+    let n_targets = n_targets(observations);
     let starts = seen_joints(links, frame).flat_map(|joint| {
         (-ZERO_STEPS..=ZERO_STEPS).filter_map(move |step| {
             let mut turned = links.to_vec();
             turned[joint].theta_offset_rad +=
                 UNMASTERED_RAD * f64::from(step) / f64::from(ZERO_STEPS);
-            let model = closed_form(&turned, observations, frame)?;
+            let model = closed_form(&turned, observations, n_targets, frame)?;
             Some((median_mm(&model, observations), joint, model))
         })
     });
     let (_, joint, start) = starts.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let mut parameters = vec![Parameter::Link(joint, Quantity::ThetaOffset)];
-    parameters.extend(placing(frame));
+    parameters.extend(placing(frame, n_targets));
     let start = fit_least_squares(&start, &parameters, observations).model;
     concentrated(start, &parameters, observations).map(|fit| zeroed(&fit, links))
 }
@@ -324,12 +340,13 @@ fn with_zeros_from(
     n_starts: usize,
     enough_mm: f64,
 ) -> Option<Zeroed> {
+    let n_targets = n_targets(observations);
     let free = seen_joints(links, frame);
     let mut parameters: Vec<Parameter> = free
         .clone()
         .map(|link| Parameter::Link(link, Quantity::ThetaOffset))
         .collect();
-    parameters.extend(placing(frame));
+    parameters.extend(placing(frame, n_targets));
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut ends: Vec<(f64, KinematicModel)> = Vec::new();
     for start in 0..=n_starts {
@@ -341,7 +358,7 @@ fn with_zeros_from(
         let placed = if start == 0 {
             starts(&turned, observations, frame)
         } else {
-            closed_form(&turned, observations, frame)
+            closed_form(&turned, observations, n_targets, frame)
                 .into_iter()
                 .collect()
         };

@@ -3,8 +3,8 @@
 //! simplest convention of those that fit best is then fitted to all of them.
 
 use super::affine::{LinkFrame, affine_cost_mm2, beyond_affine, scatter_mm2};
-use super::convention::{Convention, MAKERS};
-use super::explanation::UNMASTERED_RAD;
+use super::convention::{COUPLINGS, Convention};
+use super::explanation::{UNMASTERED_RAD, n_targets};
 use super::fitting::{
     Fitted, Zeroed, placed, quickly_placed, quickly_with_free_zeros, with_free_zeros,
     with_one_free_zero,
@@ -18,8 +18,8 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Points that conventions are compared on.
 const COMPARED_POINTS: usize = 18;
-/// With fewer points only makers' conventions are tried: one of all conventions would fit by chance. Twelve points give 36 equations for the fifteen
-/// numbers of base and target.
+/// With fewer points of one target only makers' conventions are tried: one of all conventions would fit by chance. Twelve points give 36 equations
+/// for the fifteen numbers of base and target.
 const FEWEST_POINTS: usize = 12;
 /// Disjoint choices of points, tried in turn: a gross row spoils those that hold it.
 const CHOICES: usize = 2;
@@ -40,8 +40,8 @@ const FITTED_THOROUGHLY: usize = 6;
 const WITH_ZEROS: usize = 12;
 /// ... and thoroughly where they come within so many times of what fits.
 const WORTH_A_SEARCH: f64 = 5.0;
-/// What joint 2's value may be multiplied by before it is added to joint 3's.
-const COUPLINGS: [f64; 3] = [0.0, 1.0, -1.0];
+/// Makers' conventions are about joints 2 and 3, too.
+const FEWEST_JOINTS: usize = 3;
 
 /// What a joint's turning looks like in a convention, at each of the compared points.
 struct Turning {
@@ -70,12 +70,13 @@ pub(super) fn search(
     frame: Frame,
     fits_mm: f64,
 ) -> Option<(Convention, Fitted)> {
-    if observations.len() < FEWEST_POINTS {
+    let of_target = of_one_target(observations);
+    if of_target.len() < FEWEST_POINTS {
         return of_makers(links, observations, frame);
     }
     let mut found: Option<(Convention, Fitted)> = None;
     for choice in 0..CHOICES {
-        let compared = chosen(observations, choice);
+        let compared = chosen(&of_target, choice);
         let candidates = candidates(links, &compared, frame, fits_mm);
         let fits = fitted(links, candidates, observations, frame);
         let best_mm = fits
@@ -103,20 +104,9 @@ fn of_makers(
     observations: &[Observation],
     frame: Frame,
 ) -> Option<(Convention, Fitted)> {
-    let n = links.len();
-    let as_they_are = vec![false; n];
-    let makers = MAKERS.iter().filter(|maker| maker.len() == n);
-    let signs = makers.map(|maker| maker.to_vec()).chain([as_they_are]);
-    let conventions = signs.flat_map(|reversed| {
-        COUPLINGS.map(|coupling| Convention {
-            reversed: reversed.clone(),
-            coupling,
-            quarter_turns: vec![0; n],
-        })
-    });
     let is_other = |convention: &Convention| convention.complexity() > 0;
-    let mut fits: Vec<(Convention, Fitted)> = conventions
-        .filter(|convention| n >= 3 && is_other(convention))
+    let mut fits: Vec<(Convention, Fitted)> = Convention::of_makers(links.len())
+        .filter(|convention| links.len() >= FEWEST_JOINTS && is_other(convention))
         .filter_map(|convention| {
             let fitted = placed(links, &convention.observations(observations), frame)?;
             Some((convention, fitted))
@@ -137,36 +127,27 @@ pub(super) fn search_with_zeros(
     frame: Frame,
     fits_mm: f64,
 ) -> Option<(Convention, Zeroed)> {
-    let n = links.len();
-    if observations.len() < FEWEST_POINTS || n < 3 {
+    let of_target = of_one_target(observations);
+    if of_target.len() < FEWEST_POINTS || links.len() < FEWEST_JOINTS {
         return None;
     }
-    let mut search = Search::new(links, &chosen(observations, 0), frame);
+    let mut search = Search::new(links, &chosen(&of_target, 0), frame);
     search.most_turned = 0;
     search.run();
     search
         .tried
         .sort_by(|a, b| a.cost_mm2.total_cmp(&b.cost_mm2));
     search.tried.truncate(WITH_ZEROS);
-    let nearest: Vec<Convention> = search
-        .tried
-        .iter()
+    let nearest = search.tried.iter();
+    let mut all: Vec<Convention> = nearest
         .map(|tried| search.convention(&tried.path))
         .collect();
-    let makers = MAKERS.iter().filter(|maker| maker.len() == n);
-    let of_makers = makers.flat_map(|reversed| {
-        COUPLINGS.map(|coupling| Convention {
-            reversed: reversed.to_vec(),
-            coupling,
-            quarter_turns: vec![0; n],
-        })
-    });
-    let mut all: Vec<Convention> = nearest;
-    all.extend(
-        of_makers
-            .filter(|maker| !all.contains(maker))
-            .collect::<Vec<_>>(),
-    );
+    for maker in Convention::of_makers(links.len()) {
+        // a coupling alone is among the nearest, if it is near
+        if maker.reversed.contains(&true) && !all.contains(&maker) {
+            all.push(maker);
+        }
+    }
     all.retain(|convention| convention.complexity() > 0);
     // one joint that was never mastered is the likeliest, and found from wherever it stands
     let with_one = all.iter().filter_map(|convention| {
@@ -250,6 +231,18 @@ fn fitted(
             Some((convention, fitted))
         })
         .collect()
+}
+
+/// The points of the target that has most.
+fn of_one_target(observations: &[Observation]) -> Vec<Observation> {
+    let n_of = |target: usize| observations.iter().filter(|o| o.target == target).count();
+    let most = (0..n_targets(observations)).max_by_key(|target| n_of(*target));
+    let of_most = observations.iter().filter(|o| Some(o.target) == most);
+    let of_most = of_most.cloned().map(|mut o| {
+        o.target = 0;
+        o
+    });
+    of_most.collect()
 }
 
 /// Some of the points, evenly taken.

@@ -16,7 +16,7 @@ pub use hypotheses::{Hypothesis, hypotheses};
 use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet};
-use explanation::{observations, of_one_target_and_station};
+use explanation::{observations, of_one_station};
 use fitting::{placed_thoroughly, quickly_placed, reach_mm};
 use suspect::Suspect;
 
@@ -42,18 +42,16 @@ pub const SUSPICIONS: [&str; 7] = [
 
 /// The check of every upload.
 pub fn align(robot: &Robot, set: &MeasurementSet) -> Alignment {
-    let observations = observations(robot, &of_one_target_and_station(set));
-    let Some(quick) = quickly_placed(&robot.links, &observations, set.frame) else {
-        return Alignment::Fits;
-    };
+    let observations = observations(robot, &of_one_station(set));
     let fits_mm = FITS * reach_mm(&robot.links, &observations);
-    if quick.rms_mm <= fits_mm {
+    let quick = quickly_placed(&robot.links, &observations, set.frame);
+    if quick.as_ref().is_some_and(|found| found.rms_mm <= fits_mm) {
         return Alignment::Fits;
     }
-    match placed_thoroughly(&robot.links, &observations, set.frame) {
-        Some(found) if found.rms_mm <= fits_mm => Alignment::Fits,
-        Some(found) => Alignment::Misses(found.rms_mm),
-        None => Alignment::Misses(quick.rms_mm),
+    let thorough = placed_thoroughly(&robot.links, &observations, set.frame);
+    match thorough.or(quick) {
+        Some(found) if found.rms_mm > fits_mm => Alignment::Misses(found.rms_mm),
+        _ => Alignment::Fits,
     }
 }
 

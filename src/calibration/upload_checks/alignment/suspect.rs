@@ -2,7 +2,7 @@
 
 use super::convention::Convention;
 use super::explanation::{
-    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, observations, of_one_target_and_station,
+    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, observations, of_one_station,
 };
 use super::fitting::{
     Fitted, Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros,
@@ -76,7 +76,7 @@ impl What {
 
 impl<'a> Suspect<'a> {
     pub fn new(robot: &'a Robot, set: &MeasurementSet, off_mm: f64) -> Self {
-        let points = of_one_target_and_station(set);
+        let points = of_one_station(set);
         let observations = observations(robot, &points);
         let reach_mm = reach_mm(&robot.links, &observations);
         Self {
@@ -375,8 +375,8 @@ impl<'a> Suspect<'a> {
             };
         }
         let detail = format!(
-            "{detail}, and no other frame, unit, order of columns or joint convention does better: is it this robot, and do the joint values and \
-             the position of each row belong together?"
+            "{detail}, and none of the other frames, units, orders of columns and joint conventions that were tried does better: is it this robot, \
+             and do the joint values and the position of each row belong together?"
         );
         Explanation::Refusal(suspicion("poor_alignment", None, detail))
     }
