@@ -3,7 +3,7 @@
     python docs/oracles/estimator.py REFERENCE REAL OUT [FIRST_SEED] > docs/oracles/estimator.csv
 
 REFERENCE is the folder with split.py, odd_robots.py, scipy_fit.py and map_identify.py, REAL the folder with the measured sets.
-OUT gets a folder for each case, with robot.json and set.csv; `examples/estimator_study.rs` reads them. With FIRST_SEED only the
+OUT gets a folder for each case, with robot.json and set.csv; `examples/study/estimator.rs` reads them. With FIRST_SEED only the
 simulated robots of that seed and the next are made.
 """
 import csv

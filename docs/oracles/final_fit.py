@@ -3,7 +3,7 @@
     python docs/oracles/final_fit.py OUT > docs/oracles/final_fit.csv
 
 OUT gets a folder for each case with robot.json, set.csv (instrument frame, no subset column) and unseen.csv (200 other poses, positions without
-noise); `examples/final_fit_study.rs` reads them. The oracle knows the standard deviations of link errors and noise, and, of a robot that sags, the
+noise); `examples/study/final_fit.rs` reads them. The oracle knows the standard deviations of link errors and noise, and, of a robot that sags, the
 masses and which joints give. Nothing is shared with kincal's code: 4 x 4 matrices, numerical derivatives. The csv has the oracle's rms at the
 unseen poses, mm.
 """

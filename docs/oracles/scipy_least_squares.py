@@ -1,6 +1,6 @@
 """scipy.optimize.least_squares on measured robots: 24 link parameters + base + targets, from nominal.
 
-    cargo run --release --example identification_study splits DIR     # writes one CSV per set and seed
+    cargo run --release --example study identification splits DIR     # writes one CSV per set and seed
     python docs/oracles/scipy_least_squares.py DIR > docs/oracles/scipy_least_squares.csv
 
 A second implementation on the same splits: numerical derivatives, scipy's trust region, nothing shared with our code.

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""What a user would write with scipy for points with covariances: weighted least squares, compared with by `examples/noise_study.rs`.
+"""What a user would write with scipy for points with covariances: weighted least squares, compared with by `examples/study/noise.rs`.
 
-    scipy_noise.py DIR      DIR as `cargo run --release --example noise_study -- DIR` wrote it; prints one line of CSV for each set
+    scipy_noise.py DIR      DIR as `cargo run --release --example study noise DIR` wrote it; prints one line of CSV for each set
 
 Free are all five numbers of every link, base and target. Residuals are whitened by the Cholesky factor of the inverse of each point's true covariance.
 What the points cannot tell apart is settled by priors: a thousand times as wide as the robots' errors (`wls_mm`: plain weighted least squares), and as

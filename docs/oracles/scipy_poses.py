@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""What a user would write with scipy for poses: unregularised weighted least squares in six dimensions, compared with by `examples/poses_study.rs`.
+"""What a user would write with scipy for poses: unregularised weighted least squares in six dimensions, compared with by `examples/study/poses.rs`.
 
-    scipy_poses.py DIR      DIR as `cargo run --release --example poses_study -- DIR` wrote it; prints one line of CSV for each set
+    scipy_poses.py DIR      DIR as `cargo run --release --example study poses DIR` wrote it; prints one line of CSV for each set
 
 Free are a, alpha, d, theta_offset of every link, beta where the nominal axes are nearly parallel, base and target (six numbers each). Rotation residuals
 are log(R_predT * R_measured), times the weight of the set (mm/rad, in its name). Start: nominal links, base and target by Shah's closed form.

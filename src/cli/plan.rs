@@ -84,7 +84,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     let found = match (&arguments.robot, &arguments.robot_on_server) {
-        (Some(path), _) => offline(arguments, path, &body)?,
+        (Some(path), on_server) => {
+            if let Some(robot) = on_server {
+                let file = path.display();
+                eprintln!(
+                    "note: planned for {file} without a server; --robot (KINCAL_ROBOT) {robot} is not used"
+                );
+            }
+            offline(arguments, path, &body)?
+        }
         (None, Some(robot)) => block_on(on_server(arguments, robot, body))?,
         (None, None) => return Err(Usage("give ROBOT.json, or --robot".into()).into()),
     };

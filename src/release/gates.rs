@@ -24,7 +24,7 @@ const SAME_MM: f64 = 0.001;
 const CHANGED: f64 = 3.0;
 
 /// Largest ratio of the tool's mean movement by the final fit to the rms error of the verified fit. 62 simulated uploads of 25 and 60 poses had 0.03
-/// to 1.1 (`examples/final_fit_study.rs`). A larger ratio shows that the two halves of the upload do not belong together.
+/// to 1.1 (`examples/study/final_fit.rs`). A larger ratio shows that the two halves of the upload do not belong together.
 const MAX_MOVED: f64 = 2.0;
 
 /// Every gate, passed or not.

@@ -102,7 +102,7 @@ fn of_the_robot<'a>(names: &[&'a str]) -> Vec<&'a str> {
     names
 }
 
-/// Pairs of sessions; `examples/changes_study.rs` takes 1,000.
+/// Pairs of sessions; `examples/study/changes.rs` takes 1,000.
 const PAIRS: u64 = 40;
 
 #[test]

@@ -1,5 +1,5 @@
 //! What moved or drifted: simulated campaigns with a planted drift, warm-up, random walk or slip; the oracle is what was planted. The long form, with
-//! 1,000 campaigns per row, is `examples/drift_study.rs`.
+//! 1,000 campaigns per row, is `examples/study/drift.rs`.
 
 use crate::drifts::{DRIFT_MM, NOISE_MM, ROWS, VISITS, What, campaign, counts, told};
 use kincal::calibration::{CalibrationRequest, calibrate};

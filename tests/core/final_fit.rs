@@ -1,5 +1,5 @@
 //! The delivered parameters are fitted to all points after the verification. The oracle is the truth of a simulated robot, at poses that no fit has
-//! seen; `examples/final_fit_study.rs` compares with the best possible fit.
+//! seen; `examples/study/final_fit.rs` compares with the best possible fit.
 
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};

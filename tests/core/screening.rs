@@ -1,5 +1,5 @@
 //! Faults in a cell: outliers, reflectors that slip, instruments that are set up again. Simulated robots with planted faults; the
-//! oracle is the truth, or the same fit to the same set without the fault. The long form is `examples/identification_study.rs`.
+//! oracle is the truth, or the same fit to the same set without the fault. The long form is `examples/study/identification.rs`.
 
 use crate::bad_campaigns::{bad_campaign, clean_verify_rms_mm, unseen_rms_mm};
 use crate::data::paper_robot;

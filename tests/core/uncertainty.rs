@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::RngExt;
 use std::ops::ControlFlow;
 
-/// Robots per test; `examples/coverage_study.rs` uses 1,000.
+/// Robots per test; `examples/study/coverage.rs` uses 1,000.
 const ROBOTS: u64 = 80;
 
 struct Run {

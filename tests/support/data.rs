@@ -1,7 +1,5 @@
 //! Data of the tests: the paper's robot and sets (`data/paper`), and measured sets of real robots if they are available.
 
-#![allow(dead_code)] // each test binary uses its part
-
 use kincal::kinematics::{Link, Robot};
 use kincal::measurement::{Frame, MeasurementSet, csv};
 use std::io::Write;

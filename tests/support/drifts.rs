@@ -1,7 +1,5 @@
 //! Simulated campaigns in which something drifts, slips or scatters, with one pose that is visited five times.
 
-#![allow(dead_code)] // each user takes its part
-
 use super::data::paper_robot;
 use super::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::request::CorrectionsChoice;

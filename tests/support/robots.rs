@@ -1,5 +1,4 @@
 //! Simulated robots of several makes, with errors of manufacture and of measurement.
-#![allow(dead_code)] // each user takes its part
 
 use super::simulation::Normal;
 use kincal::identification::KinematicModel;

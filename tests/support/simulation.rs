@@ -1,8 +1,6 @@
 //! Simulated robots: random errors of every number of every link, random poses, normal noise, and sag that no model here
 //! knows of.
 
-#![allow(dead_code)] // each user takes its part
-
 use kincal::identification::KinematicModel;
 use kincal::identification::parameters::{
     Parameter, Quantity, apply, complete_parameters, is_parallel,

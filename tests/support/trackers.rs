@@ -1,7 +1,5 @@
 //! Simulated robots that are measured with noise that differs from direction to direction: by a tracker 4 m away, or along the axes.
 
-#![allow(dead_code, reason = "each user takes its part")]
-
 use super::simulation::{Normal, poses, robot_of_the_priors};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;

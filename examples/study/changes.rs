@@ -1,20 +1,16 @@
 //! What changed since the last session: false alarms and detection. Prints `docs/changes.md`.
 //!
-//! `cargo run --release --example changes_study [n_pairs] > docs/changes.md`
+//! `cargo run --release --example study changes [n_pairs] > docs/changes.md`
 
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
-use data::{paper_robot, real_data};
+use crate::data;
+use crate::data::{paper_robot, real_data};
+use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
 use kincal::calibration::report::{ChangeKind, Changes};
 use kincal::calibration::request::PreviousSession;
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, csv};
-use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
 const TEXT: &str = "\
@@ -31,13 +27,15 @@ the base: a change there cannot be told from a tracker that was moved.
 /// What is done to the robot between the sessions.
 type Change = fn(&mut KinematicModel, &mut Normal);
 
-fn main() {
-    let n_pairs = std::env::args()
-        .nth(1)
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let n_pairs = arguments
+        .first()
+        .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(1000);
     println!(
-        "# What changed since the last session\n\nMade by `cargo run --release --example changes_study {n_pairs} > docs/changes.md`.\n\n{TEXT}"
+        "# What changed since the last session\n\nMade by `cargo run --release --example study changes {n_pairs} > docs/changes.md`.\n\n{TEXT}"
     );
     false_alarms(n_pairs);
     detection(n_pairs / 5);

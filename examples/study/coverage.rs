@@ -1,22 +1,18 @@
 //! Do the stated 95 % intervals hold the truth? Prints `docs/uncertainty.md`.
 //!
-//! `cargo run --release --example coverage_study [n_robots] > docs/uncertainty.md`
+//! `cargo run --release --example study coverage [n_robots] > docs/uncertainty.md`
 
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
-use data::paper_robot;
+use crate::data::paper_robot;
+use crate::simulation;
+use crate::simulation::{
+    Campaign, Normal, intervals_held, limited, measure, poses, position_with_sag,
+    robot_of_wide_priors, tool_intervals_held, true_robot,
+};
 use kincal::calibration::request::CorrectionsChoice;
 use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use nalgebra::{Rotation3, Vector3};
-use simulation::{
-    Campaign, Normal, intervals_held, limited, measure, poses, position_with_sag,
-    robot_of_wide_priors, tool_intervals_held, true_robot,
-};
 use std::ops::ControlFlow;
 
 /// Robots per row of the second table.
@@ -49,13 +45,15 @@ struct Tally {
     n: f64,
 }
 
-fn main() {
-    let n_robots = std::env::args()
-        .nth(1)
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let n_robots = arguments
+        .first()
+        .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(1000);
     println!(
-        "# What to believe\n\nMade by `cargo run --release --example coverage_study {n_robots} > docs/uncertainty.md`.\n"
+        "# What to believe\n\nMade by `cargo run --release --example study coverage {n_robots} > docs/uncertainty.md`.\n"
     );
     println!("## Do the stated 95 % intervals hold the truth?\n\n{TEXT}");
     println!(

@@ -1,13 +1,6 @@
-//! The tables of docs/corrections.md. `cargo run --release --example corrections_study [real|geometric|simulated|time] [n [first seed]]`
+//! The tables of docs/corrections.md. `cargo run --release --example study corrections [real|geometric|simulated|time] [n [first seed]]`
 
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
-#[path = "corrections_study/measured.rs"]
 mod measured;
-#[path = "corrections_study/simulated.rs"]
 mod simulated;
 
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
@@ -39,8 +32,9 @@ pub fn spread(mut values: Vec<f64>) -> (f64, f64, f64) {
     )
 }
 
-fn main() {
-    let mut arguments = std::env::args().skip(1);
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let mut arguments = arguments.iter().cloned();
     let table = arguments.next().unwrap_or_default();
     let n: usize = arguments.next().and_then(|n| n.parse().ok()).unwrap_or(100);
     let first_seed: u64 = arguments

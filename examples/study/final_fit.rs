@@ -1,11 +1,9 @@
 //! The delivered fit beside the best possible one: error at poses that no fit has seen. Prints `docs/final-fit.md`.
 //!
-//! `cargo run --release --example final_fit_study DIR docs/oracles/final_fit.csv > docs/final-fit.md`, with the folders that
+//! `cargo run --release --example study final_fit DIR docs/oracles/final_fit.csv > docs/final-fit.md`, with the folders that
 //! `docs/oracles/final_fit.py` made.
 
-#[path = "../tests/support/data.rs"]
-mod data;
-
+use crate::data;
 use kincal::calibration::request::FinalFit;
 use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::identification::KinematicModel;
@@ -25,10 +23,10 @@ struct Ratios {
     verified: f64,
 }
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [folder, oracle] = arguments.as_slice() else {
-        panic!("final_fit_study DIR ORACLE.csv");
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let [folder, oracle] = arguments else {
+        panic!("study final_fit DIR ORACLE.csv");
     };
     let text = std::fs::read_to_string(oracle).unwrap();
     let mut groups: BTreeMap<String, Vec<Ratios>> = BTreeMap::new();
@@ -56,7 +54,7 @@ fn main() {
          outliers than may be left out. With another set to verify on, both fits are the same.\n"
     );
     println!(
-        "Made by `cargo run --release --example final_fit_study DIR docs/oracles/final_fit.csv`, of the uploads that `docs/oracles/final_fit.py` makes: \
+        "Made by `cargo run --release --example study final_fit DIR docs/oracles/final_fit.csv`, of the uploads that `docs/oracles/final_fit.py` makes: \
          16 robots of four arms in each row, half of the poses held out to verify. Error at 200 other poses without noise, rms, over that of a maximum \
          a posteriori fit of the true model to all poses; median, and lower to upper quartile in brackets.\n"
     );

@@ -2,21 +2,16 @@
 //!
 //! Times are of the processor: other work on the machine does not count.
 //!
-//! `cargo run --release --example job_growth [rows …]` writes the tables of docs/performance.md. Each size runs in a process of its own, so that its
+//! `cargo run --release --example study job_growth [rows …]` writes the tables of docs/performance.md. Each size runs in a process of its own, so that its
 //! peak memory is its own.
 
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
+use crate::data::paper_robot;
+use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use anyhow::{Context, bail};
-use data::paper_robot;
 use kincal::calibration::request::PreviousSession;
 use kincal::calibration::{CalibrationRequest, Event, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::measurement::MeasurementSet;
-use simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use std::ops::ControlFlow;
 use std::process::Command;
 use std::sync::LazyLock;
@@ -36,9 +31,9 @@ struct Run {
     peak_mib: f64,
 }
 
-fn main() -> anyhow::Result<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    if let [flag, rows] = arguments.as_slice()
+/// Runs the study.
+pub fn study(arguments: &[String]) -> anyhow::Result<()> {
+    if let [flag, rows] = arguments
         && flag == "--one"
     {
         return one(rows.parse()?);
@@ -83,7 +78,7 @@ fn main() -> anyhow::Result<()> {
 
 fn in_a_process(rows: usize) -> anyhow::Result<Run> {
     let output = Command::new(std::env::current_exe()?)
-        .args(["--one", &rows.to_string()])
+        .args(["job_growth", "--one", &rows.to_string()])
         .output()?;
     if !output.status.success() {
         bail!("{rows} rows: {}", String::from_utf8_lossy(&output.stderr));

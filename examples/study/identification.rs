@@ -1,36 +1,24 @@
 //! How well robots are identified: measured ones, and simulated ones with what goes wrong in a cell. Prints `docs/identification.md`.
 //!
-//! `cargo run --release --example identification_study [all|real|outliers|campaigns|steps|starts|swarm] [n] > docs/identification.md`
-//! `cargo run --release --example identification_study splits DIR` writes the splits that `docs/oracles/scipy_least_squares.py` reads.
+//! `cargo run --release --example study identification [all|real|outliers|campaigns|steps|starts|swarm] [n] > docs/identification.md`
+//! `cargo run --release --example study identification splits DIR` writes the splits that `docs/oracles/scipy_least_squares.py` reads.
 
-#[path = "../tests/support/bad_campaigns.rs"]
-mod bad_campaigns;
-#[path = "identification_study/campaigns.rs"]
 mod campaigns;
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "identification_study/outliers.rs"]
 mod outliers;
-#[path = "identification_study/real.rs"]
 mod real;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-#[path = "identification_study/starts.rs"]
 mod starts;
-#[path = "identification_study/steps.rs"]
 mod steps;
-#[path = "identification_study/swarm.rs"]
 mod swarm;
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
+/// Runs the study.
+pub fn study(arguments: &[String]) {
     let what = arguments.first().map_or("all", String::as_str);
     if let ("splits", Some(folder)) = (what, arguments.get(1)) {
         return real::write_splits(std::path::Path::new(folder));
     }
     let n: Option<u64> = arguments.get(1).and_then(|n| n.parse().ok());
     let wanted = |name: &str| what == "all" || what == name;
-    println!("# Identification\n\nMade by `cargo run --release --example identification_study`.\n");
+    println!("# Identification\n\nMade by `cargo run --release --example study identification`.\n");
     if wanted("real") {
         real::tables();
     }

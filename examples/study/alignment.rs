@@ -1,22 +1,21 @@
-//! How often the alignment check refuses a correct upload: `cargo run --release --example alignment_study 1000 > docs/alignment.md`.
+//! How often the alignment check refuses a correct upload: `cargo run --release --example study alignment 1000 > docs/alignment.md`.
 
-#[path = "../tests/support/robots.rs"]
-mod robots;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
+use crate::robots;
+use crate::simulation;
 use kincal::calibration::upload_checks::alignment::{Alignment, align};
 use kincal::measurement::Frame;
 use std::time::Instant;
 
-fn main() {
-    let n: usize = std::env::args()
-        .nth(1)
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let n: usize = arguments
+        .first()
+        .cloned()
         .and_then(|text| text.parse().ok())
         .unwrap_or(1000);
     let counts = robots::clean_robots(n, 1);
     println!("# Correct uploads and the alignment check\n");
-    println!("Made by `cargo run --release --example alignment_study {n} > docs/alignment.md`.\n");
+    println!("Made by `cargo run --release --example study alignment {n} > docs/alignment.md`.\n");
     println!(
         "Simulated robots with errors of 0.5 mm and 0.1° (one standard deviation) in every parameter, measured with 0.05 mm noise at 10 to 80"
     );

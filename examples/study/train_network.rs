@@ -3,7 +3,7 @@
 //! 200 inputs uniform in ± 1 in 24 coordinates, all with the same answer: what a swarm's run leaves behind. Prints, per
 //! number of epochs, the distances of the answers from the target in units of the search box.
 //!
-//! `cargo run --release --example train_network`
+//! `cargo run --release --example study train_network`
 
 use kincal::solvers::bpnn::{Options, choose_size_and_train};
 use kincal::solvers::random::LaneRandom;
@@ -38,7 +38,8 @@ fn distances(answers: &[Vec<f64>], target: &[f64]) -> Vec<f64> {
     distances
 }
 
-fn main() {
+/// Runs the study.
+pub fn study() {
     println!("seed epochs hidden      mse   median      10%      90%  unseen median   time");
     for seed in 0..3 {
         let mut random = LaneRandom::new(seed, 0);

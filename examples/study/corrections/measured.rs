@@ -1,7 +1,7 @@
 //! Measured robots.
 
+use super::{kept, run};
 use crate::data::{real_data, robot};
-use crate::{kept, run};
 use kincal::calibration::CalibrationRequest;
 use kincal::calibration::request::VerifySource;
 use kincal::kinematics::Robot;

@@ -1,11 +1,8 @@
 //! How the cost of a swarm's evaluation grows with particles and poses, on one core and on all; and the complete model's to the paper's.
 //!
-//! `cargo run --release --example growth -- data/paper/robot.json data/paper/first.csv` writes the table of docs/performance.md.
+//! `cargo run --release --example study growth data/paper/robot.json data/paper/first.csv` writes the table of docs/performance.md.
 
-#[path = "throughput.rs"]
-#[allow(dead_code)]
-mod throughput;
-
+use crate::throughput;
 use anyhow::{Context, bail};
 use kincal::identification::identifiability::prior_scales;
 use kincal::identification::objective::Observation;
@@ -21,9 +18,9 @@ use std::time::Instant;
 const WORK: usize = 100_000_000;
 const REPETITIONS: usize = 15;
 
-fn main() -> anyhow::Result<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [robot, set] = arguments.as_slice() else {
+/// Runs the study.
+pub fn study(arguments: &[String]) -> anyhow::Result<()> {
+    let [robot, set] = arguments else {
         bail!("usage: growth ROBOT.json SET.csv")
     };
     let (robot, set) = (

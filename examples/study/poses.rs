@@ -1,8 +1,8 @@
 //! Identification from poses: measured by a tracker (ur10_tmac) and simulated, beside a weighted fit of scipy on the same draws.
 //!
-//!     cargo run --release --example poses_study -- DIR
+//!     cargo run --release --example study poses DIR
 //!     docs/oracles/scipy_poses.py DIR > DIR/scipy.txt
-//!     cargo run --release --example poses_study -- DIR DIR/scipy.txt
+//!     cargo run --release --example study poses DIR DIR/scipy.txt
 //!
 //! The first run writes every set with its robot into DIR; the last one prints both beside each other. `docs/poses.md` has the table.
 
@@ -44,8 +44,9 @@ struct Case {
     is_simulated: bool,
 }
 
-fn main() {
-    let mut arguments = std::env::args().skip(1);
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let mut arguments = arguments.iter().cloned();
     let folder = PathBuf::from(arguments.next().expect("a folder to write the sets into"));
     let scipy = arguments
         .next()

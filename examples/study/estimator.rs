@@ -1,10 +1,8 @@
 //! Links alone, beside two other estimators on the same splits: measured robots, and simulated ones of odd kinds. Prints `docs/estimator.md`.
 //!
-//! `cargo run --release --example estimator_study DIR ORACLES.csv… > docs/estimator.md`, with the folders and files that `docs/oracles/estimator.py` made.
+//! `cargo run --release --example study estimator DIR ORACLES.csv… > docs/estimator.md`, with the folders and files that `docs/oracles/estimator.py` made.
 
-#[path = "../tests/support/data.rs"]
-mod data;
-
+use crate::data;
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{CalibrationRequest, Model, calibrate};
 use kincal::measurement::{Frame, csv};
@@ -21,10 +19,10 @@ struct Case {
     own_mm: f64,
 }
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [folder, oracles @ ..] = arguments.as_slice() else {
-        panic!("estimator_study DIR ORACLES.csv…");
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let [folder, oracles @ ..] = arguments else {
+        panic!("study estimator DIR ORACLES.csv…");
     };
     let cases: Vec<Case> = oracles
         .iter()
@@ -32,7 +30,7 @@ fn main() {
         .collect();
     println!("# Links alone, beside other estimators\n");
     println!(
-        "Made by `cargo run --release --example estimator_study DIR docs/oracles/estimator*.csv`, of the sets that `docs/oracles/estimator.py` makes. \
+        "Made by `cargo run --release --example study estimator DIR docs/oracles/estimator*.csv`, of the sets that `docs/oracles/estimator.py` makes. \
          Verify rms, mm. scipy: unregularised least squares from nominal; MAP: maximum a posteriori in numpy with normal priors.\n"
     );
     let (odd, measured): (Vec<_>, Vec<_>) =

@@ -1,8 +1,8 @@
 //! Simulated robots: geometric ones, which corrections must not harm, and real ones, which they must help.
 
+use super::{kept, run, spread};
 use crate::data::paper_robot;
 use crate::simulation::{self, Campaign, Normal};
-use crate::{kept, run, spread};
 use kincal::calibration::CalibrationRequest;
 use kincal::calibration::request::CorrectionsChoice;
 use std::time::Instant;

@@ -1,23 +1,18 @@
 //! What moved or drifted while it was measured: false alarms and detection. Prints `docs/drift.md`.
 //!
-//! `cargo run --release --example drift_study [n_campaigns] > docs/drift.md`
+//! `cargo run --release --example study drift [n_campaigns] > docs/drift.md`
 
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "../tests/support/drifts.rs"]
-mod drifts;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
+use crate::drifts::{NOISE_MM, ROWS, VISITS, What, counts};
 
-use drifts::{NOISE_MM, ROWS, VISITS, What, counts};
-
-fn main() {
-    let n: u64 = std::env::args()
-        .nth(1)
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let n: u64 = arguments
+        .first()
+        .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(1000);
     println!(
-        "# What moved or drifted\n\nMade by `cargo run --release --example drift_study {n} > docs/drift.md`.\n\n\
+        "# What moved or drifted\n\nMade by `cargo run --release --example study drift {n} > docs/drift.md`.\n\n\
          {n} simulated campaigns per row: {ROWS} rows, of which {VISITS} are visits of one pose, noise of {NOISE_MM} mm per coordinate; a slip is before a random row, the \
          ends included. Drift is that of base or instrument, in a random direction, from the first row to the last one.\n\n\
          | campaign | a step is told | within one row of where it was | `drift` | `warm_up` |\n|---|---:|---:|---:|---:|"

@@ -1,13 +1,9 @@
 //! Several sessions of one robot in one job: how often they are fitted together, and what that gains. Prints the tables of `docs/sessions.md`.
 //!
-//! `cargo run --release --example sessions_study [n_pairs]`
+//! `cargo run --release --example study sessions [n_pairs]`
 
-#[path = "../tests/support/data.rs"]
-mod data;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
-use data::paper_robot;
+use crate::data::paper_robot;
+use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
 use kincal::calibration::request::{CorrectionsChoice, Method};
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, SESSIONS_DIFFER, calibrate,
@@ -15,15 +11,16 @@ use kincal::calibration::{
 use kincal::identification::KinematicModel;
 use kincal::measurement::MeasurementSet;
 use kincal::measurement::sessions::joined;
-use simulation::{Campaign, Normal, measure, poses, true_robot};
 use std::ops::ControlFlow;
 
 /// What is done to the robot between the sessions.
 type Change = fn(&mut KinematicModel, &mut Normal);
 
-fn main() {
-    let n_pairs = std::env::args()
-        .nth(1)
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let n_pairs = arguments
+        .first()
+        .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(100);
     refusals(n_pairs);

@@ -1,6 +1,6 @@
 //! How kincal's queue and lists behave on a PostgreSQL that holds a million jobs and a million sets.
 //!
-//!     cargo run --release --example scale_study -- postgres://postgres@127.0.0.1:5432/empty [rows]
+//!     cargo run --release --example study scale postgres://postgres@127.0.0.1:5432/empty [rows]
 //!
 //! The database must be empty. Rows are made by SQL in the database; what is measured goes through kincal's own store. The table is that of
 //! docs/scaling.md.
@@ -26,9 +26,9 @@ const N_COMPUTED: usize = 400;
 /// Longest a measurement of worker processes may take.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-#[tokio::main]
-async fn main() {
-    let mut arguments = std::env::args().skip(1);
+/// Runs the study.
+pub async fn study(arguments: &[String]) {
+    let mut arguments = arguments.iter().cloned();
     let url = arguments
         .next()
         .expect("give the URL of an empty PostgreSQL database");

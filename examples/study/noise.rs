@@ -1,36 +1,32 @@
 //! Identification from points whose noise differs from direction to direction: with it stated, and without, beside a weighted fit of scipy.
 //!
-//!     cargo run --release --example noise_study -- DIR > DIR/kincal.txt
+//!     cargo run --release --example study noise DIR > DIR/kincal.txt
 //!     docs/oracles/scipy_noise.py DIR > DIR/scipy.csv
-//!     cargo run --release --example noise_study -- DIR DIR/scipy.csv
+//!     cargo run --release --example study noise DIR DIR/scipy.csv
 //!
 //! The first run writes every set with its robot and the truth at unseen poses into DIR; the last one prints both beside each other.
 //! `docs/noise.md` has the table.
 
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-#[path = "../tests/support/trackers.rs"]
-mod trackers;
-
+use crate::simulation::{found, limited};
+use crate::trackers::{Instrument, Measured, measured};
 use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::kinematics::Robot;
 use kincal::measurement::MeasurementSet;
 use kincal::wire::json;
 use kincal::wire::robot::RobotBody;
-use simulation::{found, limited};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use trackers::{Instrument, Measured, measured};
 
 /// Simulated robots of each case.
 const ROBOTS: u64 = 24;
 /// What the robot itself scatters by, mm in each coordinate.
 const ROBOT_MM: [f64; 2] = [0.0, 0.05];
 
-fn main() {
-    let mut arguments = std::env::args().skip(1);
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let mut arguments = arguments.iter().cloned();
     let folder = PathBuf::from(arguments.next().expect("a folder to write the sets into"));
     let scipy: BTreeMap<String, Vec<f64>> = arguments
         .next()

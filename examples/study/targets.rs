@@ -1,23 +1,20 @@
 //! Corrected targets and pose plans: how many a second, and how much better than random poses, beside what no plan can do better. The tables
 //! of docs/compensation.md and docs/pose-plans.md.
 //!
-//!     cargo run --release --example targets_study [plans|targets]
+//!     cargo run --release --example study targets [plans|targets]
 
-#[path = "../tests/support/robots.rs"]
-mod robots;
-#[path = "../tests/support/simulation.rs"]
-mod simulation;
-
-#[path = "targets_study/plans.rs"]
 mod plans;
 
+use crate::robots;
+use crate::simulation;
+use crate::simulation::{Normal, poses};
 use kincal::compensation::{Compensation, Mode, Status, Tool};
 use nalgebra::{IsometryMatrix3, Rotation3, Translation3};
-use simulation::{Normal, poses};
 use std::time::Instant;
 
-fn main() {
-    let what = std::env::args().nth(1).unwrap_or_default();
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let what = arguments.first().cloned().unwrap_or_default();
     if what != "plans" {
         targets();
     }

@@ -1,11 +1,8 @@
 //! How ours compares with the paper, over seeds: prints `docs/paper-comparison.md`.
 //!
-//! `cargo run --release --example paper_study [n_seeds] > docs/paper-comparison.md`
+//! `cargo run --release --example study paper [n_seeds] > docs/paper-comparison.md`
 
-#[path = "../tests/support/data.rs"]
-mod data;
-
-use data::{paper_robot, paper_set};
+use crate::data::{paper_robot, paper_set};
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Event, Method, Model, Preset, calibrate,
 };
@@ -253,14 +250,16 @@ fn default_preset(n_seeds: u64) {
     }
 }
 
-fn main() {
-    let n_seeds = std::env::args()
-        .nth(1)
+/// Runs the study.
+pub fn study(arguments: &[String]) {
+    let n_seeds = arguments
+        .first()
+        .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(20);
     println!("# Beside the paper\n");
     println!(
-        "Made by `cargo run --release --example paper_study {n_seeds} > docs/paper-comparison.md`, seeds 0 to {}.",
+        "Made by `cargo run --release --example study paper {n_seeds} > docs/paper-comparison.md`, seeds 0 to {}.",
         n_seeds - 1
     );
     println!(

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Numbers of `docs/oracles/scipy_least_squares.py`.
-const SCIPY: &str = include_str!("../../docs/oracles/scipy_least_squares.csv");
+const SCIPY: &str = include_str!("../../../docs/oracles/scipy_least_squares.csv");
 const SEEDS: u64 = 8;
 
 fn set(path: &Path) -> MeasurementSet {
