@@ -590,7 +590,8 @@ class Switch:
                     continue
                 right = self.with_constants(name, text[begin:end], switches)
                 for fault, body in self.faulty.get((name, begin, end), {}).items():
-                    right = f"{{ if crate::planted({json.dumps(fault)}) {body} else {right} }}"
+                    faulty = self.with_constants(name, body, switches)
+                    right = f"{{ if crate::planted({json.dumps(fault)}) {faulty} else {right} }}"
                 pieces.append(text[at:begin] + right)
                 at = end
             # constants of private modules are used from everywhere
