@@ -8,6 +8,8 @@ import { spansMuch } from "./points.js";
 /** Names of the two robots of a calibration. */
 export const IDENTIFIED = { before: "before", after: "after", remains: "after calibration", legend: [["before", "before: nominal robot"], ["after", "after: identified robot"]],
   note: "The verify points were not fitted: their errors tell how good the robot is now." };
+/** The same of a partial recalibration, which begins with an earlier parameter set. */
+export const RECALIBRATED = { ...IDENTIFIED, legend: [["before", "before: held parameter set"], ["after", "after: identified robot"]] };
 /** Names of the two robots of a verification. */
 export const VERIFIED = { before: "with the nominal robot", after: "with these parameters", remains: "with these parameters", legend: [["before", "nominal robot"], ["after", "these parameters"]],
   note: "This job fitted no link to them." };

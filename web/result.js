@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
-import { convergence, histogram, IDENTIFIED, interval, VERIFIED } from "./figures.js";
+import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
 import { decisions, statusBadge } from "./robot.js";
@@ -24,13 +24,13 @@ export async function result(body, context, { job, robot, set, verified }) {
     job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
-  const names = job.kind !== "identify" ? VERIFIED : IDENTIFIED;
+  const names = job.kind !== "identify" ? VERIFIED : isPartial(job) ? RECALIBRATED : IDENTIFIED;
   const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
   const next = el("div", {});
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified) : verdict(report, half), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot"), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
     report.check && checkTables(report), report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
     parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
 }
@@ -45,12 +45,15 @@ function noUse(report) {
   return NO_USE[uselessBy(report)];
 }
 
-function useless(report, half) {
-  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${noUse(report)}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the nominal robot. The warnings below say more.`));
+/** Whether a job began with an earlier parameter set, of which it identified a part anew. */
+const isPartial = (job) => job.kind === "identify" && job.request?.parameters?.rest === "parameter_set";
+
+function useless(report, half, before) {
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${noUse(report)}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the ${before}. The warnings below say more.`));
 }
 
-function verdict(report, half) {
-  if (noUse(report)) return useless(report, half);
+function verdict(report, half, before) {
+  if (noUse(report)) return useless(report, half, before);
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
@@ -61,7 +64,7 @@ function verdict(report, half) {
 
 /** Result of a verification. If no set was scored, the nominal robot was. */
 function score(report, half, verified) {
-  if (noUse(report)) return useless(report, half);
+  if (noUse(report)) return useless(report, half, "nominal robot");
   if (!verified && !half.corrected) return el(report.evidence === "none" ? "div.warning" : "div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const isAnew = report.evidence === "independent_session";

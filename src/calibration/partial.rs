@@ -10,6 +10,7 @@ use crate::calibration::request::{CalibrationRequest, CorrectionsChoice, Previou
 use crate::calibration::session_comparison::{estimate, kept, list};
 use crate::calibration::solve::corrections;
 use crate::calibration::stages::{quiet, stage, watched};
+use crate::calibration::validation::verdict::NO_BETTER;
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::plausibility::JOINT_MAP;
 use crate::calibration::{Error, Monitor};
@@ -58,6 +59,19 @@ pub fn calibrate_partially(
         ..request.clone()
     };
     let mut report = calibrate(&from_held, monitor)?;
+    if let (Some(verify), Some(told)) = (
+        report.verify,
+        report
+            .warnings
+            .iter_mut()
+            .find(|told| told.code == NO_BETTER),
+    ) {
+        told.detail = format!(
+            "on points that the fit has not seen the robot with the parameters identified anew ({:.4} mm rms) is no better than the held parameter set \
+             ({:.4} mm rms): do not use it",
+            verify.after.rms_mm, verify.before.rms_mm
+        );
+    }
     // its priors are about the held links, not about the nominal ones
     report.estimate = None;
     report.warnings.extend(

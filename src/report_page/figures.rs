@@ -17,15 +17,11 @@ const COLUMNS: usize = 24;
 /// Ratio of the errors above which the axis is logarithmic: small ones would vanish on a linear axis.
 const LOG_FROM_RATIO: f64 = 40.0;
 
-fn figure(title: &str, caption: &str, legend: bool, height: f64, content: Markup) -> Markup {
-    figure_of_width(WIDTH, title, caption, legend, height, content)
-}
-
-fn figure_of_width(
+fn figure(
     width: f64,
     title: &str,
     caption: &str,
-    legend: bool,
+    before: Option<&str>,
     height: f64,
     content: Markup,
 ) -> Markup {
@@ -33,7 +29,7 @@ fn figure_of_width(
         figure {
             figcaption {
                 h2 { (title) }
-                p { (caption) @if legend { " " (key("before")) " before (nominal robot) " (key("after")) " after (identified robot)" } }
+                p { (caption) @if let Some(robot) = before { " " (key("before")) " before (" (robot) ") " (key("after")) " after (identified robot)" } }
             }
             svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(title) { (content) }
         }
@@ -88,7 +84,7 @@ fn bars(points: &[&PointReport], share: usize) -> Vec<Bar> {
 }
 
 /// The error of each point before and after, the verify half first.
-pub fn per_point(points: &[PointReport]) -> Markup {
+pub fn per_point(points: &[PointReport], before: &str) -> Markup {
     if points.is_empty() {
         return html! {};
     }
@@ -127,9 +123,10 @@ pub fn per_point(points: &[PointReport]) -> Markup {
         "Position error of each measured point, mm{axis}.{each} The verify points were not fitted."
     );
     figure(
+        WIDTH,
         "Error per point",
         &caption,
-        true,
+        Some(before),
         frame.height,
         per_point_content(&frame, &halves, gap),
     )
@@ -167,7 +164,7 @@ fn column(frame: &Frame, kind: &str, at: f64, width: f64, value: f64) -> Markup 
 }
 
 /// Histogram of the errors.
-pub fn histogram(points: &[PointReport]) -> Markup {
+pub fn histogram(points: &[PointReport], robot_before: &str) -> Markup {
     if points.is_empty() {
         return html! {};
     }
@@ -215,11 +212,11 @@ pub fn histogram(points: &[PointReport]) -> Markup {
             }
         }
     };
-    figure_of_width(
+    figure(
         WIDTH / 2.0,
         "Distribution of the errors",
         &caption,
-        true,
+        Some(robot_before),
         frame.height,
         content,
     )
@@ -265,11 +262,11 @@ pub fn convergence(curve: &Convergence) -> Markup {
         (frame.axes(&Labels { x: "iteration", y: "F, mm²", x_ticks: true }))
         polyline.curve points=(corners.join(" ")) {}
     };
-    figure_of_width(
+    figure(
         WIDTH / 2.0,
         "Convergence",
         &caption,
-        false,
+        None,
         frame.height,
         content,
     )
@@ -300,7 +297,7 @@ struct Arrow {
 }
 
 /// The error vectors at the measured positions, in two projections; empty for reports without vectors.
-pub fn positions(points: &[PointReport]) -> Markup {
+pub fn positions(points: &[PointReport], before: &str) -> Markup {
     let placed: Vec<Arrow> = points
         .iter()
         .filter_map(|p| {
@@ -326,7 +323,7 @@ pub fn positions(points: &[PointReport]) -> Markup {
         div.pair {
             @for (title, i, j, names) in [("Seen from above", 0, 1, ["x, mm", "y, mm"]), ("Seen from the side", 0, 2, ["x, mm", "z, mm"])] {
                 @let caption = format!("Arrows from where the robot was believed to be to where it was measured, {factor} times as long.{left_out}");
-                (figure_of_width(WIDTH / 2.0, title, &caption, true, 300.0, projection(&arrows, i, j, names, factor)))
+                (figure(WIDTH / 2.0, title, &caption, Some(before), 300.0, projection(&arrows, i, j, names, factor)))
             }
         }
     }

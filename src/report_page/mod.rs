@@ -61,12 +61,12 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::facts(sources))
             (quality::statement(sources))
             (sections::errors(sources))
-            (figures::per_point(&report.per_point))
+            (figures::per_point(&report.per_point, sources.before()))
             div.pair {
-                (figures::histogram(&report.per_point))
+                (figures::histogram(&report.per_point, sources.before()))
                 (figures::convergence(sources.convergence))
             }
-            (figures::positions(&report.per_point))
+            (figures::positions(&report.per_point, sources.before()))
             (sections::parameters(report))
             (sections::priors(report))
             (sections::corrections(report))

@@ -169,7 +169,7 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
                 thead { tr { th { "points" } th { "robot" } th.n { "mean" } th.n { "std" } th.n { "rms" } th.n { "max" } } }
                 tbody { @for (name, half) in halves { @if let Some(half) = half.filter(|half| half.n_points > 0) { (half_rows(name, half)) } } }
             }
-            p.note { "Identify: the points of the fit. Verify: points kept aside. Before: the nominal robot." }
+            p.note { "Identify: the points of the fit. Verify: points kept aside. Before: " (sources.before()) "." }
             @if let Some(last) = &report.final_fit {
                 p.note {
                     "The delivered parameters were then fitted to all " (last.n_points) " points (" (error(last.rms_mm))

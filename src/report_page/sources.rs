@@ -58,6 +58,17 @@ impl Sources<'_> {
         self.job.is_some_and(|job| job.kind.scores())
     }
 
+    /// The robot of the errors before: a partial recalibration begins with an earlier parameter set.
+    pub(super) fn before(&self) -> &'static str {
+        match self
+            .job
+            .is_some_and(|job| job.request.holds_parameter_set())
+        {
+            true => "the held parameter set",
+            false => "the nominal robot",
+        }
+    }
+
     /// The parameters that a verification scored.
     pub(super) fn verified(&self) -> String {
         match &self.report.parameter_set_from {

@@ -215,6 +215,14 @@ async fn after_a_collision_only_what_is_named_is_identified_anew() {
         parameters.iter().all(|p| p["std_uncertainty"].is_number()),
         "{parameters:?}"
     );
+    // "before" is the set that it began with, and the page says so
+    let page = format!("/v1/jobs/{}/report.html", text(&job["id"]));
+    let page = app.get(&page).await.text();
+    assert!(
+        page.contains("Before: the held parameter set.")
+            && page.contains("before (the held parameter set)"),
+        "{page}"
+    );
     let nominal = app.run(&robot, &partial("nominal", None)).await;
     let from_nominal = app
         .get(&format!("/v1/jobs/{}/report", text(&nominal["id"])))
