@@ -1,11 +1,11 @@
-//! `kincal archive|restore`: puts items away by their ids, and takes them back.
+//! `kincal archive|restore`: archives items by their ids, and restores them.
 
 use super::client::{Client, ServerArguments};
 use super::runtime::block_on;
 use super::terminal::Output;
 use super::usage::Usage;
 
-/// Beginnings of ids, and the paths of their items.
+/// Prefix of the ids of each kind of item, and the path of its routes.
 const PATHS: [(&str, &str); 5] = [
     ("rob_", "robots"),
     ("set_", "measurement-sets"),
@@ -14,12 +14,12 @@ const PATHS: [(&str, &str); 5] = [
     ("net_", "networks"),
 ];
 
-/// What is done with an item.
+/// Operation on an item.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// It leaves the lists.
+    /// Leaves the item out of lists.
     Archive,
-    /// It is in the lists again.
+    /// Puts the item back into lists.
     Restore,
 }
 
@@ -37,7 +37,7 @@ pub struct Arguments {
 
 /// `kincal archive` and `kincal restore`.
 pub fn run(arguments: &Arguments, action: Action) -> anyhow::Result<()> {
-    // Refuses a wrong id before anything is done.
+    // Checks all ids first, so that nothing is changed if one of them is wrong.
     for id in &arguments.ids {
         path(id)?;
     }

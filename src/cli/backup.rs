@@ -31,7 +31,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             data_dir: arguments.to.clone(),
         })
         .await?;
-        // No worker holds a lease in a copy.
+        // The default options assume that no server uses the database, which is true of a copy.
         let checks = verify::verify(&copy, &Options::default()).await?;
         let head = audit::head(&copy).await?;
         copy.close().await;

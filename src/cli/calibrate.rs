@@ -41,13 +41,13 @@ const OFFLINE: &str = "offline";
 
 /// Identify a robot from two files.
 ///
-/// The JSON is the report.
+/// With --json, the output is the report.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Robot file: the body of POST /v1/robots.
     #[arg(value_name = "ROBOT.json")]
     robot: PathBuf,
-    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. With two files, the robot's.
+    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. If there are two files, the robot's file.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
@@ -61,7 +61,7 @@ pub struct Arguments {
     /// Refine the swarm's result with least squares [default: true, false in preset paper].
     #[arg(long, env = "KINCAL_REFINE")]
     refine: Option<bool>,
-    /// Mounting instead of the robot file's: floor, wall, ceiling, or the direction of gravity in the base frame, X,Y,Z or X,Y,Z,STD_DEG.
+    /// Mounting, in place of that in the robot file: floor, wall, ceiling, or the direction of gravity in the base frame, X,Y,Z or X,Y,Z,STD_DEG.
     #[arg(
         long,
         env = "KINCAL_MOUNTING",
@@ -154,7 +154,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     refuse_unusable(&report, None)
 }
 
-/// The points of a file, as they were checked.
+/// A file of points that has passed the checks.
 struct Session {
     set: MeasurementSet,
     sha256: String,
@@ -208,7 +208,7 @@ fn check_upload(
     Ok(kept.insisted_on.map(Insist::as_str))
 }
 
-/// As [`check_upload`], of how the rotations of poses were read.
+/// Checks the rotation convention of the poses. Returns the code that was overridden with `--insist`.
 fn check_rotations(
     path: &Path,
     robot: &Robot,
@@ -308,7 +308,7 @@ fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {
     robot_file(path, &read(path)?)
 }
 
-/// What a server's answer has besides the body of a robot.
+/// Fields that a server's answer adds to the body of a robot.
 const ANSWERED: [&str; 7] = [
     "id",
     "created_at",
@@ -357,19 +357,19 @@ pub fn progress_bar() -> ProgressBar {
 pub fn show(bar: &ProgressBar, progress: &ProgressAnswer) {
     match iterates(progress) {
         true => bar.set_length(progress.n_iterations),
-        // drawn empty; a bar at its length, or of length 0, is drawn full
+        // A bar without a length is drawn empty. A bar of length 0, or at its length, is drawn full.
         false => bar.unset_length(),
     }
     bar.set_position(progress.iteration);
     bar.set_message(in_words(progress));
 }
 
-/// Whether the stage has iterations to show. An older server does not name its stages.
+/// Whether the stage has iterations to show. Older servers do not send the stage; then the number of iterations decides.
 fn iterates(progress: &ProgressAnswer) -> bool {
     progress.stage.is_none_or(Stage::has_iterations) && progress.n_iterations > 0
 }
 
-/// The stage; in the main method with the iteration and the smallest F so far.
+/// Text of the bar: the stage and, if it has iterations, the iteration and the smallest F so far.
 fn in_words(progress: &ProgressAnswer) -> String {
     let stage = words::stage(progress.stage);
     let cost = progress.best_cost_mm2;

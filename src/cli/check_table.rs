@@ -4,7 +4,7 @@ use super::terminal::plain;
 use crate::calibration::CheckVerdict;
 use crate::wire::check::{CheckReport, DetectableReport};
 
-/// Verdict, what the poses could have seen, and what to measure next.
+/// Verdict, next step, and the smallest changes that these poses detect.
 pub fn quick_check(check: &CheckReport) -> String {
     let verdict = match check.verdict {
         CheckVerdict::Holds => "the released set still holds",

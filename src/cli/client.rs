@@ -13,15 +13,15 @@ use tokio_stream::{Stream, StreamExt};
 
 /// Timeout of a request.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
-/// Most pages that are read to look up a robot by name.
+/// Maximum number of pages that are read to find a robot by its name.
 const MAX_PAGES: usize = 50;
-/// Most reconnects in a row while a job is followed. They take about a minute and a half; a server that restarts is back by then.
+/// Maximum number of reconnects in a row while a job is followed. They take about a minute and a half; a server that restarts is back by then.
 const MAX_RECONNECTS: u32 = 20;
 /// Longest pause between reconnects; each pause is a second longer than the one before.
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
-/// An event stream without data for this long is lost: the server sends a comment every 15 s.
+/// Without data for this long, an event stream counts as lost: the server sends a comment every 15 s.
 const SILENCE: Duration = Duration::from_secs(45);
-/// Most attempts at a request that can be repeated: reads, and creations under one `Idempotency-Key`.
+/// Maximum number of attempts for a request that can be repeated: a read, or a creation with an `Idempotency-Key`.
 const MAX_TRIES: u32 = 5;
 
 /// The server and the API key.
@@ -35,10 +35,10 @@ pub struct ServerArguments {
         value_name = "URL"
     )]
     server: String,
-    /// API key; better given in the environment, where other users do not see it.
+    /// API key. Prefer the environment variable: other users cannot see it.
     #[arg(long, env = "KINCAL_KEY", value_name = "KEY", hide_env_values = true)]
     key: Option<String>,
-    /// Certificate of the authority that signed the server's, PEM [default: those that the system trusts].
+    /// Certificate of the authority that signed the server's certificate, PEM [default: the authorities that the system trusts].
     #[arg(long, env = "KINCAL_CA_CERT", value_name = "FILE")]
     ca_cert: Option<PathBuf>,
 }
@@ -77,7 +77,7 @@ fn authorities(file: &Path) -> anyhow::Result<Vec<reqwest::Certificate>> {
 }
 
 impl Client {
-    /// A client of the server at `url` (`http://HOST:PORT`). It trusts the authorities in `ca_cert`; without, those that the system trusts.
+    /// A client of the server at `url` (`http://HOST:PORT`). It trusts the authorities in `ca_cert`; by default those that the system trusts.
     ///
     /// # Errors
     /// [`Usage`] for another kind of URL; if the HTTP client cannot be made.
@@ -185,7 +185,7 @@ impl Client {
         }
         let mut matching = self.robots_called(named, "").await?;
         if matching.is_empty() {
-            // An older server has no archive, and refuses the question.
+            // An older server has no archive, and refuses this query.
             let archived = self.robots_called(named, "&archived=true").await;
             matching = archived.unwrap_or_default();
         }
@@ -257,7 +257,7 @@ impl Client {
         Ok(self.answer(request).await?)
     }
 
-    /// POST that creates something. It is repeated under one `Idempotency-Key`, so it takes effect once.
+    /// POST that creates something. Retries send the same `Idempotency-Key`, so it takes effect once.
     ///
     /// # Errors
     /// As [`Self::get`].
@@ -271,7 +271,7 @@ impl Client {
             .await
     }
 
-    /// A change by JSON, which takes effect once as with [`Self::create`].
+    /// Request with a JSON body that takes effect once, as with [`Self::create`].
     ///
     /// # Errors
     /// As [`Self::get`].
@@ -420,7 +420,8 @@ fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
     )
 }
 
-/// The next chunk of a stream. A stream that ends or times out is lost: a host that disappears closes no connection.
+/// The next chunk of a stream. A stream that ends or times out counts as lost. The timeout is needed because a host that disappears closes no
+/// connection.
 async fn next_chunk<T>(
     stream: &mut (impl Stream<Item = reqwest::Result<T>> + Unpin),
     limit: Duration,

@@ -1,4 +1,4 @@
-//! Options that say what the columns of a file mean: a mapping without writing JSON.
+//! Options for the meaning of a file's columns: a mapping without writing JSON.
 
 use super::files::read;
 use super::usage::Usage;
@@ -6,23 +6,23 @@ use crate::wire::columns::ColumnsBody;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
-/// What the columns of a file mean, where their names do not say it.
+/// Meaning of columns whose names do not state it.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ColumnOptions {
-    /// Unit of joint values whose columns name none.
+    /// Unit of joint values in columns whose names have no unit.
     #[arg(long, env = "KINCAL_JOINT_UNIT", value_name = "UNIT", value_parser = ["deg", "rad"])]
     pub joint_unit: Option<String>,
-    /// Unit of positions whose columns name none.
+    /// Unit of positions in columns whose names have no unit.
     #[arg(long, env = "KINCAL_POSITION_UNIT", value_name = "UNIT", value_parser = ["mm", "m", "cm", "um", "in"])]
     pub position_unit: Option<String>,
-    /// What a column means: q1_deg="J1", x_mm=5, name="Target"; the header's text or the number counted from 1. Once per column. Of two files,
-    /// robot.name=… and instrument.name=… say which.
+    /// Meaning of a column: q1_deg="J1", x_mm=5 or name="Target", with the text of its header or its number, counted from 1. Once per column.
+    /// With two files, robot.name=… and instrument.name=… state the file.
     #[arg(long, env = "KINCAL_COLUMN", value_name = "MEANING=COLUMN", value_parser = column)]
     pub column: Vec<(String, Value)>,
-    /// A column to leave aside although its name is known. Once per column.
+    /// Column to ignore although its name is known. Once per column.
     #[arg(long, env = "KINCAL_IGNORE", value_name = "COLUMN")]
     pub ignore: Vec<String>,
-    /// What pairs the rows of two files.
+    /// Key by which the rows of two files are joined.
     #[arg(long, env = "KINCAL_JOIN", value_name = "BY", value_parser = ["name", "number", "time", "order"])]
     pub join: Option<String>,
     /// The robot's clock minus the instrument's, if the files are joined by time [default: found from the times].
@@ -33,25 +33,25 @@ pub struct ColumnOptions {
         allow_negative_numbers = true
     )]
     pub clock_offset_s: Option<f64>,
-    /// How far apart the times of a pair may be [default: found from the times].
+    /// Largest time difference between the two rows of a pair [default: found from the times].
     #[arg(long, env = "KINCAL_JOIN_TOLERANCE_S", value_name = "SECONDS")]
     pub join_tolerance_s: Option<f64>,
     /// Line of the header, counted from 1, or `none` if all lines are data.
     #[arg(long, env = "KINCAL_HEADER_ROW", value_name = "LINE", value_parser = header_row)]
     pub header_row: Option<Value>,
-    /// What separates the columns.
+    /// Separator of the columns.
     #[arg(long, env = "KINCAL_SEPARATOR", value_name = "SEPARATOR", value_parser = [",", ";", "|", "tab", "spaces"])]
     pub separator: Option<String>,
-    /// Sheet of a workbook that has several.
+    /// Sheet to read, if the workbook has several.
     #[arg(long, env = "KINCAL_SHEET", value_name = "NAME")]
     pub sheet: Option<String>,
-    /// The decimal mark, if the numbers of the file do not tell it.
+    /// Decimal mark, if the numbers of the file do not show it.
     #[arg(long, env = "KINCAL_DECIMAL", value_name = "MARK", value_parser = ["comma", "point"])]
     pub decimal: Option<String>,
     /// Whether lines that begin with #, %, ! or // are comments.
     #[arg(long, env = "KINCAL_COMMENTS", value_name = "true|false")]
     pub comments: Option<bool>,
-    /// All of this as a file with a JSON object, {"q1_deg": "J1 [deg]", "x_mm": "X (mm)"} (docs/measurement-files.md). Options add to it.
+    /// File with the whole mapping as a JSON object, {"q1_deg": "J1 [deg]", "x_mm": "X (mm)"} (docs/measurement-files.md). Options add to it.
     #[arg(long, env = "KINCAL_COLUMNS", value_name = "FILE")]
     pub columns: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `kincal columns`: how a file would be read, and mappings that are kept with a robot.
+//! `kincal columns`: previews how a file would be read, and keeps mappings of columns with a robot.
 
 use super::client::{Client, ServerArguments};
 use super::column_options::ColumnOptions;
@@ -12,10 +12,10 @@ use crate::wire::issue::Issue;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// Most mappings that are listed.
+/// Maximum number of mappings in the list.
 const MAX_ROWS: usize = 100;
 
-/// What the columns of a robot's files mean.
+/// Mappings of the columns of a robot's files.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -30,7 +30,7 @@ enum ColumnsCommand {
     Show(ShowArguments),
     /// Keep a mapping under a name, for `kincal submit --kept NAME`.
     Keep(Box<KeepArguments>),
-    /// Look at how a file, or two files, would be read; nothing is stored.
+    /// Preview how a file, or two files, would be read; nothing is stored.
     Preview(Box<PreviewArguments>),
 }
 
@@ -70,7 +70,7 @@ struct KeepArguments {
 struct PreviewArguments {
     #[command(flatten)]
     robot: ListArguments,
-    /// The set's file, or the robot's of two; `-` reads the standard input.
+    /// The set's file, or the robot's file if there are two; `-` reads the standard input.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
@@ -104,7 +104,7 @@ async fn named(arguments: &ShowArguments) -> anyhow::Result<(Client, String)> {
     Ok((client, url.path().to_owned()))
 }
 
-/// A mapping on standard output: JSON in both cases, which `--columns FILE` reads again.
+/// Prints a mapping. Without `--json` this is the JSON that `--columns FILE` reads; with `--json` it is the server's whole answer.
 fn print(output: &Output, found: &Value) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(&found["columns"])?;
     output.print(found, || plain(&text))
@@ -179,7 +179,7 @@ fn preview(arguments: &PreviewArguments) -> anyhow::Result<()> {
     arguments.robot.output.print(&answer, || shown(&answer))
 }
 
-/// First rows that are shown of a file.
+/// Number of rows of a file that are shown.
 const ROWS_SHOWN: usize = 5;
 
 fn shown(answer: &Value) -> String {

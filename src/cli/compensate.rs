@@ -22,7 +22,8 @@ use std::path::PathBuf;
 /// Correct the targets of a program that was made offline.
 ///
 /// PROGRAM.csv has joint targets in q1_deg … qn_deg (or q1_rad …), or Cartesian targets in x_mm y_mm z_mm quat_w quat_x quat_y quat_z with joint
-/// values near them. Both come back corrected, all other columns as they are. The JSON has also the status of each target.
+/// values near them. The output is the program with corrected targets; all other columns stay as they are. With --json, the output also has the
+/// status of each target.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// With --parameters: PROGRAM.csv. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.csv.
@@ -40,10 +41,10 @@ pub struct Arguments {
     /// [default: measured if positions were measured in the base frame, else robot].
     #[arg(long, env = "KINCAL_BASE", value_enum)]
     base: Option<Base>,
-    /// The reflector that is the tool (0-based) [default: 0, or the tool of --tool-mm].
+    /// Reflector that is used as the tool (0-based) [default: 0, or the tool of --tool-mm].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
-    /// A tool that the robot has on the server, by its name.
+    /// Name of a tool that the robot has on the server.
     #[arg(long = "tool", env = "KINCAL_TOOL", value_name = "NAME", conflicts_with_all = ["tool_mm", "target"])]
     tool_name: Option<String>,
     /// The frame of Cartesian targets: base, measuring, or the name of a work frame that the robot has on the server [default: base].
@@ -146,12 +147,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Smallest rotation, degrees, that is mentioned: smaller ones are below measurement accuracy.
+/// Smallest rotation in the warning, degrees: smaller ones are below measurement accuracy.
 const NOTICED_DEG: f64 = 0.001;
-/// Smallest shift that is mentioned, mm.
+/// Smallest shift in the warning, mm.
 const NOTICED_MM: f64 = 0.01;
 
-/// What is not corrected, in words; `None` if it is negligible.
+/// Warning about the parts of the base and the flange that are not corrected; `None` if they are negligible.
 fn left_out_in_words(left_out: &LeftOut) -> Option<String> {
     let is_noticed = left_out.base_turn_deg.max(left_out.flange_turn_deg) > NOTICED_DEG
         || left_out.base_shift_mm.max(left_out.flange_shift_mm) > NOTICED_MM;

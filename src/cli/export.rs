@@ -43,18 +43,18 @@ pub struct Arguments {
         conflicts_with = "patch"
     )]
     format: Format,
-    /// Links with beta 0 that are nearest over the workspace, for controllers without beta.
+    /// Export links with beta = 0 that come nearest to the identified links over the workspace, for controllers without beta.
     #[arg(
         long, env = "KINCAL_REFIT_BETA", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
     )]
     refit_beta: bool,
-    /// A URDF of the nominal robot, which is returned with the joint origins of the identified one; nothing else changes.
+    /// URDF of the nominal robot. It is returned with the joint origins of the identified robot; nothing else changes.
     #[arg(long, env = "KINCAL_PATCH", value_name = "URDF")]
     patch: Option<PathBuf>,
     /// With --patch: the link at the end of the robot, if there are several.
     #[arg(long, env = "KINCAL_TIP", value_name = "LINK", requires = "patch")]
     tip: Option<String>,
-    /// Write it into this file instead of standard output.
+    /// Write the export into this file instead of standard output.
     #[arg(short, long, env = "KINCAL_OUTPUT", value_name = "FILE")]
     output: Option<PathBuf>,
     /// The same as --format json.

@@ -13,7 +13,7 @@ const AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// Why a request failed.
 #[derive(Debug)]
 pub enum Failed {
-    /// Nobody answered, or the connection broke before the answer was whole.
+    /// No answer came, or the connection broke before the answer was complete.
     Lost(anyhow::Error),
     /// The server cannot take the request now; a retry after this time may succeed.
     Busy(Duration, anyhow::Error),
@@ -41,7 +41,7 @@ impl Failed {
         ))
     }
 
-    /// An answer that is no success. A proxy answers 502 and 504 while the server behind it restarts.
+    /// An answer with an error status. A proxy answers 502 and 504 while the server behind it restarts.
     pub fn answer(status: u16, headers: &HeaderMap, body: &[u8]) -> Self {
         let error = match serde_json::from_slice::<Problem>(body) {
             Ok(problem) => Refused { status, problem }.into(),
@@ -124,7 +124,7 @@ fn cause(error: &dyn std::error::Error) -> String {
     innermost.to_string()
 }
 
-/// A problem document that the server answered.
+/// A problem document that the server sent.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", self.in_words())]
 pub struct Refused {
@@ -139,7 +139,7 @@ impl Refused {
         matches!(self.status, 400 | 415 | 422)
     }
 
-    /// The message: what, why, and what to do next. The detail of bad input repeats its first fault, which is printed once.
+    /// The message: what, why, and what to do next. For invalid input, `detail` repeats the first fault; the message states it once.
     fn in_words(&self) -> String {
         let Problem {
             detail,

@@ -102,10 +102,10 @@ pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
     )
 }
 
-/// Most lines about rows: the first ones show what is wrong.
+/// Maximum number of issues in a message; the first ones show what is wrong.
 const MAX_SHOWN: usize = 8;
 
-/// One line per issue. What is wrong with several columns alike is said once.
+/// One line per issue. An issue that several columns share is stated once, with the names of the other columns.
 pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
     let mut text = String::new();
     let alike = |a: &Issue, b: &Issue| {
@@ -132,7 +132,7 @@ pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
     }
 }
 
-/// Place and detail of an issue, each once, with the line of the file if its bytes are given.
+/// Place and detail of an issue. The place is stated once, and has the line of the file if its bytes are given.
 pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
     let detail = in_commands(&issue.detail);
     let Some(row) = issue.row else {
@@ -154,7 +154,7 @@ pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
         Some(line) => format!("row {row} (line {line})"),
         None => self::row(row, bytes),
     };
-    // of two files the detail names the one that is meant
+    // With two files, the detail names the file.
     if let Some((file, rest)) = detail.split_once(&format!(" file: row {row}")) {
         return format!("{file} file: {place}{rest}");
     }

@@ -1,4 +1,4 @@
-//! `kincal gates`: what each gate of a release would find now.
+//! `kincal gates`: checks the gates of a release, without releasing.
 
 use super::client::ServerArguments;
 use super::runtime::block_on;
@@ -6,7 +6,7 @@ use super::terminal;
 use super::terminal::{Output, in_commands, plain};
 use serde_json::Value;
 
-/// What each gate of a release of a parameter set would find now.
+/// Check the gates of a release of a parameter set, without releasing it.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]

@@ -10,10 +10,10 @@ use crate::wire::report_shape::ChangeReport;
 use anyhow::Context;
 use serde_json::{Value, json};
 
-/// Most identifications that are shown; the newest come first.
+/// Maximum number of identifications in the list; the newest come first.
 const MAX_ROWS: usize = 100;
 
-/// What moved between identifications, in units of its own uncertainty.
+/// Parameters that moved between identifications, in units of their uncertainty.
 #[derive(Debug, clap::Args)]
 pub struct HistoryArguments {
     #[command(flatten)]
@@ -33,7 +33,7 @@ pub struct CompareArguments {
     /// A parameter set, as `kincal params` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// The one to compare it with.
+    /// The parameter set to compare it with.
     #[arg(value_name = "WITH")]
     with: String,
     #[command(flatten)]
@@ -83,10 +83,10 @@ pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Smallest probability that is no sign of a change.
+/// Significance level: below this probability the links count as different.
 const UNLIKELY: f64 = 0.01;
 
-/// The test of two sessions in words. A base that was measured from elsewhere is no change of the robot.
+/// Text about the test of two sessions. Only a difference of the links is a change of the robot; the base changes with the instrument's position.
 fn tested(test: &SessionTest) -> String {
     let probability = match test.probability {
         p if p < 1e-4 => "below 0.0001".to_owned(),
@@ -106,7 +106,7 @@ fn tested(test: &SessionTest) -> String {
     text
 }
 
-/// What changed: the links, then base and reflector, which are others wherever the instrument stood elsewhere.
+/// Text about changes: first the links, then base and reflector, which change whenever the instrument stands elsewhere.
 fn in_words(changes: &[ChangeReport]) -> String {
     let is_of_robot = |change: &&ChangeReport| {
         !change.name.starts_with("base_") && !change.name.starts_with("target_")

@@ -24,7 +24,7 @@ pub struct Arguments {
     /// The link at the end of the robot, in a URDF with several.
     #[arg(long, env = "KINCAL_TIP", value_name = "LINK")]
     tip: Option<String>,
-    /// Digits of the numbers: `source` makes angles of a URDF that are a rounded multiple of 90° that multiple.
+    /// Digits of the numbers: `source` replaces angles of a URDF that are a rounded multiple of 90° by the exact multiple.
     #[arg(long, env = "KINCAL_DIGITS", value_enum, default_value = "exact")]
     digits: ImportDigits,
 }
@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Says on standard error what was understood, and what the links cannot represent.
+/// Prints on standard error how the description was understood, and what the links cannot represent.
 pub fn tell(imported: &ImportAnswer) {
     if let (Some(root), Some(tip)) = (&imported.root, &imported.tip) {
         eprintln!("note: the arm is from {} to {}", plain(root), plain(tip));

@@ -87,7 +87,7 @@ async fn open(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_beside_a_server(StoreLocation::from(database)).await?)
 }
 
-/// Opens an existing database: a wrong --data-dir creates none.
+/// Opens an existing database. With a wrong --data-dir it fails, and creates no database.
 async fn open_as_it_is(database: &DatabaseConfig) -> anyhow::Result<Store> {
     Ok(Store::open_as_it_is(StoreLocation::from(database)).await?)
 }

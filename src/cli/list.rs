@@ -11,7 +11,7 @@ use anyhow::Context;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Most rows of a list; the newest come first.
+/// Maximum number of rows of a list; the newest come first.
 const MAX_ROWS: usize = 100;
 
 /// A kind of item: its paths, and the fields that are the columns of its list.
@@ -87,10 +87,10 @@ const PARAMETER_SETS: Listing = Listing {
     empty: "nothing was identified for this robot yet; next: kincal submit --robot ID SET.csv --wait",
 };
 
-/// Choice and order of a list's items.
+/// Filter and order of a list.
 #[derive(Debug, clap::Args)]
 struct ListOptions {
-    /// List what is in use, what was archived, or all.
+    /// List the items in use (false), the archived ones (true), or all.
     #[arg(
         long,
         env = "KINCAL_ARCHIVED",
@@ -100,7 +100,7 @@ struct ListOptions {
         hide_possible_values = true
     )]
     archived: ArchivedFilter,
-    /// Order: created_at or name, with - before it for the last first [default: -created_at].
+    /// Order: created_at or name; with a leading - in descending order [default: -created_at].
     #[arg(
         long,
         env = "KINCAL_SORT",
@@ -128,7 +128,7 @@ impl ListOptions {
     }
 }
 
-/// Name of a value on the command line, which is that in a query.
+/// Name of a value on the command line. The query uses the same name.
 fn name_of(value: impl clap::ValueEnum) -> String {
     value
         .to_possible_value()
@@ -326,7 +326,7 @@ pub struct ParameterSetArguments {
     /// Show this one in full.
     #[arg(value_name = "ID")]
     id: Option<String>,
-    /// Show what each gate of a release of this set would find now; exit code 1 if the release would be refused.
+    /// Check the gates of a release of this set, without releasing it; exit code 1 if the release would be refused.
     #[arg(
         long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
     )]
@@ -386,7 +386,7 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
     list_or_show(server, shown, &arguments.output)
 }
 
-/// What is listed or shown.
+/// The items to list, or the item to show.
 struct Shown<'a> {
     kind: &'static Listing,
     /// The robot's id, name or serial number; empty for a list of all robots.

@@ -1,4 +1,4 @@
-//! Measured files of a command: one table, or the robot's file and the instrument's; and how they were understood, for people.
+//! Measurement files of a command: one table, or the robot's file and the instrument's. Also the text about how they were understood.
 
 use super::column_options::ColumnOptions;
 use super::files::{BYTE_ORDER_MARK, NumberFormat, is_json, read};
@@ -12,13 +12,13 @@ use crate::wire::understood::{JoinBody, Reading, UnderstoodBody, UnderstoodColum
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Further files of a set, and what its columns mean.
+/// The second file of a set, and the meaning of the columns.
 #[derive(Debug, clap::Args)]
 pub struct TableOptions {
     /// The instrument's file, if SET holds the robot's joint values only; rows are joined by name, number or time.
     #[arg(value_name = "INSTRUMENT_EXPORT", conflicts_with = "instrument")]
     pub instrument_export: Option<PathBuf>,
-    /// The instrument's file, as the argument INSTRUMENT_EXPORT.
+    /// The instrument's file; the same as the argument INSTRUMENT_EXPORT.
     #[arg(long, env = "KINCAL_INSTRUMENT", value_name = "FILE")]
     pub instrument: Option<PathBuf>,
     #[command(flatten)]
@@ -31,20 +31,20 @@ pub struct TableOptions {
 pub struct Measured {
     /// Content type of the bytes.
     pub content_type: String,
-    /// The file, or a form with two.
+    /// The file, or a multipart form with two files.
     pub bytes: Vec<u8>,
-    /// What the columns mean.
+    /// Mapping of the columns.
     pub columns: ColumnsBody,
     /// The decimal mark, if it was stated.
     pub decimal: Option<Decimal>,
-    /// What angles of poses mean, if it was stated.
+    /// Rotation convention of the poses, if it was stated.
     pub rotation: Option<RotationConvention>,
-    /// The set's file, whose lines issues name; nothing if there are two.
+    /// Bytes of the set's file, in which messages find the lines of rows; empty if there are two files.
     pub shown: Vec<u8>,
 }
 
 impl Measured {
-    /// As the reader of uploads takes it.
+    /// The files as input of the upload reader.
     pub fn upload(
         &self,
         frame: crate::measurement::Frame,
@@ -127,7 +127,7 @@ fn read_stdin() -> anyhow::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A form with two files. Its boundary follows from the files, so that the same files make the same bytes.
+/// A multipart form with these files. Its boundary is a hash of the files, so that the same files make the same bytes.
 fn form(files: &[(&str, &Path, &[u8])]) -> (String, Vec<u8>) {
     let hashes: Vec<String> = files
         .iter()
@@ -158,7 +158,7 @@ fn form(files: &[(&str, &Path, &[u8])]) -> (String, Vec<u8>) {
     (format!("multipart/form-data; boundary={boundary}"), body)
 }
 
-/// How files were understood, a line for each thing that a reader could take for another.
+/// Lines that tell the user how the files were understood. A CSV in the default format needs none.
 pub fn in_words(reading: &Reading) -> Vec<String> {
     if let Some(joined) = &reading.joined {
         let mut lines = table_in_words("robot file: ", &joined.robot, true);
@@ -264,7 +264,8 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
     lines
 }
 
-/// A difference of clocks that run by the same calendar, s: two days and a zone.
+/// Largest offset between two clocks that show the same date, s: two days and a time zone. A larger offset means that they count from different
+/// moments.
 const MAX_SAME_CALENDAR_S: f64 = 200_000.0;
 
 fn clocks(offset_s: f64) -> String {

@@ -105,7 +105,7 @@ enum Command {
     Robots(robots::Arguments),
     /// List a robot's measurement sets, or show one.
     Sets(list::SetArguments),
-    /// Look at how a file would be read, and keep what its columns mean for a robot.
+    /// Preview how a file would be read, and keep the meaning of its columns with a robot.
     Columns(columns::Arguments),
     /// List the jobs of all robots or of one, or show one.
     Jobs(list::JobArguments),
@@ -117,21 +117,21 @@ enum Command {
     Report(report::Arguments),
     /// Find base and tool frame from sweeps of single joints.
     Frames(frames::Arguments),
-    /// Show what each gate of a release would find now; exit code 1 if the release would be refused.
+    /// Check the gates of a release, without releasing; exit code 1 if the release would be refused.
     Gates(gates::Arguments),
-    /// Show or set what a robot asks of a release.
+    /// Show or set a robot's release policy.
     Policy(policy::Arguments),
     /// List a robot's work frames, or keep one under a name.
     WorkFrames(named_frames::WorkFrameArguments),
     /// List a robot's tools, or keep one under a name.
     Tools(named_frames::ToolArguments),
-    /// Show what moved between a robot's identifications.
+    /// Show which parameters moved between a robot's identifications.
     History(history::HistoryArguments),
     /// Show the differences between two parameter sets.
     Compare(history::CompareArguments),
     /// Print a parameter set in a format of other software or of a controller.
     Export(export::Arguments),
-    /// Print the tool's position by an identified robot, for joint values.
+    /// Print the tool's position for joint values, computed with identified parameters.
     Predict(predict::Arguments),
     /// Archive robots, measurement sets, jobs, candidates or networks: they leave the lists.
     Archive(archive::Arguments),
@@ -156,7 +156,7 @@ enum Command {
     Completions(completions::Arguments),
 }
 
-/// An argument such as `-10,20,30` begins like an option: with a space in front it is a value, wherever the options stand.
+/// Puts a space before a list such as `-10,20,30`, which begins like an option. With the space, clap reads it as a value.
 fn as_value(argument: OsString) -> OsString {
     let is_list = |text: &str| {
         let first = text.strip_prefix('-').and_then(|rest| rest.chars().next());

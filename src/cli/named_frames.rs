@@ -49,7 +49,7 @@ struct ListArguments {
     /// The robot: its id, name or serial number.
     #[arg(value_name = "ROBOT")]
     robot: String,
-    /// Only the one of this name.
+    /// Show only the one with this name.
     #[arg(value_name = "NAME")]
     name: Option<String>,
     #[command(flatten)]

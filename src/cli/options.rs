@@ -16,7 +16,7 @@ pub struct SetOptions {
     /// Frame of the measured positions.
     #[arg(long, env = "KINCAL_FRAME", value_enum, default_value_t = Frame::Base)]
     pub frame: Frame,
-    /// Accept a set that the upload check refuses with this code, e.g. frame_suspect; it cannot lead to a release.
+    /// Accept a set that the upload check refuses with this code, e.g. frame_suspect. Parameters that are identified from it cannot be released.
     #[arg(long, env = "KINCAL_INSIST", value_name = "CODE", value_enum)]
     pub insist: Option<Insist>,
     #[command(flatten)]
@@ -29,7 +29,7 @@ pub struct NoiseOptions {
     /// Standard uncertainty of a length that a tracker at the frame's origin measures, mm; with --angle-std-deg and --frame instrument.
     #[arg(long, env = "KINCAL_RANGE_STD_MM", value_name = "MM")]
     pub range_std_mm: Option<f64>,
-    /// The part of it that grows with the length, mm per m [default: 0].
+    /// Part of that uncertainty that grows with the length, mm per m [default: 0].
     #[arg(long, env = "KINCAL_RANGE_STD_MM_PER_M", value_name = "MM")]
     pub range_std_mm_per_m: Option<f64>,
     /// Standard uncertainty of each of the tracker's angles, degrees.
@@ -84,8 +84,9 @@ pub struct IdentifyOptions {
         value_delimiter = ','
     )]
     pub only: Vec<String>,
-    /// Prior of a parameter, in mm or degrees: NAME=STD, the standard deviation around nominal, and optionally :mean=X, :min=X and :max=X, values of the
-    /// parameter itself and not of its change, e.g. a_2=0.1 or, for a link of 330 mm, a_2=0.1:mean=330.2:min=329:max=331. Once per parameter.
+    /// Prior of a parameter, in mm or degrees: NAME=STD, the standard deviation around nominal, and optionally :mean=X, :min=X and :max=X. These are
+    /// values of the parameter itself, not of its change, e.g. a_2=0.1 or, for a link of 330 mm, a_2=0.1:mean=330.2:min=329:max=331. Once per
+    /// parameter.
     #[arg(long, env = "KINCAL_PRIOR", value_name = "PRIOR", value_parser = prior, value_delimiter = ',', allow_hyphen_values = true)]
     pub prior: Vec<Prior>,
     /// Corrections beyond link parameters [default: auto; off with preset paper].
@@ -142,8 +143,8 @@ fn payload(text: &str) -> Result<PayloadBody, String> {
 /// Further sessions of a job.
 #[derive(Debug, clap::Args)]
 pub struct SessionOptions {
-    /// A further session of the same robot, with its own base, targets and noise; may be given several times. All sessions are fitted together
-    /// where the robot was the same in all of them, and refused else.
+    /// A further session of the same robot, with its own base, targets and noise; may be given several times. All sessions are fitted together. They
+    /// are refused if the robot has changed between them.
     #[arg(
         long,
         env = "KINCAL_SESSION",

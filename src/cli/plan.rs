@@ -42,7 +42,7 @@ pub struct Arguments {
     /// A file with the body of POST /v1/robots/{id}/pose-plans: boxes, obstacles, reflector and so on. Options of the command line override it.
     #[arg(long, env = "KINCAL_REQUEST", value_name = "REQUEST.json")]
     request: Option<PathBuf>,
-    /// Sets that were already measured, in the frame given by --frame: files, with --robot ids of the server's sets.
+    /// Sets that were already measured, in the frame given by --frame: files, or with --robot the ids of sets on the server.
     #[arg(
         long,
         env = "KINCAL_MEASURED",
@@ -65,7 +65,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// A plan, and what it is of.
+/// A plan, and the robot that it is for.
 struct PlanOf {
     plan: PosePlanAnswer,
     /// Name of the robot, as messages show it.
@@ -123,7 +123,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .iter()
             .map(|q| format!("{q:.4}"))
             .collect();
-        // A repeat has the number of its configuration, so that it is never on both sides of a split.
+        // A repeat has the number of the configuration that it repeats, so that no split separates the two.
         say!(
             "{},{}",
             configuration.repeats.unwrap_or(i) + 1,

@@ -1,4 +1,4 @@
-//! `kincal policy`: shows or sets what a robot asks of a release.
+//! `kincal policy`: shows or sets a robot's release policy.
 
 use super::client::ServerArguments;
 use super::runtime::block_on;
@@ -6,7 +6,7 @@ use super::terminal::Output;
 use crate::wire::policy::{DecisionRule, PolicyBody};
 use anyhow::Context;
 
-/// What a robot asks of a release.
+/// A robot's release policy.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -15,9 +15,9 @@ pub struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum PolicyCommand {
-    /// Show what a robot asks of a release.
+    /// Show a robot's release policy.
     Show(ShowArguments),
-    /// Set what a robot asks of a release; what is not given stays.
+    /// Set a robot's release policy; settings that are not given stay as they are.
     Set(SetArguments),
 }
 
@@ -41,13 +41,13 @@ struct SetArguments {
     /// Largest uncertainty and largest error on verify points, mm; `none` for no tolerance.
     #[arg(long, value_name = "MM", value_parser = tolerance)]
     tolerance_mm: Option<Tolerance>,
-    /// How errors on verify points are compared with the tolerance: guarded_acceptance counts their uncertainty.
+    /// How errors on verify points are compared with the tolerance: guarded_acceptance also takes their uncertainty into account.
     #[arg(long, value_name = "RULE")]
     decision_rule: Option<DecisionRule>,
     /// Whether another measuring session must have verified the set.
     #[arg(long, value_name = "true|false")]
     independent_session: Option<bool>,
-    /// Whether the key that releases must not be the one that uploaded.
+    /// Whether the key that releases must differ from the keys that uploaded.
     #[arg(long, value_name = "true|false")]
     second_person: Option<bool>,
 }

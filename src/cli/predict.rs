@@ -1,11 +1,11 @@
-//! `kincal predict`: the tool's position by an identified robot.
+//! `kincal predict`: the tool's position for joint values, computed with identified parameters.
 
 use super::client::ServerArguments;
 use super::runtime::block_on;
 use super::terminal::Output;
 use serde_json::{Value, json};
 
-/// The tool's position by an identified robot.
+/// The tool's position for joint values, computed with identified parameters.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
@@ -13,7 +13,7 @@ pub struct Arguments {
     /// The parameter set, as `kincal params` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// The controller's joint values in degrees, with commas; several poses one after the other. One pose may have spaces instead.
+    /// The controller's joint values in degrees, with commas; one argument per pose. A single pose may have spaces instead of commas.
     #[arg(value_name = "Q1,Q2,…", required = true, allow_negative_numbers = true, value_parser = pose)]
     poses: Vec<Pose>,
     /// The reflector (0-based) [default: 0].
@@ -37,7 +37,7 @@ fn pose(text: &str) -> Result<Pose, String> {
 /// Prints one position per pose.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut q_deg: Vec<Vec<f64>> = arguments.poses.iter().map(|pose| pose.0.clone()).collect();
-    // 10 -20 30 …: one pose, as `kincal robots posture` takes it
+    // Single values with spaces between them (10 -20 30 …) are one pose, as in `kincal robots posture`.
     if q_deg.len() > 1 && q_deg.iter().all(|pose| pose.len() == 1) {
         q_deg = vec![q_deg.concat()];
     }

@@ -1,4 +1,4 @@
-//! A program as a CSV of joint or Cartesian targets: read, and written again with corrected targets.
+//! A program as a CSV file of joint or Cartesian targets: reads it, and writes it again with corrected targets.
 
 use super::failure::Refused;
 use super::files;
@@ -21,7 +21,7 @@ pub struct Program {
     joints: Vec<(usize, bool)>,
     /// Columns of the position, mm, where targets are Cartesian.
     position: Option<[usize; 3]>,
-    /// Columns of the quaternion, if there are some.
+    /// Columns of the quaternion, if the program has them.
     quaternion: Option<[usize; 4]>,
     separator: u8,
     /// Whether its numbers have decimal commas.
@@ -126,7 +126,7 @@ impl Program {
         self.q_deg()?.into_iter().enumerate().map(target).collect()
     }
 
-    /// The number in a cell; of angles in radians in degrees.
+    /// The number in a cell. Radians are converted to degrees.
     fn number(
         &self,
         (row, cells): (usize, &Vec<String>),
@@ -248,7 +248,7 @@ impl Program {
     }
 }
 
-/// All columns, or none.
+/// `Some` if all columns exist.
 fn all_there<const N: usize>(columns: [Option<usize>; N]) -> Option<[usize; N]> {
     let all: Option<Vec<usize>> = columns.into_iter().collect();
     all?.try_into().ok()

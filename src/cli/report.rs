@@ -17,7 +17,7 @@ pub struct Arguments {
     /// The job, as `kincal jobs` lists it.
     #[arg(value_name = "ID")]
     id: String,
-    /// Write it as a printable HTML page into this file instead.
+    /// Write the report as a printable HTML page into this file instead of printing it.
     #[arg(
         long,
         env = "KINCAL_HTML",
@@ -29,7 +29,7 @@ pub struct Arguments {
     output: Output,
 }
 
-/// Prints the report, or writes it as a page. What is printed and cannot be used is an error, so that no script continues with it.
+/// Prints the report, or writes it as a page. Printing a report of an unusable result ends with an error, so that no script continues with it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/report", arguments.id);
     if let Some(file) = &arguments.html {

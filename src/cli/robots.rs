@@ -14,7 +14,7 @@ use clap::ValueEnum;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Standard deviation of a direction of gravity that is given without one, degrees: that of the named mountings.
+/// Standard deviation of a direction of gravity that is stated without one, degrees. The named mountings have the same.
 const DEFAULT_GRAVITY_STD_DEG: f64 = 2.0;
 
 /// Robots of a server.
@@ -33,7 +33,7 @@ enum RobotCommand {
     List(RobotArguments),
     /// Show a robot in full.
     Show(ShowArguments),
-    /// Edit a robot; what is not given stays.
+    /// Edit a robot; fields that are not given stay as they are.
     Edit(Box<EditArguments>),
     /// Archive a robot: it leaves the lists and takes no uploads, jobs and releases.
     Archive(ShowArguments),
@@ -99,7 +99,7 @@ struct EditArguments {
         allow_hyphen_values = true
     )]
     sign: Option<Vec<f64>>,
-    /// The controller's joint convention: what is added to each joint, degrees, with commas.
+    /// The controller's joint convention: the offset that is added to each joint, degrees, with commas.
     #[arg(
         long,
         value_name = "OFFSETS",
@@ -184,7 +184,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// `kincal robots --server URL list` would show a robot that is called list.
+/// Refuses the name of a subcommand after options: `kincal robots --server URL list` would look for a robot with the id `list`.
 fn refuse_name_of_command(id: Option<&str>) -> anyhow::Result<()> {
     let known = [
         "list", "show", "edit", "archive", "restore", "find", "add", "posture",
@@ -211,7 +211,6 @@ fn show(arguments: &ShowArguments) -> anyhow::Result<()> {
 fn put(arguments: &ShowArguments, action: Action) -> anyhow::Result<()> {
     block_on(async {
         let client = arguments.server.client()?;
-        // An archived robot is not found by its name.
         let id = client.robot_id(&arguments.robot).await?;
         archive::one(&client, &id, action, &arguments.output).await
     })

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Commands about ready arms and new robots.
 #[derive(Debug, clap::Subcommand)]
 pub enum LibraryCommand {
-    /// Find a ready arm by maker and name; no server is needed. A text that one arm has shows it in full.
+    /// Find a ready arm by maker and name; no server is needed. If a single arm is found, it is shown in full.
     Find(FindArguments),
     /// Add a robot to the server: a ready arm, a URDF, a table of Denavit-Hartenberg parameters, or a robot file.
     Add(AddArguments),
@@ -33,7 +33,7 @@ pub enum LibraryCommand {
 /// Find a ready arm.
 #[derive(Debug, clap::Args)]
 pub struct FindArguments {
-    /// Words of maker and name, or an id. Case, blanks and punctuation do not count.
+    /// Words of maker and name, or an id. Case, blanks and punctuation are ignored.
     #[arg(value_name = "TEXT")]
     text: Vec<String>,
     /// Only arms of this maker.
@@ -63,7 +63,7 @@ pub struct AddArguments {
     /// The link at the end of the robot, in a URDF with several.
     #[arg(long, env = "KINCAL_TIP", value_name = "LINK")]
     tip: Option<String>,
-    /// Digits of a URDF's numbers: `source` makes angles that are a rounded multiple of 90° that multiple.
+    /// Digits of a URDF's numbers: `source` replaces angles that are a rounded multiple of 90° by the exact multiple.
     #[arg(long, env = "KINCAL_DIGITS", value_enum, default_value = "source")]
     digits: ImportDigits,
     /// The robot's name [default: the arm's, the file's].
@@ -104,7 +104,7 @@ pub struct PostureArguments {
     /// Position of the active tool in the flange frame: X,Y,Z in mm [default: the flange].
     #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
-    /// Position that the pendant shows: X,Y,Z in mm. The answer says how far it is from the model's.
+    /// Position that the pendant shows: X,Y,Z in mm. The output states its distance from the model's position.
     #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
     shown_mm: Option<[f64; 3]>,
     #[command(flatten)]
@@ -126,7 +126,7 @@ fn mounting(text: &str) -> Result<NamedMounting, String> {
     serde_json::from_value(json!(text)).map_err(|_| "floor, wall or ceiling is needed".into())
 }
 
-/// Share of the flange's distance from the base by which a real robot may differ from its type.
+/// Largest plausible distance between a real robot and its type at the flange, as a share of the flange's distance from the base.
 const MAX_APART: f64 = 0.02;
 
 /// Runs one of the commands.
@@ -172,7 +172,7 @@ fn find(arguments: &FindArguments) -> anyhow::Result<()> {
     }
 }
 
-/// The arms with this text: the one with this id or name, else all that have its words.
+/// The arm with exactly this id or name; otherwise all arms that match the words.
 fn found(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotModel>> {
     let all = robot_models::find(text, maker).map_err(anyhow::Error::msg)?;
     let exact = |model: &&RobotModel| {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// Time for running computations to end when a command ends; then they are abandoned. Their jobs have been handed back.
+/// Longest wait for running computations when a command ends. Then they are abandoned; their jobs were already handed back to the queue.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Runs a future to its end.

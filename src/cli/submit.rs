@@ -23,9 +23,10 @@ use anyhow::Context;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Upload a measurement set to a server and have it identified, verify a parameter set on it, or check with few poses whether the released one still holds.
+/// Upload a measurement set to a server and have it identified, verify a parameter set on it, or check with few poses whether the released set
+/// still holds.
 ///
-/// The JSON is the report with --wait, else the job.
+/// With --json, the output is the report if --wait is given, else the job.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
@@ -33,7 +34,7 @@ pub struct Arguments {
     /// The robot's id, name or serial number, as `kincal robots` lists them.
     #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT")]
     robot: String,
-    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. With two files, the robot's.
+    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. If there are two files, the robot's file.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
     #[command(flatten)]
@@ -48,25 +49,25 @@ pub struct Arguments {
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[arg(long, env = "KINCAL_SERIAL_NUMBER", value_name = "TEXT")]
     serial_number: Option<String>,
-    /// Read the columns by the mapping that the robot has under this name (`kincal columns keep`).
+    /// Mapping of columns that the robot has under this name (`kincal columns keep`).
     #[arg(long, env = "KINCAL_KEPT", value_name = "NAME", conflicts_with_all = ["columns", "column", "joint_unit", "position_unit"])]
     kept: Option<String>,
-    /// Identify nothing; score a parameter set on these points.
+    /// Do not identify; score a parameter set on these points.
     #[arg(
         long, env = "KINCAL_VERIFY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
         conflicts_with_all = ["method", "model", "preset", "seed", "hold", "only", "prior", "corrections", "verify_fraction"]
     )]
     verify: bool,
-    /// Identify nothing; say from five to ten configurations, or more, whether the released set still holds.
+    /// Do not identify; check with five to ten configurations, or more, whether the released set still holds.
     #[arg(
         long, env = "KINCAL_CHECK", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
         conflicts_with_all = ["verify", "upload_only", "method", "model", "preset", "seed", "hold", "only", "prior", "corrections", "verify_fraction"]
     )]
     check: bool,
-    /// With --check: what happened to the robot before; what it may have changed is suspected first.
+    /// With --check: what happened to the robot before. Parameters that this event may have changed are suspected first.
     #[arg(long, env = "KINCAL_AFTER", value_name = "EVENT", requires = "check")]
     after: Option<After>,
-    /// With --verify or --check: the parameter set to score [default: the active one; with --verify, else the nominal robot].
+    /// With --verify or --check: the parameter set to score [default: the active one; with --verify the nominal robot if none is active].
     #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
     parameters: Option<String>,
     #[command(flatten)]

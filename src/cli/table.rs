@@ -188,7 +188,7 @@ fn line(text: &mut String, line: String) {
     let _ = writeln!(text, "{line}");
 }
 
-/// Name of the errors without the points that a warning names as outliers.
+/// Label of the errors without the outliers that a warning names.
 const WITHOUT_OUTLIERS: &str = "without outliers";
 
 fn subset(text: &mut String, name: &str, half: Option<&SubsetReport>) {

@@ -73,7 +73,7 @@ pub fn plain(text: &str) -> String {
         .collect()
 }
 
-/// Texts of remedies in the HTTP interface, and their replacements with commands and options.
+/// Remedies as the HTTP interface words them, and their replacements with commands and options.
 const COMMANDS: [(&str, &str); 16] = [
     (
         "post a job of kind verify with parameter_set_id ",
@@ -112,14 +112,14 @@ pub fn in_commands(text: &str) -> String {
     restored(text)
 }
 
-/// `?columns={…} (--column …)` names the mapping in both interfaces: only the option is left.
+/// Shortens `?columns={…} (--column …)`, which names a mapping for both interfaces, to the option alone.
 fn without_mappings(text: &str) -> String {
     let (mut found, mut rest) = (String::new(), text);
     while let Some(at) = rest.find("?columns=") {
         let Some(option) = rest[at..].find(" (--").map(|offset| at + offset + 2) else {
             break;
         };
-        // a header in quotes may have brackets
+        // A quoted header may contain brackets.
         let mut is_quoted = false;
         let mut before = ' ';
         let end = rest[option..].char_indices().find(|(_, c)| {
@@ -135,7 +135,7 @@ fn without_mappings(text: &str) -> String {
     found + rest
 }
 
-/// `kincal restore ID/restore`, from the route of the HTTP interface, as a command.
+/// Removes the `/restore` that the HTTP route leaves in `kincal restore ID/restore`.
 fn restored(text: String) -> String {
     let mut parts = text.split("kincal restore ");
     let first = parts.next().unwrap_or_default().to_owned();

@@ -37,7 +37,8 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
     })
 }
 
-/// Bring the database's schema up to date, and print its version. `serve` and `worker` do the same when they start; several may do so at the same time.
+/// Bring the database's schema up to date, and print its version. `serve` and `worker` do the same when they start. Several processes may do so at
+/// the same time.
 #[derive(Debug, clap::Args)]
 pub struct MigrateArguments {
     #[command(flatten)]

@@ -37,9 +37,9 @@ const MAX_HEADER_BYTES: usize = 32 * 1024;
 const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(50);
 /// Grace period at shutdown: connections and requests that arrive this long after the signal are still accepted and answered.
 const SHUTDOWN_GRACE: Duration = Duration::from_millis(100);
-/// Most connections accepted during [`SHUTDOWN_GRACE`], and once more from the queue of the operating system, which is not longer.
+/// Maximum number of connections that are accepted during [`SHUTDOWN_GRACE`], and again from the queue of the operating system, which is not longer.
 const MAX_ACCEPTED_AT_SHUTDOWN: usize = 4096;
-/// Most clients that receive [`TOO_MANY_CONNECTIONS_ANSWER`] at the same time; the connections of others are closed without an answer.
+/// Maximum number of clients that receive [`TOO_MANY_CONNECTIONS_ANSWER`] at the same time. Other clients are disconnected without an answer.
 const MAX_TURNED_AWAY: usize = 256;
 /// Longest time for sending [`TOO_MANY_CONNECTIONS_ANSWER`] and for the client to read it.
 const TURN_AWAY_TIMEOUT: Duration = Duration::from_secs(1);
@@ -145,7 +145,7 @@ pub async fn accept_all(listener: TcpListener, service: ConnectionContext) {
     connections.end().await;
 }
 
-/// The open connections, which are counted by their tasks.
+/// The open connections. Each has one task, so the number of tasks is the number of connections.
 #[derive(Default)]
 struct Connections {
     served: JoinSet<()>,

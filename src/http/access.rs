@@ -1,4 +1,4 @@
-//! Reads rows that the key may see. Rows of other robots are 404, as if they did not exist.
+//! Reads rows that the key may see. A row that it may not see answers 404, as if the row did not exist.
 
 use crate::http::auth::Caller;
 use crate::http::{App, Error};
@@ -28,7 +28,7 @@ pub fn require_in_use(robot: &RobotRow) -> Result<(), Error> {
     }
 }
 
-/// The refusal of what is archived, with its remedy.
+/// The error for an archived item, with its remedy.
 pub fn archived(what: &str, path: &str, id: &str) -> Error {
     Error::Conflict {
         code: "archived",

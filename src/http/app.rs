@@ -60,7 +60,7 @@ impl App {
     /// Waits for a permit and runs `work` on a blocking thread.
     ///
     /// # Errors
-    /// What `work` returns, [`Error::Busy`].
+    /// The error of `work`; [`Error::Busy`] if no permit becomes free in time.
     pub(super) async fn compute<T: Send + 'static>(
         &self,
         class: RequestClass,

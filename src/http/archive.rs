@@ -1,4 +1,4 @@
-//! Archiving what is no longer needed, and restoring it. An archived item is left out of lists and is read by its id as before.
+//! Archives items that are no longer needed, and restores them. An archived item is left out of lists, but can still be read by its id.
 
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::Id;
@@ -28,11 +28,11 @@ struct Item<'r> {
     kind: Archivable,
     id: &'r str,
     robot_id: &'r str,
-    /// Why it stays in lists, if it does.
+    /// Reason, if the item cannot be archived.
     not_archivable: Option<String>,
 }
 
-/// Archives or restores an item. `answer` makes the answer; its argument is when the item was archived, or `None`.
+/// Archives or restores an item. `answer` makes the answer. Its argument is the time at which the item was archived, or `None`.
 async fn change_item<A: Serialize>(
     app: &App,
     submission: &Submission,
@@ -187,8 +187,8 @@ async fn network(
     change_item(app, submission, change, item, answer).await
 }
 
-/// Makes the handlers. Each has its documentation, its name, what it does, its path with the name of the id, the tag and the id of the operation,
-/// and the description and shape of its answer.
+/// Makes the handlers. An entry has the documentation, the name, the function and the change, the path and the name of its id, the tag and the id of
+/// the operation, and the description and the shape of the answer.
 macro_rules! handlers {
     ($($(#[$doc:meta])+ $name:ident: $kind:ident $change:ident, $path:tt $id:tt, $tag:tt $operation:tt, $what:tt $answer:ident;)+) => {$(
         $(#[$doc])+
@@ -216,11 +216,11 @@ handlers! {
     archive_measurement_set: measurement_set Archive, "/v1/measurement-sets/{id}/archive" "id", "measurement sets" "archiveMeasurementSet", "The measurement set" SetSummary;
     /// Restores an archived measurement set: it is in lists and can be used again.
     restore_measurement_set: measurement_set Restore, "/v1/measurement-sets/{id}/restore" "id", "measurement sets" "restoreMeasurementSet", "The measurement set" SetSummary;
-    /// Archives a job that has ended: it is left out of lists. What it found stays evidence.
+    /// Archives a job that has ended: it is left out of lists. Its results stay evidence.
     archive_job: job Archive, "/v1/jobs/{id}/archive" "id", "jobs" "archiveJob", "The job" JobAnswer;
     /// Restores an archived job: it is in lists and can be used again.
     restore_job: job Restore, "/v1/jobs/{id}/restore" "id", "jobs" "restoreJob", "The job" JobAnswer;
-    /// Archives a candidate: it is left out of lists, is not released and not compared with. What was released is never archived.
+    /// Archives a candidate: it is left out of lists, cannot be released, and is not compared with. A set that was released is never archived.
     archive_parameter_set: parameter_set Archive, "/v1/parameter-sets/{id}/archive" "id", "parameter sets" "archiveParameterSet", "The parameter set" ParameterSetAnswer;
     /// Restores an archived parameter set: it is in lists and can be used again.
     restore_parameter_set: parameter_set Restore, "/v1/parameter-sets/{id}/restore" "id", "parameter sets" "restoreParameterSet", "The parameter set" ParameterSetAnswer;

@@ -30,7 +30,7 @@ pub struct Caller {
     pub scopes: Vec<Scope>,
     /// The robots that the key is limited to; `None` for all robots.
     pub robots: Option<Vec<String>>,
-    /// The class of this request, by which it takes permits.
+    /// The class of this request, which decides the permits that it takes.
     pub class: RequestClass,
 }
 
@@ -104,7 +104,7 @@ pub async fn authorize(
             let of_path = routes.iter().filter(|route| route.path == template);
             admit(&app, of_path, &method, &headers, peer).await
         }
-        // Answered with 404.
+        // A path without a route is answered with 404.
         None => Ok(Caller::anonymous(RequestClass::Read)),
     };
     match admitted {

@@ -36,7 +36,7 @@ pub struct PreviewQuery {
     columns: Option<String>,
 }
 
-/// Looks at a table, or at two files, and stores nothing: how they are understood, their first rows, what is missing, and a mapping to be confirmed.
+/// Previews a table, or two files, and stores nothing: how they are understood, their first rows, what is missing, and a proposed mapping.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/measurement-sets/preview", tag = "measurement sets", operation_id = "previewMeasurementSet",
     params(("robot_id" = String, Path, description = "The robot"), PreviewQuery),
@@ -80,7 +80,7 @@ pub async fn preview(
     Ok(Json(app.compute(submission.caller.class, look).await?))
 }
 
-/// Checks the name of a mapping, without a query.
+/// Checks the name of a mapping. Does not query the database.
 fn check_name(name: &str) -> Result<(), Error> {
     let mut checker = Checker::default();
     checker.text("/name", name, MAX_NAME);
@@ -124,7 +124,7 @@ pub async fn get(
     named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
-/// Keeps a mapping of columns under a name, in place of an earlier one of that name. Sets that were uploaded with the earlier one stay as they are.
+/// Stores a mapping of columns under a name. It replaces an earlier one of that name; sets that were uploaded with the earlier one stay as they are.
 #[utoipa::path(
     put, path = "/v1/robots/{robot_id}/columns/{name}", tag = "measurement sets", operation_id = "putColumns",
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The mapping's name")),

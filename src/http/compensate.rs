@@ -13,8 +13,10 @@ use crate::wire::robot::Robot;
 use axum::Json;
 use axum::extract::{Request, State};
 
-/// Corrects targets. For joint targets (`q_deg`): with the answered joint values the real robot has its tool where the nominal robot has it with the
-/// requested ones. For Cartesian targets (`targets` in `frame`): the joint values and the poses with which the real robot has its tool there.
+/// Corrects joint or Cartesian targets, so that the real robot reaches them.
+///
+/// For joint targets (`q_deg`) the answer has joint values. With these, the real robot puts its tool where the nominal robot puts it with the
+/// requested values. For Cartesian targets (`targets` in `frame`) the answer has the joint values and the poses that put the real robot's tool there.
 /// Send only targets that were programmed offline: taught targets already contain the robot's errors.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/compensate", tag = "parameter sets", operation_id = "compensate",
@@ -35,7 +37,7 @@ pub async fn compensate(
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
-    // the set in whose measuring frame the parameter set's base stands
+    // the measurement set that defines the measuring frame of the parameter set
     let measurement_set_id = match provenance.measuring_frame {
         Some(Frame::Instrument) => job.set_ids().last().map(str::to_owned),
         _ => Some(job.measurement_set_id),

@@ -18,8 +18,8 @@ use serde::de::DeserializeOwned;
 const MAX_KEY: usize = 200;
 const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
-/// A request that creates or changes something. If it was done before, its handler does not run: the stored answer is given again, and nothing is
-/// checked again.
+/// A request that creates or changes something. If the same request was done before, its handler does not run: the stored answer is sent again, and
+/// nothing is checked again.
 pub struct Submission {
     /// The key that sent the request.
     pub caller: Caller,
@@ -98,8 +98,8 @@ fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Error> {
     Ok(Some(text.into()))
 }
 
-/// Hash of query, content type and body; a retry has the same. Runs on a blocking thread, because hashing 32 MiB takes some 50 ms. It needs no permit
-/// to compute: only two bodies of this size fit into memory at once, and hashing takes no more.
+/// Hash of query, content type and body; a retry has the same. Runs on a blocking thread, because hashing 32 MiB takes some 50 ms. It needs no
+/// compute permit: the memory for bodies admits only two bodies of this size at once.
 async fn fingerprint(uri: &Uri, content_type: &str, body: &Bytes) -> Result<String, Error> {
     let body = body.clone();
     let of_body = tokio::task::spawn_blocking(move || canonical::sha256_hex(&body))
@@ -144,7 +144,7 @@ impl Submission {
         Error::UnsupportedMediaType { found, expected }
     }
 
-    /// The stored answer, if this request was done before.
+    /// The stored answer, if the same request was done before.
     async fn replay(&self, store: &Store) -> Result<Option<Response>, Error> {
         match &self.scope {
             Some(scope) => store.answered(scope).await?.map(respond).transpose(),
@@ -152,8 +152,8 @@ impl Submission {
         }
     }
 
-    /// The first answer in place of an error, if this request was done meanwhile. A client may retry while the first request still runs; the checks
-    /// of the retry then see what the first request has changed.
+    /// Replaces an error by the stored answer, if the same request was done meanwhile. A client may retry while its first request still runs.
+    /// The checks of the retry then see the changes of the first request, and may fail because of them.
     ///
     /// # Errors
     /// That of `result`.

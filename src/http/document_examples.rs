@@ -1,5 +1,5 @@
-//! Examples in the OpenAPI document: one for each body of each operation. They follow from the schemas, so a new field is in them without a change
-//! here; names of fields have the values that a reader expects.
+//! Examples in the OpenAPI document: one for each body of each operation. They are generated from the schemas, so a new field needs no change here.
+//! The name of a field decides its value.
 
 use serde_json::{Map, Value, json};
 use utoipa::openapi::path::Operation;
@@ -8,7 +8,7 @@ use utoipa::openapi::{Content, OpenApi, RefOr, Schema};
 /// Deepest nesting of an example.
 const MAX_DEPTH: usize = 12;
 
-/// A measurement file of the smallest kind.
+/// A minimal measurement file.
 const CSV: &str = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n10,-20,30,0,45,0,812.4031,141.9925,655.1808\n";
 /// A robot's log and an instrument's export.
 const LOG: &str =
@@ -16,7 +16,7 @@ const LOG: &str =
 const EXPORT: &str = "Name,X [mm],Y [mm],Z [mm]\nP1,812.4031,141.9925,655.1808\n";
 const XML: &str = "<?xml version=\"1.0\"?>\n<robot name=\"cell_4\"/>\n";
 
-/// Whole examples of shapes whose fields are all optional, or that need values that fit together.
+/// Complete examples of shapes whose fields are all optional, or whose values must be consistent.
 fn of_shape(name: &str) -> Option<Value> {
     Some(match name {
         "RobotPatchBody" => json!({"name": "Cell 4, left", "serial_number": "ER20-0117"}),
@@ -32,7 +32,7 @@ fn of_shape(name: &str) -> Option<Value> {
     })
 }
 
-/// Beginnings of ids, by the shape that has them.
+/// Beginning of a shape's name, and the prefix of its ids.
 const IDS: [(&str, &str); 6] = [
     ("Robot", "rob_"),
     ("Set", "set_"),
@@ -42,7 +42,7 @@ const IDS: [(&str, &str); 6] = [
     ("Frames", "frm_"),
 ];
 
-/// Example of a text, by the name of its field and the shape that has it.
+/// Example of a text, by the name of its field and of the shape with this field.
 fn text(field: &str, shape: &str) -> Value {
     let id = |prefix: &str| Value::from(format!("{prefix}0199b6a4c1d27a10b5e43c7f9d2e6a81"));
     match field {
@@ -201,7 +201,7 @@ impl Examples {
     }
 }
 
-/// The type that is not null.
+/// The type of a schema, without `null`.
 fn kind(schema: &Value) -> Option<&str> {
     match &schema["type"] {
         Value::String(kind) => Some(kind),

@@ -123,7 +123,7 @@ pub enum Error {
         code: &'static str,
         /// Description.
         detail: String,
-        /// Single reasons, e.g. the gates that failed.
+        /// The separate reasons, e.g. the gates that failed.
         errors: Vec<Issue>,
     },
     /// An error of the store.

@@ -30,7 +30,7 @@ pub struct ExportQuery {
     #[serde(default)]
     #[param(inline)]
     format: ExportFormat,
-    /// Treatment of beta: `refit` for controllers without it.
+    /// Treatment of beta: `refit` for controllers without beta.
     #[serde(default)]
     #[param(inline)]
     beta: BetaChoice,
@@ -61,12 +61,13 @@ pub struct ImportQuery {
     name: Option<String>,
     /// The link at the end of the robot, in a URDF with several.
     tip: Option<String>,
-    /// `source` makes angles of a URDF that are a rounded multiple of 90° that multiple; `largest_difference_mm` says by how much that moves the tip.
+    /// `source` replaces angles of a URDF that are a rounded multiple of 90° by the exact multiple. `largest_difference_mm` is the
+    /// resulting movement of the tip.
     #[param(inline)]
     digits: Option<ImportDigits>,
 }
 
-/// The identified links in a format of other software or of a controller, read back and compared to 1e-9 mm before it is answered.
+/// Exports the identified links in a format of other software or of a controller. The text is read back and compared to 1e-9 mm before it is sent.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "exportParameterSet",
     params(("id" = String, Path, description = "The parameter set"), ExportQuery),
@@ -117,7 +118,7 @@ pub async fn patch_urdf(
     respond(&id, permit.run(patch).await?)
 }
 
-/// A robot from a URDF or a table of Denavit-Hartenberg parameters, to be posted to /v1/robots; nothing is stored.
+/// Converts a URDF or a table of Denavit-Hartenberg parameters to the body of `POST /v1/robots`. Nothing is stored.
 #[utoipa::path(
     post, path = "/v1/robot-imports", tag = "robots", operation_id = "importRobot", params(ImportQuery),
     request_body(description = "The description", content((String = "application/xml"), (String = "text/csv"), (serde_json::Value = "application/json"))),

@@ -2,9 +2,9 @@
 
 use axum::http::{HeaderMap, HeaderName, header};
 
-/// Where the request comes from, as the browser says (Fetch Metadata).
+/// The browser's statement whether the request comes from this origin or from another one (Fetch Metadata).
 pub const SEC_FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
-/// The client's key for a request that it may retry. No form of a page can send it.
+/// The client's key for a request that it may retry. A form of a web page cannot send this header.
 pub const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 
 /// Whether the client has the content with this ETag already (`If-None-Match`, RFC 9110, section 13.1.2).

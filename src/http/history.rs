@@ -29,7 +29,7 @@ pub struct CompareQuery {
     with: String,
 }
 
-/// The robot's identifications, the changes between sessions in units of their own uncertainty, and when to calibrate next.
+/// The robot's identifications, the changes between sessions in units of their uncertainty, and a forecast of the next calibration.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/history", tag = "parameter sets", operation_id = "getHistory",
     params(("robot_id" = String, Path, description = "The robot"), PlainListQuery),
@@ -72,7 +72,7 @@ pub async fn history(
     }))
 }
 
-/// The trend of the released set's errors over the jobs that scored it.
+/// The trend of the released set's errors in the jobs that scored it.
 pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
     let limit_mm = policies::get(&app.store, robot_id).await?.tolerance_mm;
     let Some(active) = parameter_sets::active(&app.store, robot_id).await? else {

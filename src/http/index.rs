@@ -17,18 +17,18 @@ pub struct Contract {
     pub json: fn() -> Result<&'static str, &'static str>,
 }
 
-/// The process answers.
+/// Liveness: the process answers.
 #[utoipa::path(get, path = "/healthz", tag = "service", operation_id = "healthz", responses((status = 200, description = "`ok`", body = String, content_type = "text/plain")))]
 pub async fn healthz() -> &'static str {
     "ok\n"
 }
 
-/// Shortest time without a successful write that is reported.
+/// Shortest reported time without a successful write.
 const STUCK: Duration = Duration::from_secs(1);
 /// Time without a successful write after which the node is not ready. Until then it is ready, because it answers reads.
 const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
 
-/// The database answers. If part of the service is not available, the text says which part, and for how long writers have been stuck.
+/// Readiness: the database answers. If part of the service is not available, the text says which part, and for how long writers have been stuck.
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "readyz",
     responses(

@@ -19,7 +19,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// Interval of the check that the key is still valid.
 const KEY_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Server-sent events: `progress` at once and at each change of the job, then one `finished`. The data of each is the job.
+/// Server-sent events: `progress` at once and at each change of the job, then one `finished`. The data of each event is the job.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "listenToJob", params(("id" = String, Path, description = "The job")),
     responses((status = 200, description = "`event: progress` or `event: finished`, `data:` the job in JSON", body = JobEvent, content_type = "text/event-stream"))
@@ -37,7 +37,7 @@ pub async fn events(
     )
 }
 
-/// Passes events to the connection. Another task reads the database; this task ends with the stream.
+/// Passes events to the connection. A separate task reads the database; it ends with the stream.
 fn stream(
     app: App,
     caller: Caller,
@@ -48,7 +48,7 @@ fn stream(
     let mut work = JoinSet::new();
     work.spawn(follow(app, caller, row, events));
     ReceiverStream::new(receiver).map(move |event| {
-        // Moves both into the closure, so that they live as long as the stream.
+        // Moves permit and task into the closure, so that they live as long as the stream.
         let _held = (&permit, &work);
         Ok(event)
     })

@@ -94,7 +94,7 @@ fn new_job(request: &JobRequestBody, sources: &Sources, client: &str) -> Result<
     })
 }
 
-/// Chooses the newest residual network that was trained on no point that this job fits or verifies. The points of its predecessors count as well.
+/// Chooses the newest residual network whose training used no point that this job fits or verifies. The training of its predecessors counts as well.
 fn choose_residual(
     request: &JobRequestBody,
     calibration_request: &CalibrationRequest,
@@ -171,7 +171,8 @@ fn check(request: &JobRequestBody, sources: Sources) -> Result<Chosen, Error> {
         }
     };
     let mut networks: Vec<_> = sources.networks.into_iter().filter_map(readable).collect();
-    // The newest network with the same parameters. Without one, `auto` uses none. A request that needs one gets the newest, which the check refuses.
+    // The newest network with the same parameters. If there is none, `auto` uses no network; a request that needs one gets the newest, and the check
+    // refuses it.
     let fitting = networks
         .iter()
         .position(|(_, network)| calibration::network_fits(&calibration_request, network));

@@ -19,22 +19,23 @@ use crate::wire::network::NetworkKind;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::safetensors::NetworkMetadata;
 
-/// Most networks, newest first, among which one with the same parameters is searched.
+/// Maximum number of networks, newest first, that are searched for one with the same parameters.
 const MAX_NETWORKS: i64 = 8;
-/// Most residual networks, newest first, among which one that was not trained on these points is searched. Each is read with its measurement set.
+/// Maximum number of residual networks, newest first, that are searched for one that was not trained on these points. Each is read with its
+/// measurement set.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
 
 /// Stored rows that a job refers to.
 pub struct Sources {
     /// The robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to score; of several sessions the first.
+    /// The measurement set to identify from, or to score; with several sessions, the first.
     pub set: MeasurementSetInput,
-    /// Those of further sessions.
+    /// The measurement sets of further sessions.
     pub further_sets: Vec<MeasurementSetInput>,
     /// Another upload to verify on.
     pub verify_set: Option<MeasurementSetInput>,
-    /// Frames by sweeps.
+    /// Base and tool frame from sweeps.
     pub frames: Option<FramesContent>,
     /// Networks that the job may start from, newest first.
     pub networks: Vec<NetworkWeights>,
@@ -58,7 +59,7 @@ pub struct ResidualSource {
     pub trained_on_sha256: Vec<String>,
 }
 
-/// Reads what a request refers to.
+/// Reads the stored documents that a request refers to.
 ///
 /// # Errors
 /// [`Error::Invalid`] with a pointer to a document that does not exist or belongs to another robot; those of the store.
@@ -68,7 +69,7 @@ pub async fn load(
     robot_id: &str,
     request: &JobRequestBody,
 ) -> Result<Sources, Error> {
-    // Reads concurrently. Of several errors the first in this order is returned.
+    // Reads concurrently. If several reads fail, the first error in this order is returned.
     let (robot, sets, verify_set, frames, parameter_set) = tokio::join!(
         access::robot(app, caller, robot_id),
         sets(app, robot_id, request),
@@ -131,7 +132,7 @@ async fn sets(
     Ok(sets)
 }
 
-/// The sets with their bytes. Together they have no more than one upload may have, because all are in memory at once.
+/// The sets with their bytes. Their total size is limited to that of one upload, because all are in memory at once.
 async fn with_bytes(
     app: &App,
     rows: Vec<MeasurementSetRow>,
@@ -196,8 +197,8 @@ async fn frames(
     Ok(Some(serde_json::from_str(&row.result_json)?))
 }
 
-/// Chooses the parameter set of the job now, so that every attempt uses the same. It is the one that the request names. By default a `verify` job
-/// scores the active set, and an `identify` job is compared with the robot's last set from another upload.
+/// Chooses the parameter set when the job is posted, so that every attempt uses the same one. A request may name it. By default a `verify` or `check`
+/// job scores the active set, and an `identify` job is compared with the robot's last set from another upload.
 async fn parameter_set(
     app: &App,
     robot_id: &str,
@@ -368,7 +369,7 @@ async fn residual_networks(
     Ok(sources)
 }
 
-/// Hashes of the uploads that a residual network rests on: those of its job and of that job's sources.
+/// Hashes of the uploads on which a residual network is based: those of its job and of that job's sources.
 async fn uploads_trained_on(app: &App, network_id: &str) -> Result<Vec<String>, Error> {
     let network = networks::get(&app.store, network_id).await?;
     let job = stored::get(&app.store, &network.job_id).await?;

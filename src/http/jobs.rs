@@ -69,7 +69,7 @@ pub async fn list_all(
     Ok(Json(found.page.into_answer(found.total, convert)?))
 }
 
-/// A job. With `wait_s` it answers when the status changes or the job has ended, at the latest after that time.
+/// A job. With `wait_s` the answer comes when the status changes or the job ends, at the latest after `wait_s` seconds.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "getJob", params(("id" = String, Path, description = "The job"), WaitQuery),
     responses((status = 200, description = "The job", body = JobAnswer))

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 
-/// Header of every answer.
+/// Header with the id of the request, in every answer.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// Default security headers; a handler may set its own.
@@ -46,7 +46,7 @@ pub fn with_middleware<S: Clone + Send + Sync + 'static>(
         .layer(from_fn_with_state(metrics, observe))
 }
 
-/// Gives the request an id, which its log lines and its answer carry, and counts it. Logs route templates, never raw paths.
+/// Gives the request an id, which is in its log lines and in its answer, and counts the request. Logs route templates, never raw paths.
 async fn observe(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let id = uuid::Uuid::now_v7().simple().to_string();
     let route = request
@@ -99,7 +99,7 @@ fn may_wait(uri: &Uri) -> bool {
     job.is_some_and(|id| !id.contains('/')) && uri.query().is_some()
 }
 
-/// Answers a refused request without routing it, authenticating it or reading its body. In a flood most requests end here.
+/// Answers a refused request without routing it, authenticating it or reading its body. Under overload most requests end here.
 pub fn refuse_unrouted(metrics: &Metrics, method: &Method, error: Error) -> Response {
     let mut response = error.into_response();
     let code = response

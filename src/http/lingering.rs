@@ -12,7 +12,7 @@ use tokio::time::{Instant, Sleep, sleep};
 const IDLE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Longest time of a lingering close.
 const TOTAL_TIMEOUT: Duration = Duration::from_secs(10);
-/// Most bytes that are read and discarded: twice the largest body.
+/// Maximum number of bytes that are read and discarded: twice the largest body.
 const MAX_BYTES: usize = 64 << 20;
 /// Size of one read.
 const CHUNK_BYTES: usize = 16 * 1024;

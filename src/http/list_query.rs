@@ -19,7 +19,7 @@ fn invalid(detail: String) -> Error {
     }
 }
 
-/// The store's request for what lists have in common.
+/// The part of the store's request that all lists have in common.
 fn common(
     limit: Option<u32>,
     cursor: Option<&str>,
@@ -59,7 +59,7 @@ fn common(
     Ok(request)
 }
 
-/// Makes the query of a list that can be sorted: the fields that each has, and those of its own.
+/// Makes the query of a list that can be sorted: the common fields, and its own fields.
 macro_rules! list_query {
     ($(#[$about:meta])+ $name:ident, order: $order:tt, has_names: $has_names:tt, { $($own:tt)* }) => {
         $(#[$about])+
@@ -70,9 +70,9 @@ macro_rules! list_query {
             /// Items on the page.
             #[param(minimum = 1, maximum = 200, default = 50)]
             limit: Option<u32>,
-            /// `next_cursor` of the page before.
+            /// `next_cursor` of the previous page.
             cursor: Option<String>,
-            /// `false` (default) for what is in use, `true` for what was archived, `all` for both.
+            /// `false` (default) for items in use, `true` for archived items, `all` for both.
             #[param(inline)]
             archived: Option<ArchivedFilter>,
             #[doc = $order]
@@ -97,7 +97,7 @@ pub struct NewestListQuery {
     /// Items on the page.
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 
@@ -123,7 +123,7 @@ impl PlainListQuery {
 list_query! {
     /// Query of a list of items with names.
     NamedListQuery, order: "Order: `-created_at` (default), `created_at`, `name` or `-name`.", has_names: true, {
-        /// Text that the name contains, or of a robot the serial number; upper and lower case are the same.
+        /// Text in the name, or for robots in the name or the serial number. Upper and lower case are the same.
         #[param(max_length = 200)]
         search: Option<String>,
     }
@@ -146,7 +146,7 @@ impl NamedListQuery {
 list_query! {
     /// Query of a list of parameter sets.
     ParameterSetListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
-        /// Their status.
+        /// Only parameter sets with this status.
         #[param(inline)]
         status: Option<ParameterSetStatus>,
     }
@@ -165,10 +165,10 @@ impl ParameterSetListQuery {
 list_query! {
     /// Query of a robot's jobs.
     JobListQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
-        /// Their status.
+        /// Only jobs with this status.
         #[param(inline)]
         status: Option<JobStatus>,
-        /// Their kind.
+        /// Only jobs of this kind.
         #[param(inline)]
         kind: Option<Kind>,
     }
@@ -184,13 +184,13 @@ impl JobListQuery {
 list_query! {
     /// Query of the jobs of all robots.
     AllJobsQuery, order: "Order: `-created_at` (default) or `created_at`.", has_names: false, {
-        /// Their status.
+        /// Only jobs with this status.
         #[param(inline)]
         status: Option<JobStatus>,
-        /// Their kind.
+        /// Only jobs of this kind.
         #[param(inline)]
         kind: Option<Kind>,
-        /// Only those of this robot.
+        /// Only jobs of this robot.
         pub robot_id: Option<String>,
     }
 }

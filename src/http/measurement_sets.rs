@@ -47,25 +47,26 @@ pub struct UploadQuery {
     /// Number format of a CSV file: `comma` for 12,5 with columns separated by semicolons. Never guessed.
     #[param(inline)]
     decimal: Option<Decimal>,
-    /// What `rx_deg ry_deg rz_deg` mean: `intrinsic_xyz`, `extrinsic_xyz`, `intrinsic_zyx`, …, or `rotation_vector`. Never guessed.
+    /// Convention of `rx_deg ry_deg rz_deg`: `intrinsic_xyz`, `extrinsic_xyz`, `intrinsic_zyx`, …, or `rotation_vector`. Never guessed.
     #[param(max_length = 40, example = "intrinsic_xyz")]
     rotation: Option<String>,
     /// Serial number of the robot that was measured; an upload for another robot is refused.
     #[param(min_length = 1, max_length = 200)]
     serial_number: Option<String>,
-    /// Stores the set although the check refuses it with this code. The code is stored too, and no release rests on the set.
+    /// Stores the set although the check refuses it with this code. The code is stored too, and the set cannot lead to a release.
     #[param(inline)]
     insist: Option<Insist>,
-    /// Standard uncertainty of a length that an instrument at the frame's origin measures, mm; with `angle_std_deg`, in frame `instrument`. A JSON body may state it instead (`instrument`).
+    /// Standard uncertainty of a length that an instrument at the frame's origin measures, mm. Needs `angle_std_deg` and the frame `instrument`.
+    /// A JSON body may state the instrument instead (`instrument`).
     #[param(minimum = 1e-6, maximum = 1000, example = 0.01)]
     range_std_mm: Option<f64>,
-    /// The part of it that grows with the length, mm per m; default 0.
+    /// Part of that uncertainty that grows with the length, mm per m; default 0.
     #[param(minimum = 0, maximum = 1000, example = 0.0004)]
     range_std_mm_per_m: Option<f64>,
     /// Standard uncertainty of each of the instrument's angles, degrees.
     #[param(exclusive_minimum = 0, maximum = 90, example = 0.0002)]
     angle_std_deg: Option<f64>,
-    /// What the columns of a table mean: a mapping in JSON, or the name of one that the robot has (`PUT …/columns/{name}`).
+    /// Mapping of the columns of a table: in JSON, or the name of a mapping that the robot has (`PUT …/columns/{name}`).
     columns: Option<String>,
 }
 
@@ -182,7 +183,7 @@ fn declared_csv(decimal: Option<Decimal>) -> String {
     }
 }
 
-/// Refuses a rotation convention for JSON, whose poses have quaternions.
+/// The error for a rotation convention with JSON: poses in JSON have quaternions.
 fn rotation_of_json() -> Invalid {
     let detail =
         "points in JSON have a quaternion [w, x, y, z] and need no convention: leave rotation out";
@@ -266,7 +267,7 @@ fn parse_upload(
     })
 }
 
-/// Most rows that one warning about an upload names.
+/// Maximum number of rows that one warning about an upload names.
 const MAX_WARNED_ROWS: usize = 20;
 
 /// Warning for an upload that does not declare its frame.

@@ -47,7 +47,7 @@ pub async fn get_work_frame(
     named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
-/// Keeps a work frame under a name, in place of an earlier one of that name: typed, or fitted to three or more measured points.
+/// Stores a work frame under a name: typed, or fitted to three or more measured points. It replaces an earlier one of that name.
 #[utoipa::path(
     put, path = "/v1/robots/{robot_id}/work-frames/{name}", tag = "robots", operation_id = "putWorkFrame",
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The work frame's name")),
@@ -99,7 +99,7 @@ pub async fn get_tool(
     named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
-/// Keeps a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name, in place of an earlier one of that name.
+/// Stores a tool (`t_flange_tool`: tool centre point and orientation in the flange frame) under a name. It replaces an earlier one of that name.
 #[utoipa::path(
     put, path = "/v1/robots/{robot_id}/tools/{name}", tag = "robots", operation_id = "putTool",
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The tool's name")),

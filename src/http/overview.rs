@@ -1,4 +1,4 @@
-//! The overview: each robot with what it needs.
+//! The overview: each robot with its most urgent need.
 
 use crate::http::auth::Caller;
 use crate::http::extract::Query;
@@ -18,7 +18,7 @@ use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
 
-/// Every robot with what it needs most and why: for whoever looks after hundreds of them. Newest robots first; the need is for sorting.
+/// Every robot with its most urgent need and the reason. Newest robots first; a client can sort by the need.
 #[utoipa::path(
     get, path = "/v1/overview", tag = "robots", operation_id = "getOverview", params(NamedListQuery),
     responses((status = 200, description = "One page", body = Page<RobotOverview>))
@@ -129,7 +129,7 @@ fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
         session_rms_mm: row.session_rms_mm,
         session_expanded_mm: row.session_expanded_mm,
         is_far_off: row.session_fit == Some(Fit::SetFarOff),
-        // an absent set is older than any
+        // An absent set (`None`) counts as older than any other.
         has_newer: row.newest_created_at_ms > row.active_created_at_ms,
         last_job: row.job_status,
         days_to_limit,

@@ -126,8 +126,8 @@ pub async fn provenance(
     Ok(release::provenance(summary, Some(measured.frame)))
 }
 
-/// The estimate that is stored with a parameter set. `None` if there is none, because its uncertainty is not known, or if the estimate has several
-/// targets for one of the set, because that target moved.
+/// The estimate that is stored with a parameter set. `None` if there is none, because the uncertainty is not known. `None` also if a target of the
+/// set moved, because the estimate then has several targets for it.
 pub async fn estimate(
     app: &App,
     permit: &ComputePermit,

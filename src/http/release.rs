@@ -13,7 +13,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::response::Response;
 
-/// Checks the gates as a release by this key would, and changes nothing.
+/// Checks all gates as for a release by this key. Changes nothing.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/gates", tag = "parameter sets", operation_id = "getReleaseGates",
     params(("id" = String, Path, description = "The parameter set")),
@@ -43,7 +43,7 @@ pub async fn gates(
     }))
 }
 
-/// Makes a parameter set the robot's active one, if it passes every gate. The one before becomes superseded.
+/// Makes a parameter set the robot's active one, if it passes every gate. The previous active set becomes superseded.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/release", tag = "parameter sets", operation_id = "releaseParameterSet",
     params(("id" = String, Path, description = "The parameter set")), request_body = ReleaseBody,
@@ -77,7 +77,7 @@ pub async fn release(
     submission.or_replay(&app.store, released.await).await
 }
 
-/// Rolls back in one call: the active set is withdrawn, and the one that it superseded is active again.
+/// Rolls back in one call: the active set is withdrawn, and the set that it superseded becomes active again.
 #[utoipa::path(
     post, path = "/v1/robots/{robot_id}/parameter-sets/rollback", tag = "parameter sets", operation_id = "rollBackParameterSet",
     params(("robot_id" = String, Path, description = "The robot")), request_body = ReasonBody,

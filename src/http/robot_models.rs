@@ -19,7 +19,7 @@ use utoipa::IntoParams;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct ModelQuery {
-    /// Words of the maker's and the arm's name; case, blanks and punctuation do not count.
+    /// Words of the maker's and the arm's name; case, blanks and punctuation are ignored.
     #[param(max_length = 100)]
     search: Option<String>,
     /// The maker.
@@ -28,7 +28,7 @@ pub struct ModelQuery {
     /// Items on the page.
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: Option<u32>,
-    /// `next_cursor` of the page before.
+    /// `next_cursor` of the previous page.
     cursor: Option<String>,
 }
 

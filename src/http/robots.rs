@@ -43,7 +43,7 @@ pub async fn create(State(app): State<App>, submission: Submission) -> Result<Re
     submission.create(&app.store, effect).await
 }
 
-/// Robots.
+/// The robots that the key may see.
 #[utoipa::path(
     get, path = "/v1/robots", tag = "robots", operation_id = "listRobots", params(NamedListQuery),
     responses((status = 200, description = "One page", body = Page<RobotAnswer>))
@@ -73,8 +73,9 @@ pub async fn get(
     )?))
 }
 
-/// Edits a robot: name, serial number, description, mounting, joint limits, and the joint map as long as nothing was released. The nominal links stay.
-/// Results that were computed before keep the robot as it was then; jobs that wait, too.
+/// Edits a robot: name, serial number, description, mounting, joint limits, and the joint map as long as no parameter set was released.
+///
+/// The nominal links cannot be edited. Earlier results, and jobs that were posted before, keep the robot as it was.
 #[utoipa::path(
     patch, path = "/v1/robots/{robot_id}", tag = "robots", operation_id = "editRobot",
     params(("robot_id" = String, Path, description = "The robot")), request_body = RobotPatchBody,
@@ -111,7 +112,7 @@ pub async fn edit(
     submission.create(&app.store, effect).await
 }
 
-/// Says what to do where the links are to be edited.
+/// Adds the remedy to the error of a request that tries to edit the links.
 fn links_stay(error: Error) -> Error {
     match error {
         Error::Invalid(mut invalid) => {

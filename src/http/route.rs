@@ -1,4 +1,4 @@
-//! What the server knows of a route. The table of all routes is in `routes.rs`.
+//! Description of one route. The table of all routes is in `routes.rs`.
 
 use crate::http::App;
 use crate::http::limits::RequestClass;
@@ -19,9 +19,9 @@ pub struct Route {
     pub class: RequestClass,
     /// Whether it takes an `Idempotency-Key`.
     pub takes_idempotency_key: bool,
-    /// Statuses of its problems that do not follow from the other fields.
+    /// Statuses of its problems, beyond those that follow from the other fields.
     pub problems: &'static [u16],
-    /// Adds its handler, with its documentation.
+    /// Adds its handler and the handler's documentation to a router.
     pub(super) mount: fn(OpenApiRouter<App>) -> OpenApiRouter<App>,
 }
 
@@ -42,7 +42,7 @@ impl Route {
     }
 }
 
-/// The class of a request. A request without a route has one, too: a flood of them is refused before routing.
+/// The class of a request. A request without a route has a class too, so that a flood of such requests is refused before routing.
 pub fn class_of(routes: &[Route], method: &Method, path: &str) -> RequestClass {
     let route = routes
         .iter()

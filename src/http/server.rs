@@ -35,7 +35,7 @@ pub enum Error {
     },
 }
 
-/// A server that answers. Dropping it leaves it running; [`RunningServer::shutdown`] ends it.
+/// A running server. Dropping this value leaves the server running; [`RunningServer::shutdown`] ends it.
 #[derive(Debug)]
 pub struct RunningServer {
     /// The address that it listens on, with the actual port.

@@ -1,12 +1,12 @@
 //! The cookie of a signed-in browser, so that links and new tabs stay signed in.
 //!
-//! Its value is the key itself. The server could check another value only if it followed from what the database stores; then anybody with a copy
-//! of the database could make one. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. It ends with the browser, with sign-out,
-//! or with the revocation of the key.
+//! Its value is the key itself. Any other value that the server can check would have to follow from the database; anybody with a copy of the database
+//! could then forge it. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. It ends with the browser, with sign-out, or with the
+//! revocation of the key.
 //!
 //! Browsers send cookies by themselves, so a page of another origin could use one. Three things prevent this: `SameSite=Strict`; the header
-//! [`SESSION_HEADER`] on every request that changes something, which a page of another origin cannot send without a preflight request, and none is
-//! granted; and `Sec-Fetch-Site`, where the browser sends it.
+//! [`SESSION_HEADER`] on every request that changes something (a page of another origin needs a preflight request for this header, and the server
+//! refuses it); and `Sec-Fetch-Site`, if the browser sends it.
 
 use crate::http::headers::SEC_FETCH_SITE;
 use crate::http::{App, Error};
@@ -17,7 +17,7 @@ pub const SESSION_COOKIE: &str = "kincal_session";
 /// Header that a request with the cookie needs if it changes something; any value.
 pub const SESSION_HEADER: HeaderName = HeaderName::from_static("x-kincal-session");
 
-/// Most cookies that are read of one request; a browser sends a handful.
+/// Maximum number of cookies that are read from one request; a browser sends a handful.
 const MAX_COOKIES: usize = 64;
 
 /// The key in the request's cookie; `None` without one.
@@ -62,7 +62,7 @@ fn cookie(headers: &HeaderMap) -> Option<&str> {
         .map(|(_, value)| value)
 }
 
-/// The header that signs a browser in; `None` for a text that cannot be a cookie, which no key is.
+/// The header that signs a browser in; `None` for a text that cannot be the value of a cookie. Every key can be.
 pub fn signing_in(key: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
     let is_plain = key
         .bytes()

@@ -1,4 +1,4 @@
-//! What is asked of the stored sets of a job of several sessions before any of them is read.
+//! Checks of the stored sets of a job with several sessions, before their points are read.
 
 use crate::store::MeasurementSetRow;
 use crate::wire::Invalid;

@@ -35,7 +35,7 @@ impl<S> WithProblems<S> {
     }
 }
 
-/// The problem for one of hyper's own answers; none for other bytes.
+/// The problem for one of hyper's own answers; `None` for other bytes.
 fn problem_for(written: &[u8]) -> Option<Error> {
     if written.len() > LONGEST_OWN_ANSWER {
         return None;

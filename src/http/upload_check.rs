@@ -12,7 +12,7 @@ use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::{Invalid, Issue};
 
-/// Most other robots with which the upload is compared.
+/// Maximum number of other robots with which the upload is compared.
 const MAX_OTHERS: u32 = 50;
 
 /// A measurement set that does not fit the nominal robot.

@@ -1,4 +1,4 @@
-//! Computes what older versions of kincal did not store when a job ended: the summaries of reports, and verification facts. Runs once at start,
+//! Computes data that older versions of kincal did not store when a job ended: the summaries of reports, and verification facts. Runs once at start,
 //! before the server accepts requests.
 
 use crate::jobs::JobInputs;
@@ -13,7 +13,7 @@ use crate::wire::report_summary::summary_json;
 use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
 
-/// Most summaries that are stored in one transaction.
+/// Maximum number of summaries that are stored in one transaction.
 const SUMMARIES: i64 = 100;
 
 /// Stores everything that is missing.
@@ -25,7 +25,7 @@ pub async fn backfill_missing(store: &Store) -> Result<()> {
     backfill_facts(store).await
 }
 
-/// Stores all missing summaries. A report that cannot be read gets none, and is logged.
+/// Stores all missing summaries. A report that cannot be read gets no summary, and is logged.
 async fn backfill_summaries(store: &Store) -> Result<()> {
     let mut after = String::new();
     loop {
@@ -85,7 +85,7 @@ async fn store_facts(store: &Store, job_id: &str, found: &Verification) -> Resul
     tx.commit().await
 }
 
-/// Facts of one job. A session is scored again, which is quick. The facts of an identification are taken from its report.
+/// Facts of one job. A session is scored again, which is quick. For an identification, the facts are taken from its report.
 fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     let (body, request) = requests_of(inputs).ok()?;
     if inputs.job.kind.scores() {

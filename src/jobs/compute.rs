@@ -28,9 +28,9 @@ pub struct JobInputs {
     pub job: JobRow,
     /// Its robot.
     pub robot: RobotRow,
-    /// The measurement set to identify from, or to verify on; of several sessions the first.
+    /// The measurement set to identify from, or to verify on; with several sessions, the first.
     pub set: MeasurementSetInput,
-    /// Those of further sessions.
+    /// The measurement sets of further sessions.
     pub further_sets: Vec<MeasurementSetInput>,
     /// Another set to verify on.
     pub verify_set: Option<MeasurementSetInput>,
@@ -42,16 +42,17 @@ pub struct JobInputs {
     pub residual_network: Option<NetworkInput>,
     /// The parameter set to verify, or the robot's last one, with which an identification is compared.
     pub parameter_set: Option<ParameterSetInput>,
-    /// The uploads that held parameters, or the training of the residual network, rest on.
+    /// Uploads on which the held parameters, or the training of the residual network, are based.
     pub sources: Vec<MeasurementSetInput>,
-    /// Earlier uploads that the points are compared with: points that repeat them do not show that the robot is in order.
+    /// Earlier uploads with which the points are compared. Points that repeat an earlier upload do not show that the robot is in order.
     pub earlier: EarlierUploads,
 }
 
-/// Uploads from before the robot's last session that did not fit; for a check all that the robot had before, the newest ones if they are many.
+/// Uploads from before the robot's last session that did not fit. For a check: all earlier uploads of the robot, or the newest ones if there are too
+/// many.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct EarlierUploads {
-    /// Number of that session in the robot's counter; 0 for none.
+    /// Number of that session in the robot's counter; 0 if there is none.
     pub check_seq: i64,
     /// The uploads.
     pub sets: Vec<MeasurementSetInput>,
@@ -59,8 +60,8 @@ pub struct EarlierUploads {
     pub exceeds_limits: bool,
 }
 
-/// Limits on the earlier uploads that a session is compared with, and on their points: some hundred MB. If there are more, no session can end the
-/// state `check_robot`; a person has to (`POST /v1/robots/{id}/checked`).
+/// Limits on the earlier uploads with which a session is compared, and on their points: some hundred MB. If there are more, no session can end the
+/// state `check_robot`; a person has to end it (`POST /v1/robots/{id}/checked`).
 const MAX_EARLIER: i64 = 500;
 const MAX_EARLIER_POINTS: i64 = 500_000;
 
@@ -69,17 +70,17 @@ const MAX_EARLIER_POINTS: i64 = 500_000;
 pub struct ParameterSetInput {
     /// The parameter set.
     pub row: ParameterSetRow,
-    /// The points that it was identified from; of several sessions the first.
+    /// The points that it was identified from; with several sessions, the first.
     pub set: MeasurementSetInput,
-    /// Those of further sessions.
+    /// The measurement sets of further sessions.
     pub further_sets: Vec<MeasurementSetInput>,
-    /// The uploads that the values it holds, or the training of its residual network, rest on.
+    /// Uploads on which the values that it holds, or the training of its residual network, are based.
     pub sources: Vec<MeasurementSetInput>,
     /// The frames that the identification used.
     pub frames: Option<FramesRow>,
     /// Verification facts of its identification.
     pub verification: Option<VerificationRow>,
-    /// Its estimate, `wire::estimate`; none of a set of an older version.
+    /// Its estimate (`wire::estimate`); `None` if none is stored, as for a set of an older version.
     pub estimate_json: Option<String>,
 }
 
@@ -299,7 +300,7 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
     })
 }
 
-/// The uploads of the jobs that a job's result rests on.
+/// The uploads of the earlier jobs on which a job's result is based.
 async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetInput>> {
     let mut sources = Vec::new();
     for upload in job_sources::uploads(store, job_id).await? {
@@ -308,8 +309,8 @@ async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetI
     Ok(sources)
 }
 
-/// Earlier uploads that the points are compared with: for a check all of them, else those from before the last session that did not fit the robot, if
-/// there was one.
+/// Earlier uploads with which the points are compared. For a check these are all of them. For other jobs these are the uploads from before the last
+/// session that did not fit the robot, if there was one.
 async fn load_earlier(store: &Store, job: &JobRow) -> Result<EarlierUploads> {
     let check = verifications::check(store, &job.robot_id).await?;
     let mut earlier = EarlierUploads {

@@ -1,4 +1,4 @@
-//! The estimate of a job's result, as it is stored and as a later session is compared with it.
+//! The stored estimate of a job's result, with which later sessions are compared.
 
 use crate::calibration::CalibrationReport;
 use crate::calibration::request::Estimate;
@@ -14,7 +14,7 @@ use crate::wire::robot::RobotBody;
 /// A stored document that cannot be read. It was written by this program, so this does not happen.
 pub type Unreadable = Box<dyn std::error::Error + Send + Sync>;
 
-/// The estimate of a result that can be used, for comparisons with later sessions.
+/// The estimate of a result as it is stored, for comparisons with later sessions. `None` if the result cannot be used.
 pub(super) fn estimate_json(
     core: &CalibrationReport,
     inputs: &JobInputs,
@@ -27,7 +27,7 @@ pub(super) fn estimate_json(
     Ok(Some(text.into()))
 }
 
-/// Reads a stored estimate. None if there is none, if it is of another model, or if the robot's links or joint map have changed since.
+/// Reads a stored estimate. `None` if there is none, if it belongs to another model, or if the robot's links or joint map have changed since.
 ///
 /// # Errors
 /// If the document cannot be read.
@@ -41,7 +41,7 @@ pub fn stored_estimate(
     Ok(alike.map(|(_, estimate)| estimate))
 }
 
-/// As [`stored_estimate`], of any model.
+/// As [`stored_estimate`], for any model.
 ///
 /// # Errors
 /// If the document cannot be read.
@@ -71,7 +71,7 @@ pub(super) fn estimate_of_checked(
     Ok(found.map(|(_, estimate)| estimate))
 }
 
-/// The points that a set was identified from: one upload as it is, several sessions as they were fitted together.
+/// The points that a set was identified from: those of a single upload, or the joined points of several sessions that were fitted together.
 pub(super) fn as_one(mut uploads: Vec<MeasurementSet>) -> Option<MeasurementSet> {
     match uploads.len() {
         1 => uploads.pop(),

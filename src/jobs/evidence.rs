@@ -25,7 +25,7 @@ pub struct Unreadable(pub String);
 
 /// Description of the points on which a set was verified when it was identified.
 const HELD_OUT: &str = "the points held out";
-/// Later sessions without a score that are read: one is enough to refuse a set.
+/// Maximum number of later sessions without a score that are read. One such session is enough to refuse a set.
 const MAX_LATER: i64 = 20;
 
 /// Stored rows about a parameter set, not parsed yet.
@@ -66,7 +66,7 @@ pub struct ParsedEvidence {
     pub content: ParameterSetContent,
     /// Content of the active set.
     pub active: Option<ParameterSetContent>,
-    /// Whether the active set was identified from the same points, as far as is known. The points held out here may then have been fitted there.
+    /// Whether the active set was identified from the same points, as far as is known. It may then have been fitted to the points held out here.
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
     pub sessions: Vec<Session>,
@@ -204,7 +204,7 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
     })
 }
 
-/// Whether an upload repeats the points that the set was identified from, of several sessions any of them: then it was not measured later.
+/// Whether an upload repeats the points of a session that the set was identified from. Such an upload was not measured later.
 ///
 /// # Errors
 /// If the upload cannot be parsed.
@@ -275,7 +275,8 @@ pub fn compare_on_session(
         .map(|compared| compare_on_set(compared, points, &set)))
 }
 
-/// Errors of both on the other upload on which the set was verified when it was identified; `None` if there is none, or no other set is active.
+/// Errors of the set and of the active one on the separate upload on which the set was verified when it was identified; `None` if there is no such
+/// upload, or if no other set is active.
 pub fn compare_on_verify_set(evidence: &ParsedEvidence) -> Option<Comparison> {
     let VerifySource::Set(set) = &evidence.request.verify else {
         return None;
@@ -284,8 +285,8 @@ pub fn compare_on_verify_set(evidence: &ParsedEvidence) -> Option<Comparison> {
     Some(compare_on_set(compared, HELD_OUT.into(), set))
 }
 
-/// Errors of both on the points of the set's own upload that were held out; `None` if no other set is active. With `report`, that of the
-/// identification, the set's errors are those of the fit that had not seen these points.
+/// Errors of the set and of the active one on the points of the set's own upload that were held out; `None` if no other set is active. With `report`,
+/// the report of the identification, the set's errors are those of the fit that did not use these points.
 ///
 /// # Errors
 /// If the report cannot be parsed.

@@ -24,7 +24,7 @@ use crate::wire::verification::Verification;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-/// Prefix of stages that belong to the report's comparison; they do not count as the job's duration.
+/// Prefix of the stages that compute the report's comparison of methods. Their time is not part of the job's duration.
 const COMPARISON: &str = "compare_";
 
 /// Computes one job.
@@ -70,7 +70,7 @@ pub fn compute(
     })
 }
 
-/// The outcome of a job, without what only an identification stores.
+/// The outcome of a job, without the parameter set and the networks, which only an identification stores.
 fn outcome(
     inputs: &JobInputs,
     calibrated: &Calibrated,
@@ -367,7 +367,7 @@ impl StageClock {
             .sum()
     }
 
-    /// Duration without the comparison's stages.
+    /// Duration without the stages of the comparison.
     fn duration_ms(&self) -> f64 {
         let compared: f64 = self
             .ended_ms

@@ -127,7 +127,7 @@ async fn work(store: Store, context: WorkerContext) {
     let mut drain = context.drain.subscribe();
     while *drain.borrow() == ShutdownStage::Running {
         match run_next_job(&store, &context).await {
-            // Reads before the next claim, because a claim takes the database's writer even if there is no job.
+            // Continues at once if another job is queued. Asks by a read, because a claim takes the database's writer even if there is no job.
             Ok(Some(_)) if jobs::any_queued(&store).await.unwrap_or(true) => {}
             Ok(_) => {
                 tokio::select! {

@@ -20,7 +20,7 @@ pub struct JobSignals {
     sent: broadcast::Sender<Signal>,
 }
 
-/// A change that somebody may wait for.
+/// A change for which a worker or a listener may wait.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Signal {
     Enqueued,

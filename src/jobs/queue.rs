@@ -11,7 +11,7 @@ use crate::store::{
 use crate::wire::Problem;
 use crate::wire::verification::Verification;
 
-/// Most waiting jobs of one robot: days of work for all workers.
+/// Maximum number of waiting jobs of one robot: days of work for all workers.
 pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
 
 /// Posts a job in the caller's transaction. After the commit, call [`JobSignals::job_enqueued`].
@@ -103,7 +103,8 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
     Ok(())
 }
 
-/// Stores what a job found about a parameter set, and what follows for the robot's state. The transaction has locked the robot's row.
+/// Stores a job's facts about a parameter set, and the change of the robot's state that follows from them. The transaction must have locked the
+/// robot's row.
 ///
 /// # Errors
 /// [`crate::store::Error::Database`].

@@ -49,7 +49,7 @@ impl Purpose {
     }
 }
 
-/// Why there is no release.
+/// Why a release check gives no release.
 #[derive(Debug, thiserror::Error)]
 pub enum ReleaseCheckError {
     /// The database.
@@ -69,7 +69,7 @@ pub enum ReleaseCheckError {
 /// The decision, and everything else that a release writes except its reason.
 #[derive(Debug)]
 pub struct ReleaseCheck {
-    /// What the gates found.
+    /// Results of the gates.
     pub decision: Decision,
     id: String,
     checked: CheckedState,
@@ -106,12 +106,12 @@ struct GateInputs {
     request: ReleaseRequest,
     robot: RobotRow,
     policy: PolicyRow,
-    /// The sets that it was identified from.
+    /// The measurement sets that the parameter set was identified from.
     sets: Vec<MeasurementSetRow>,
-    /// Keys that uploaded the points of the identification, those that its held values rest on and, if its job used sweeps, the sweeps. `None` for
-    /// an unknown key.
+    /// Keys that uploaded the points of the identification, the points on which its held values are based and, if its job used sweeps, the sweeps.
+    /// `None` for an unknown key.
     uploaders: Vec<Option<String>>,
-    /// Code of the suspicion that was overridden with `insist` for an upload that its held values or its residual network rest on.
+    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     insisted_source: Option<String>,
     /// A withdrawn parameter set whose values it holds.
     withdrawn_source: Option<String>,
@@ -223,7 +223,8 @@ async fn compare(
     Ok(comparisons)
 }
 
-/// The first later session on which the set was not scored, that is no copy of its own upload, and that no `checked` reason explains. Reads one upload at a time.
+/// The first later session on which the set was not scored. Sessions that a `checked` reason explains, and copies of the set's own upload, are left
+/// out. Reads one upload at a time.
 async fn unscored_session(
     store: &Store,
     permit: &(impl Clone + Send + 'static),
@@ -293,7 +294,7 @@ fn run_gates(
     }))
 }
 
-/// A serial number that was stated with a set and contradicts the robot's, else the one that all sets state.
+/// A stated serial number that contradicts the robot's. If there is none, the serial number that all sets state.
 fn stated_serial_number<'a>(
     sets: &'a [MeasurementSetRow],
     of_robot: Option<&str>,

@@ -1,4 +1,4 @@
-//! The core's request of a job, from the job's stored inputs.
+//! Builds the core's request for a job from the job's stored inputs.
 
 use crate::calibration::request::PreviousSession;
 use crate::calibration::{CalibrationRequest, HeldOut, repeats};
@@ -19,7 +19,7 @@ pub fn request_of(inputs: &JobInputs) -> Result<CalibrationRequest, JobFailure> 
     requests_of(inputs).map(|(_, request)| request)
 }
 
-/// The request as it was posted, and that of the core.
+/// The request as it was posted, and the core's request.
 pub(super) fn requests_of(
     inputs: &JobInputs,
 ) -> Result<(JobRequestBody, CalibrationRequest), JobFailure> {
@@ -84,7 +84,7 @@ fn held_out(inputs: &JobInputs) -> Option<HeldOut> {
     })
 }
 
-/// The session that the robot was last identified from; none if it cannot be read.
+/// The session that the robot was last identified from; `None` if it cannot be read.
 fn previous_session(
     request: &JobRequestBody,
     inputs: &JobInputs,
@@ -125,7 +125,7 @@ pub(super) fn measured_since(
     })
 }
 
-/// The points of uploads of the request's robot.
+/// The points of uploads that were measured on the request's robot.
 pub(super) fn points_of<'a>(
     uploads: impl IntoIterator<Item = &'a MeasurementSetInput>,
     request: &CalibrationRequest,
@@ -137,7 +137,7 @@ pub(super) fn points_of<'a>(
         .collect()
 }
 
-/// Code of the suspicion that the uploader of the set, of the set to verify on, or of a set that the result rests on overrode with `insist`.
+/// Code of the suspicion that an uploader overrode with `insist`: for a set of the job, the set to verify on, or a set on which the result is based.
 pub(super) fn insisted_on(inputs: &JobInputs) -> Option<&str> {
     inputs
         .uploads()

@@ -10,7 +10,7 @@ pub fn has_plausible_size(core: &CalibrationReport) -> bool {
     links.chain(targets).all(|mm| mm.abs() <= MAX_LENGTH_MM)
 }
 
-/// Whether all numbers of the result are finite. JSON has no others.
+/// Whether all numbers of the result are finite. JSON cannot represent other numbers.
 pub fn is_finite(core: &CalibrationReport) -> bool {
     let subsets = [Some(&core.identify), core.verify.as_ref()];
     let errors = subsets

@@ -1,4 +1,5 @@
-//! Runs suspect jobs alone. A suspect is a job that was running when its process died; if the process dies again, exactly one job is the cause.
+//! Runs suspect jobs alone. A suspect is a job that was running when its process died. If the process dies again while a suspect runs alone, that job
+//! is the cause.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

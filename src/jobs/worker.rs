@@ -126,7 +126,7 @@ async fn claim(
     Ok(Some(Claimed { job, until, permit }))
 }
 
-/// Claims the next job, computes it and ends it; none if no job waits.
+/// Claims the next job, computes it and ends it. Returns `None` if no job waits.
 ///
 /// # Errors
 /// [`Error::Database`] if no job could be claimed. Later errors end the job, and are not returned.
@@ -184,7 +184,7 @@ struct Unresponsive {
     begun: Instant,
 }
 
-/// What a computation returns.
+/// Result of a computation.
 type Computed = std::result::Result<JobOutcome, JobFailure>;
 
 impl Attempt<'_> {

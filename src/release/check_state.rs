@@ -3,7 +3,7 @@
 use crate::release::sessions::supports;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 
-/// What a job's facts do to the state.
+/// Effect of a job's facts on the state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckStateChange {
     /// The robot has to be checked.
@@ -12,8 +12,8 @@ pub enum CheckStateChange {
     Ends,
 }
 
-/// Points that do not fit the robot, and a session that the set misses by far, begin the state. A session that supports a release ends it, unless
-/// its points repeat an upload from before the state began.
+/// The state begins with points that do not fit the robot, or with a session that the set misses by far. It ends with a session that supports a
+/// release, unless its points repeat an upload from before the state began.
 pub fn check_state_change(found: &Verification) -> Option<CheckStateChange> {
     let misses_session = found.kind == VerificationKind::Session && found.fit == Fit::SetFarOff;
     if found.fit == Fit::DoesNotFit || misses_session {

@@ -13,7 +13,7 @@ use crate::wire::verification::Verification;
 pub struct Comparison {
     /// Description of the points.
     pub points: String,
-    /// Errors of both on these points, or the reason why there are none.
+    /// Errors of both sets on these points, or the reason why there are no errors.
     pub rms: Result<ComparedRms, String>,
 }
 
@@ -38,11 +38,11 @@ pub enum PointsToCompare {
         /// Whether the active set was identified from the same upload, as far as is known. It may then have been fitted to these points.
         is_fitted_by_active: bool,
     },
-    /// There are none.
+    /// No points.
     None,
 }
 
-/// The sessions that are evidence, each upload once; without any, the held-out points.
+/// The sessions that are evidence, each upload once. If there is no such session, the held-out points.
 pub fn points_to_compare(
     sessions: &[Session],
     identification: &Verification,
@@ -82,7 +82,7 @@ pub struct Compared<'a> {
     pub active: &'a ParameterSetContent,
 }
 
-/// Compares both on the points of an upload. `points` describes them.
+/// Compares the two sets on the points of an upload. `points` describes them.
 pub fn compare_on_set(compared: Compared<'_>, points: String, set: &MeasurementSet) -> Comparison {
     let errors_mm = |content: &ParameterSetContent| {
         calibration::errors_mm(compared.request, set, &content.identified_robot(None))
@@ -102,8 +102,8 @@ pub fn compare_on_set(compared: Compared<'_>, points: String, set: &MeasurementS
     }
 }
 
-/// Compares both on the verify subset of the set's own upload. `verified_mm` are the errors of the fit that had not seen these points, of the links
-/// and with corrections. `None` if the active set was identified from these points too: then each is scored as it is delivered.
+/// Compares the two sets on the verify subset of the set's own upload. `verified_mm` has the errors of the fit that did not use these points: of the
+/// links, and with corrections. `None` if the active set was identified from these points too; then both sets are scored as they are delivered.
 pub fn compare_on_verify_subset(
     compared: Compared<'_>,
     points: String,
@@ -134,7 +134,7 @@ pub fn compare_on_verify_subset(
     }
 }
 
-/// From each point's errors: of the active set, of the set's links, and of those with corrections.
+/// Robust rms from the errors of each point: of the active set, of the set's links, and of the set's links with corrections.
 fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
     let comparison = robust_comparison(&errors_mm.collect::<Vec<_>>());
     ComparedRms {

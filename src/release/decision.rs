@@ -5,7 +5,7 @@ use crate::release::gates::gates;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
-/// What the gates found.
+/// Results of the gates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decision {
     /// Every gate, passed or not.

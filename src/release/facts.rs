@@ -1,4 +1,4 @@
-//! How a job's report becomes verification facts.
+//! Derives verification facts from a job's report.
 
 use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
@@ -17,7 +17,7 @@ use crate::wire::verification::{Fit, Verification, VerificationKind};
 use crate::wire::warning::Warning;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Fewest points of a verification; fewer are no evidence.
+/// Minimum number of points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
 
 /// Fit of an identification whose set describes no robot. Later sessions are not compared with such a set.
@@ -26,14 +26,14 @@ pub const DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff;
 /// Whether points were measured since the robot's last session that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeasuredSince {
-    /// Number of that session in the robot's counter; 0 for none.
+    /// Number of that session in the robot's counter; 0 if there is none.
     pub check_seq: i64,
     /// Whether the points repeat uploads from before that session ([`crate::calibration::repeats`]), or this could not be decided.
     pub is_repeat: bool,
 }
 
-/// Strength of a report's verification. Its points are evidence if they show the robot's errors and nobody overrode a refusal of its uploads; they are
-/// strong evidence if they come from another session.
+/// Strength of a report's verification. Its points are evidence if they show the robot's errors and nobody overrode a refusal of its uploads. They
+/// are strong evidence if they also come from another session.
 pub fn evidence_of(
     core: &CalibrationReport,
     is_insisted_on: bool,
@@ -50,11 +50,11 @@ pub fn evidence_of(
     }
 }
 
-/// The points of a figure, beside their errors.
+/// The points from which an rms error is computed.
 #[derive(Clone, Copy, Debug)]
 struct Measured<'a> {
     set: &'a MeasurementSet,
-    /// Numbers of base and targets that were fitted to them.
+    /// Number of base and target parameters that were fitted to these points.
     n_fitted: usize,
 }
 
@@ -73,8 +73,8 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// The points of a job that scores a set. Base and targets are fitted to them where either side is in the instrument's frame, or where they are
-    /// from several stations.
+    /// The points of a job that scores a set. Base and targets are fitted to these points if the points or the set are in the instrument's frame, or
+    /// if the points come from several stations.
     fn of_session(request: &'a CalibrationRequest) -> Self {
         let set = &request.set;
         let is_placed_anew =
@@ -94,8 +94,8 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm. It reaches from the larger rms of the links and of the links with
-/// corrections to the larger upper end.
+/// Expanded uncertainty (95 %) of the rms of the set's errors on these points, mm. There are two such rms values: of the links, and of the links with
+/// corrections. The result is the larger upper end of their intervals minus the larger rms.
 fn after_expanded_mm(report: &Report, measured: Measured<'_>) -> Option<f64> {
     let points: Vec<&PointReport> = counted(&report.per_point, Subset::Verify).collect();
     let errors_mm = errors_mm(&report.per_point, Subset::Verify);
@@ -188,8 +188,8 @@ fn n_verified_configurations(request: &CalibrationRequest, report: &Report) -> u
     of_points.len()
 }
 
-/// The warning that the set to verify on does not fit the robot, for a report of an older version, which lacks it. Such a report also lacks the
-/// scatter of the points, which counts as 0.
+/// The warning that the set to verify on does not fit the robot. A report of an older version lacks this warning. It also lacks the scatter of the
+/// points, which counts as 0.
 pub fn missing_misfit_warning(request: &CalibrationRequest, report: &Report) -> Option<Warning> {
     if !matches!(request.verify, VerifySource::Set(_)) {
         return None;
@@ -233,7 +233,7 @@ pub fn session_facts(
     } else if has_warning(report, SET_FAR_OFF) {
         Fit::SetFarOff
     } else if has_warning(report, CHECK_CHANGED) {
-        // the set no longer holds, however small the change is: it counts as far off
+        // The check found a change. It counts as far off, however small it is, because the set no longer holds.
         Fit::SetFarOff
     } else {
         Fit::Fits
@@ -269,8 +269,8 @@ pub fn session_facts(
     }
 }
 
-/// The facts as they are stored when the job ends. `check_seq` is the robot's last session that did not fit by then. If it came after the job
-/// began, the points count as a repeat: they were not compared with the uploads from before it.
+/// The facts as they are stored when the job ends. `check_seq` is the robot's last session that did not fit at that time. If that session came after
+/// the job began, the points count as a repeat: they were not compared with the uploads from before it.
 pub fn facts_at_end(found: &Verification, check_seq: i64) -> Verification {
     Verification {
         is_repeat: found.is_repeat || found.check_seq != check_seq,
@@ -297,7 +297,7 @@ fn errors_mm(per_point: &[PointReport], subset: Subset) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// Robust comparison of the errors before and after on these points, without those that are outliers for both robots.
+/// Robust comparison of the errors before and after on these points, without the points that are outliers both before and after.
 fn comparison_on(report: &Report, subset: Subset) -> RobustComparison {
     robust_comparison(&errors_mm(&report.per_point, subset))
 }

@@ -37,13 +37,13 @@ pub struct Facts<'a> {
     pub check_job_id: Option<&'a str>,
     /// The last session that did not fit the robot, even if the state `check_robot` has ended.
     pub last_check: Option<&'a LastCheck>,
-    /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 for none.
+    /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 if there is none.
     pub checked_seq: i64,
     /// Summary of the report of the job that identified the set; it has the nominal model of that job.
     pub report: &'a ReportSummary,
     /// Verification facts of that job.
     pub identification: &'a Verification,
-    /// Its number in the robot's counter.
+    /// Number of that job in the robot's counter.
     pub identification_seq: i64,
     /// The set's id.
     pub parameter_set_id: &'a str,
@@ -57,13 +57,13 @@ pub struct Facts<'a> {
     pub unscored: Option<&'a UnscoredSession>,
     /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
-    /// What is archived, if the set cannot be released because of that.
+    /// The archived item because of which the set cannot be released, if there is one.
     pub archived: Option<ArchivedItem>,
     /// Whether the set was identified with a joint map that the robot no longer has.
     pub has_other_joint_map: bool,
     /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
-    /// Code of the suspicion that was overridden with `insist` for an upload that its held values or its residual network rest on.
+    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     pub insisted_source: Option<&'a str>,
     /// A withdrawn parameter set whose values this one holds.
     pub withdrawn_source: Option<&'a str>,

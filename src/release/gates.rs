@@ -20,7 +20,7 @@ use std::collections::BTreeSet;
 
 /// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's resolution over an arm's reach.
 const SAME_MM: f64 = 0.001;
-/// Ratio of the active set's errors on new points to the candidate's above which the robot must have changed.
+/// If the active set's errors on new points are more than this many times the candidate's, the robot must have changed.
 const CHANGED: f64 = 3.0;
 
 /// Largest ratio of the tool's mean movement by the final fit to the rms error of the verified fit. 62 simulated uploads of 25 and 60 poses had 0.03
@@ -151,12 +151,12 @@ fn with_and_without_outliers(facts: &Facts<'_>) -> String {
     )
 }
 
-/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if these place the tool nearly where
-/// that fit places it.
+/// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if the delivered parameters place the
+/// tool nearly where that fit places it.
 fn final_fit(facts: &Facts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {
-        // without a final fit, only the uncertainty shows that the points do not determine where the tool is
+        // Without a final fit, only the uncertainty shows whether the points determine the position of the tool.
         let is_open = facts.report.tool_uncertainty_absent_because.is_some();
         let mut warnings = facts.report.warnings.iter();
         return match warnings.find(|told| is_open && told.code == TOOL_UNCERTAIN) {
@@ -310,7 +310,7 @@ fn evidence(facts: &Facts<'_>) -> Gate {
     Gate::new("evidence", passed, format!("{detail}{limits}")).warned(is_doubtful)
 }
 
-/// Why sessions that fit are weak evidence, or none.
+/// Reasons why sessions that fit are weak evidence, or no evidence.
 fn limits_of_sessions(facts: &Facts<'_>) -> String {
     let mut limits = String::new();
     let fits = |session: &&Session| session.verification.fit == Fit::Fits;

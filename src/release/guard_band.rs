@@ -1,25 +1,26 @@
-//! The uncertainty of a verified figure, and the rule by which it is compared with a tolerance.
+//! The uncertainty of a verified rms error (below: the figure), and the rule by which it is compared with a tolerance.
 //!
 //! The figure is F, the root mean square of the 3-D errors e of N points that were not fitted, from C arm configurations:
-//! F² = Σ S_c / N, with S_c = Σ |e|² over the n_c points of configuration c. The configurations are a sample of the workspace, and the points of one
-//! share its errors, so the sample is one of configurations.
+//! F² = Σ S_c / N, with S_c = Σ |e|² over the n_c points of configuration c. The configurations are a sample of the workspace. The points of one
+//! configuration share its errors, so the independent observations are the configurations, not the points.
 //!
 //! - F² is a ratio estimate. Its variance is u² = C/(C − 1) · Σ (S_c − F²·n_c)² / N² [Cochran 1977, eq. 2.39 without the finite population].
-//! - By Welch and Satterthwaite, F² varies as chi-square with m = 2·F⁴/u² degrees of freedom, and never with more than the three of every
-//!   configuration: few configurations that agree by chance promise nothing.
-//! - p numbers of base and targets that were fitted to the same points leave the share 1 − p/(3·C) of that.
-//! - So the mean square error over the workspace is below F²·m / χ²(2.5 %, m·(1 − p/(3·C))) with 97.5 %: the upper end of the 95 % interval.
-//! - What the instrument states for a point may be common to all of them. The sample does not show that, and it moves F by at most as much: it is
-//!   added in quadrature, 1.96 times its standard deviation.
+//! - By Welch and Satterthwaite, F² varies as chi-square with m = 2·F⁴/u² degrees of freedom. m is at most three per configuration: a few
+//!   configurations may agree by chance, and the interval would be too narrow.
+//! - If p numbers of base and targets were fitted to the same points, the share 1 − p/(3·C) of these degrees of freedom is left.
+//! - So with 97.5 % probability, the mean square error over the workspace is below F²·m / χ²(2.5 %, m·(1 − p/(3·C))): the upper end of the 95 %
+//!   interval.
+//! - The error that the instrument states for a point may be common to all points. The sample does not show a common error, which moves F by at most
+//!   its own size. Therefore 1.96 times its standard deviation is added in quadrature.
 //!
-//! U, the upper end less F, is the expanded uncertainty (95 %). The rules are those of ILAC-G8:09/2019 and JCGM 106:2012: simple acceptance takes
+//! U, the upper end minus F, is the expanded uncertainty (95 %). The rules are those of ILAC-G8:09/2019 and JCGM 106:2012: simple acceptance takes
 //! F ≤ T, guarded acceptance F + U ≤ T, with the guard band w = U.
 
 use crate::identification::distributions::chi_square_quantile;
 use crate::wire::policy::DecisionRule;
 use std::cmp::Ordering;
 
-/// Fewest configurations of which an uncertainty is stated.
+/// Minimum number of configurations for which an uncertainty is stated.
 pub const FEWEST_CONFIGURATIONS: usize = 5;
 /// Probability that the mean square error over the workspace is below the upper end of the interval.
 const BELOW: f64 = 0.975;
@@ -27,7 +28,7 @@ const BELOW: f64 = 0.975;
 const COVERAGE: f64 = 1.959_963_984_540_054;
 /// Largest number of independent equations of a configuration.
 const PER_CONFIGURATION: f64 = 3.0;
-/// Fewest degrees of freedom of which an uncertainty is stated.
+/// Minimum number of degrees of freedom for which an uncertainty is stated.
 const LEAST_FREEDOM: f64 = 1.0;
 
 /// The decision rule in force. A robot without a policy has the default. A policy without a rule was stored by an older version, which compared the
@@ -43,14 +44,15 @@ pub fn rule_in_force(stored: Option<DecisionRule>, has_policy: bool) -> Decision
 /// The points of one configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ConfigurationErrors {
-    /// How many.
+    /// Number of points.
     pub n_points: usize,
     /// Sum of their squared 3-D errors, mm².
     pub sum_mm2: f64,
 }
 
-/// U, the expanded uncertainty (95 %) of the root mean square of these errors, mm. `n_fitted` numbers were fitted to the same points,
-/// `instrument_std_mm` is what the instrument states for a coordinate of a point (0 where it states nothing). `None` where it cannot be stated.
+/// U, the expanded uncertainty (95 %) of the root mean square of these errors, mm. `n_fitted` numbers were fitted to the same points.
+/// `instrument_std_mm` is the standard deviation that the instrument states for a coordinate of a point (0 if it states none). `None` if
+/// there are too few configurations or degrees of freedom.
 pub fn expanded_mm(
     configurations: &[ConfigurationErrors],
     n_fitted: usize,
@@ -68,7 +70,7 @@ pub fn expanded_mm(
     let away = |own: &ConfigurationErrors| own.sum_mm2 - mean_mm2 * own.n_points as f64;
     let squares: f64 = configurations.iter().map(|own| away(own) * away(own)).sum();
     let variance = c / (c - 1.0) * squares / (n as f64 * n as f64);
-    // without any scatter, the largest number of degrees of freedom
+    // Without any scatter, the number of degrees of freedom is the largest possible.
     let freedom = (2.0 * mean_mm2 * mean_mm2 / variance).min(most);
     let freedom = if freedom.is_nan() { most } else { freedom };
     let left = (freedom * share).max(LEAST_FREEDOM);
@@ -81,11 +83,11 @@ pub fn expanded_mm(
 /// Whether a figure is within a tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Within {
-    /// It is, by the rule.
+    /// The figure is within the tolerance, by the rule.
     Yes,
-    /// The figure is, but not with its uncertainty: the guarded rule does not accept it.
+    /// The figure is within the tolerance, but the figure plus its uncertainty is not: the guarded rule does not accept it.
     InGuardBand,
-    /// The figure is, and its uncertainty is unknown: the guarded rule does not accept it.
+    /// The figure is within the tolerance, and its uncertainty is unknown: the guarded rule does not accept it.
     Unknown,
     /// The figure is beyond the tolerance.
     No,
@@ -141,7 +143,7 @@ mod tests {
         (of.iter().map(|own| own.sum_mm2).sum::<f64>() / n as f64).sqrt()
     }
 
-    /// Relative difference of a closed form that is printed with four figures.
+    /// Largest relative difference from a closed form whose table has four digits.
     const TABLE: f64 = 1e-3;
 
     /// The first oracle: with no more scatter than normal errors have, the interval is that of a variance with 3·C degrees of freedom.
@@ -154,11 +156,11 @@ mod tests {
             let found = expanded_mm(&alike(c, 0.04), 0, 0.0).unwrap();
             assert!((found / expected - 1.0).abs() < TABLE, "{found} {expected}");
         }
-        // nine numbers that were fitted take 9 of 30 degrees of freedom, and their share of the errors: 10.283 is that of 21
+        // Nine fitted numbers take 9 of 30 degrees of freedom, and their share of the errors. Chi-square of 21 degrees of freedom, 2.5 %: 10.283.
         let expected = 0.2 * ((30.0_f64 / 10.283).sqrt() - 1.0);
         let found = expanded_mm(&alike(10, 0.04), 9, 0.0).unwrap();
         assert!((found / expected - 1.0).abs() < TABLE, "{found} {expected}");
-        // and the instrument's own in quadrature
+        // The standard deviation of the instrument is added in quadrature.
         let with = expanded_mm(&alike(10, 0.04), 9, 0.1).unwrap();
         assert!((with - found.hypot(0.195_996_4)).abs() < 1e-7);
     }
@@ -178,7 +180,7 @@ mod tests {
     /// The second oracle: draws of configurations from workspaces whose error is known.
     #[test]
     fn the_error_over_the_workspace_is_within_the_interval() {
-        // 97.5 % is meant; four standard deviations of a share of 4,000 are 1 %
+        // The nominal share is 97.5 %. Four standard deviations of a share of 4,000 samples are 1 %.
         const LEAST: f64 = 0.965;
         for c in [5, 10, 25, 100] {
             let independent = |random: &mut Normal| {
@@ -190,7 +192,7 @@ mod tests {
             };
             let found = held(independent, 3.0_f64.sqrt());
             assert!(found > LEAST, "{c} independent configurations: {found}");
-            // four points of a configuration share most of their error: 12 equations that are worth three
+            // Four points of a configuration share most of their error: 12 equations tell hardly more than three.
             let shared = |random: &mut Normal| {
                 let own = |random: &mut Normal| {
                     let common = [random.draw(), random.draw(), random.draw()];
@@ -212,10 +214,10 @@ mod tests {
         }
     }
 
-    /// A tenth of the workspace errs three times as much. 97.5 % is meant, and less is held: 83 % of samples of 25 configurations, 90 % of 50 and
-    /// 93 % of 100, because samples that miss that part do not show that they do. The interval of a mean on a logarithmic scale, and one that
-    /// is corrected for skewness, were tried and hold no more. What must be true: more configurations hold more, and the interval is wider than that
-    /// of even errors.
+    /// In a tenth of the workspace, the errors are three times as large. The coverage is then below the nominal 97.5 %: 83 % of samples with 25
+    /// configurations, 90 % with 50 and 93 % with 100, because a sample that misses this tenth cannot show it. The interval of a mean on a
+    /// logarithmic scale, and one that is corrected for skewness, were tried; their coverage is no better. The test requires that the coverage grows
+    /// with the number of configurations, and that the interval is wider than that of even errors.
     #[test]
     fn of_a_part_of_the_workspace_that_errs_more_the_interval_tells_as_much_as_was_seen_of_it() {
         let uneven = |c: usize| {

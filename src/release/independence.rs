@@ -7,14 +7,14 @@ use crate::measurement::{Frame, MeasurementSet};
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Verification, VerificationKind};
 
-/// Whether a session cannot show an error of the set's base: the set was identified from positions in the base frame, and those of the session
-/// are in the instrument's, so that the base is placed anew.
+/// Whether a session cannot show an error of the set's base. This is so if the set was identified from positions in the base frame, and the positions
+/// of the session are in the instrument's frame: the base is then placed anew.
 pub fn hides_base(identified_in: Frame, session_in: Frame) -> bool {
     identified_in == Frame::Base && session_in == Frame::Instrument
 }
 
-/// Evidence of a session or of an identification as it was stored, without what its base does not show. Versions that did not ask whether the base
-/// was checked stored more.
+/// The stored evidence of a session or of an identification, reduced if a wrong base would not show. Older versions did not check this, and stored
+/// stronger evidence.
 pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
     match (is_base_hidden, found.kind, found.evidence) {
         (true, VerificationKind::Session, _) => Evidence::None,
@@ -25,8 +25,8 @@ pub fn shown_evidence(found: &Verification, is_base_hidden: bool) -> Evidence {
     }
 }
 
-/// Whether the points to verify come from another session than the fitted ones and the `sources` of what was held, and would show a wrong base too.
-/// The same points uploaded again count as the same session.
+/// Whether the points to verify come from another session than the fitted points and the `sources` of the held values, and would also show a wrong
+/// base. The same points uploaded again count as the same session.
 pub fn is_verified_anew(request: &CalibrationRequest, sources: &[MeasurementSet]) -> bool {
     matches!(&request.verify, VerifySource::Set(set)
         if !hides_base(request.set.frame, set.frame)
@@ -34,8 +34,8 @@ pub fn is_verified_anew(request: &CalibrationRequest, sources: &[MeasurementSet]
             && is_another_session(&request.robot, set, sources))
 }
 
-/// Whether the points of `session` are those of none of the sessions that a set was identified from, and were not put together from several of them.
-/// There are none for the nominal robot.
+/// Whether `session` is another session than those that a set was identified from: its points do not repeat them, and were not put together from
+/// several of them. `identified_from` is empty for the nominal robot.
 pub fn is_another_session(
     robot: &Robot,
     session: &MeasurementSet,
@@ -44,7 +44,7 @@ pub fn is_another_session(
     !repeats(robot, identified_from, session)
 }
 
-/// Whether a network was trained on none of these uploads. `trained_on` has those of its predecessors too.
+/// Whether a network was trained on none of these uploads. `trained_on` includes the uploads of its predecessors.
 pub fn is_of_other_uploads(trained_on: &[String], uploads_sha256: &[&str]) -> bool {
     let is_other = |sha256: &String| !uploads_sha256.contains(&sha256.as_str());
     trained_on.iter().all(is_other)

@@ -1,4 +1,4 @@
-//! What a robot needs, from facts that are stored as columns.
+//! The most urgent need of a robot, from facts that are stored as columns.
 
 use crate::release::guard_band::{Within, within};
 use crate::release::trend::GROWTH;
@@ -12,23 +12,23 @@ const SOON_DAYS: f64 = 14.0;
 /// Facts of one robot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NeedFacts {
-    /// It is in the state `check_robot`.
+    /// The robot is in the state `check_robot`.
     pub must_be_checked: bool,
-    /// Tolerance of its policy, mm.
+    /// Tolerance of the robot's policy, mm.
     pub tolerance_mm: Option<f64>,
-    /// How the policy compares a figure with it.
+    /// Rule by which the policy compares an error with the tolerance.
     pub decision_rule: DecisionRule,
     /// Error of the released set when it was identified, mm.
     pub released_rms_mm: Option<f64>,
-    /// It has a released set.
+    /// The robot has a released set.
     pub is_released: bool,
     /// Error of the released set on the newest session, mm.
     pub session_rms_mm: Option<f64>,
-    /// Its expanded uncertainty, mm, where it is stated.
+    /// Expanded uncertainty of that error, mm, if it is stated.
     pub session_expanded_mm: Option<f64>,
     /// The newest session fits the robot, but the released set misses it.
     pub is_far_off: bool,
-    /// A set that is not withdrawn is newer than the released one, or none was released.
+    /// A set that is not withdrawn is newer than the released set, or no set is released.
     pub has_newer: bool,
     /// Status of the newest job.
     pub last_job: Option<JobStatus>,
@@ -36,7 +36,7 @@ pub struct NeedFacts {
     pub days_to_limit: Option<f64>,
 }
 
-/// The most urgent need, and why.
+/// The most urgent need, and the reason.
 pub fn need(facts: &NeedFacts) -> (Need, String) {
     if facts.must_be_checked {
         return (
@@ -86,7 +86,7 @@ fn drift(facts: &NeedFacts) -> Option<String> {
     if let Some(tolerance) = facts.tolerance_mm {
         let expanded = facts.session_expanded_mm;
         return match within(now, expanded, tolerance, facts.decision_rule) {
-            // without a stated uncertainty, the figure alone decides
+            // Without a stated uncertainty, the error alone decides.
             Within::Yes | Within::Unknown => None,
             Within::No => Some(format!(
                 "the newest session has {now:.3} mm rms; the tolerance is {tolerance:.3} mm"

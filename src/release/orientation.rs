@@ -1,17 +1,17 @@
-//! What the measured positions show of the flange's orientation, from the standard deviations and the warnings of a report.
+//! How well the measured positions determine the flange's orientation, from the standard deviations and the warnings of a report.
 
 use crate::calibration::{MAX_FLANGE_ROTATION_STD_RAD, ORIENTATION_NOT_KNOWN};
 use crate::wire::angle::to_degrees;
 use crate::wire::warning::Warning;
 
-/// Warning that the positions hardly show how the flange is turned.
+/// Warning that the positions hardly determine the flange's orientation.
 pub(super) const POSE_NOT_SEEN: &str = "pose_not_seen";
 
 /// Whether the orientation of the flange is known, and why not. Standard deviations are in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Orientation {
     Known,
-    /// Only the zero of the last joint is unknown. It turns the tool about the last axis and says nothing against the other links.
+    /// Only the zero of the last joint is unknown. It turns the tool about the last axis, and is no sign of an error in the other links.
     LastJointZeroUnknown {
         std_deg: f64,
     },
@@ -21,7 +21,7 @@ pub(super) enum Orientation {
         links_std_deg: f64,
     },
     NotComputed,
-    /// The positions hardly show it, and older versions computed no standard deviation.
+    /// The positions hardly determine the orientation, and the older version that wrote the report computed no standard deviation.
     NotComputedByOlderVersion,
 }
 

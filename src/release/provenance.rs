@@ -1,4 +1,4 @@
-//! Where a parameter set comes from, and what follows for its use.
+//! Origin of a parameter set, and the restrictions on its use.
 
 use crate::calibration::{ORIENTATION_NOT_KNOWN, last_joint_zero_remedy, last_joint_zero_unknown};
 use crate::release::orientation::{Orientation, POSE_NOT_SEEN};
@@ -31,7 +31,7 @@ pub fn wrong_robot(provenance: &Provenance) -> Option<(&'static str, &str)> {
     })
 }
 
-/// Reason why the flange's rotation is unknown for a robot of so many links; `None` if it is known.
+/// Reason why the flange's rotation is unknown, for a robot with `n_links` links; `None` if it is known.
 pub fn orientation_unknown(provenance: &Provenance, n_links: usize) -> Option<String> {
     let remedy =
         "identify from a reflector off the last axis, or from two, at poses that move every joint";

@@ -125,7 +125,8 @@ fn orientation_of(facts: &Facts<'_>) -> Orientation {
     )
 }
 
-/// Why the orientation counts as unknown, if it does. The zero of the last joint is not counted: it says nothing against the other links.
+/// Reason why the orientation counts as unknown, if it does. An unknown zero of the last joint does not count: it is no sign of an error in the other
+/// links.
 fn unknown_because(orientation: Orientation) -> Option<String> {
     match orientation {
         Orientation::NotComputed => {

@@ -6,7 +6,7 @@ use crate::release::texts::{CHECKED, errors_in_words, sessions, verify_request};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
-/// Refuses every set while a session is in doubt: until a session fits or somebody gives a reason, it is unknown which robot the set would move.
+/// Refuses every set while a session is in doubt. Until a session fits or somebody gives a reason, it is unknown whether the robot has changed.
 pub fn check_robot(facts: &Facts<'_>) -> Gate {
     let name = "check_robot";
     match facts.check_job_id {
@@ -93,8 +93,8 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// Every session counts, also one from which another set was identified: as long as this set was not scored on it, nobody knows whether it still
-/// holds. A rollback is refused where that session found that the robot has changed; else it only warns.
+/// The set must have been scored on every later session, also on one from which another set was identified. Otherwise it is unknown whether the set
+/// still holds. For a rollback the gate only warns, unless the job of that session found that the robot has changed.
 pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
     let name = "scored_on_later_sessions";
     let Some(session) = facts.unscored else {

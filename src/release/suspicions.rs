@@ -4,12 +4,12 @@ use crate::calibration::upload_checks::alignment::{Explanation, Suspicion};
 use crate::wire::suspicion::Insist;
 use crate::wire::warning::Warning;
 
-/// Why an upload that does not fit is kept.
+/// An upload that does not fit, and is kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptMisfit {
     /// The warning that the set keeps.
     pub warning: Warning,
-    /// The code with which the upload would have been refused, if the caller insisted on it. No release rests on such a set.
+    /// Code of the refusal that the caller overrode with `insist`, if there was one. Such a set cannot lead to a release.
     pub insisted_on: Option<Insist>,
 }
 

@@ -41,17 +41,18 @@ pub fn uncertainty(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// A figure that is compared with the tolerance.
+/// An rms error that is compared with the tolerance.
 struct Figure<'a> {
-    /// Its points, in words.
+    /// Description of its points.
     points: String,
     rms_mm: f64,
     expanded_mm: Option<f64>,
     found: &'a Verification,
 }
 
-/// The measured errors must be within the tolerance too: on the held-out points and in every session that fits the robot, measured anew or not.
-/// Under the guarded rule their uncertainty counts, and a figure without one is not accepted. The schema's triggers enforce this too.
+/// The measured errors must also be within the tolerance: on the held-out points, and in every session that fits the robot, measured anew or not.
+/// Under the guarded rule their uncertainty counts, and an error without a stated uncertainty is not accepted. The schema's triggers enforce
+/// this too.
 pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let rule = facts.policy.decision_rule;

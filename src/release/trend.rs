@@ -5,11 +5,11 @@ use crate::wire::trend::Trend;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;
 
-/// Most sessions in a trend; older ones are left out.
+/// Maximum number of sessions in a trend; older ones are left out.
 const MAX_SESSIONS: usize = 200;
 /// Milliseconds of a day.
 const DAY_MS: f64 = 86_400_000.0;
-/// Fewest sessions of a trend: the line has two parameters, and its interval needs more points than that.
+/// Minimum number of sessions of a trend: the line has two parameters, and its interval needs more points than that.
 const MIN_SESSIONS: usize = 4;
 /// Shortest time between the first and the last session, days.
 const MIN_DAYS: f64 = 1.0;
@@ -29,25 +29,25 @@ pub struct ScoredSession {
     pub rms_mm: f64,
 }
 
-/// What one job found about the released set.
+/// A job that scored the released set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoredJob {
-    /// When it was posted, in milliseconds since a fixed moment.
+    /// Time at which it was posted, in milliseconds since a fixed moment.
     pub created_at_ms: i64,
     /// Its measurement set.
     pub measurement_set_id: String,
-    /// What it found.
+    /// Its verification facts.
     pub verification: Verification,
 }
 
-/// Whether a released set that was scored on so many later sessions can have a trend. Its own held-out points count as one session more.
+/// Whether a released set can have a trend after this number of later sessions. Its own held-out points count as one more session.
 pub fn may_have_trend(n_later_sessions: i64) -> bool {
     n_later_sessions + 1 >= MIN_SESSIONS as i64
 }
 
-/// The errors of the released set on its own held-out points and on later sessions; the newest, if there are many. `own_uploads` are those that the
-/// set was identified and verified with. Each upload counts once, with its first score, which is nearest to the time of measurement. Points that do
-/// not fit the robot do not count.
+/// The errors of the released set on its own held-out points and on later sessions; the newest `MAX_SESSIONS` if there are more. `own_uploads` are
+/// the uploads with which the set was identified and verified. Each upload counts once, with its first score, which is nearest to the time of
+/// measurement. Points that do not fit the robot do not count.
 pub fn scored_sessions(jobs: &[ScoredJob], own_uploads: &[String]) -> Vec<ScoredSession> {
     let mut uploads: BTreeSet<&str> = own_uploads.iter().map(String::as_str).collect();
     let mut scored = Vec::new();

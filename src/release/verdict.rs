@@ -47,7 +47,7 @@ pub fn has_warning(report: &Report, code: &str) -> bool {
     report.warnings.iter().any(|warning| warning.code == code)
 }
 
-/// Code of the warning with which the result cannot be used, if there is one.
+/// Code of the warning because of which the result cannot be used, if there is one.
 pub fn unusable_because(report: &Report) -> Option<&'static str> {
     NO_USE.into_iter().find(|code| has_warning(report, code))
 }
@@ -65,20 +65,20 @@ pub fn headline(report: &Report) -> Option<&'static str> {
     let code = unusable_because(report)?;
     let is_explained = [JOINT_MAP, NO_FIT].contains(&code);
     match refused_as(report) {
-        // that refusal named no cause
+        // The refusal `poor_alignment` names no cause.
         Some("poor_alignment") => Some(code),
         Some(refused) if is_explained && refused != code => Some(INSISTED),
         _ => Some(code),
     }
 }
 
-/// Whether a result may train a network: it fits, and is better than nominal.
+/// Whether a result can be used: it fits, and is better than nominal. Only then are its estimate and its networks stored.
 pub fn is_usable(core: &CalibrationReport) -> bool {
     let mut warnings = core.warnings.iter();
     warnings.all(|warning| !NO_USE.contains(&warning.code))
 }
 
-/// Why the verification shows no more than points held out of the same upload.
+/// Reason why the verification counts as evidence of the same upload only.
 pub fn why_same_upload(report: &Report) -> &'static str {
     if report.identify.n_points == 0 {
         "these poses repeat those that the set was identified from, and nothing in their noise shows that they were measured anew: measure other poses"

@@ -1,4 +1,5 @@
-//! Every limit of one server. A request over a limit is refused with 503 or 429 and `Retry-After`: at once or, where it waits, after ten seconds.
+//! Every limit of one server. A request over a limit is refused with 503 or 429 and `Retry-After`. It is refused at once, or after ten seconds if it
+//! waits for a permit.
 //!
 //! A request needs, in this order:
 //!
@@ -161,9 +162,9 @@ impl Limits {
     }
 
     /// Waits at most [`PERMIT_TIMEOUT`] for a permit to compute, or to read a whole document from the database. Take it before reading large
-    /// inputs, so that waiting requests hold none in memory. Take it before any row if a document is the answer: then few connections read documents,
-    /// and only these keep memory for them (40 clients took the process to 340 MiB instead of 470). A request of [`RequestClass::Safety`] takes its
-    /// only permit here.
+    /// inputs, so that waiting requests hold none in memory. If the answer is a document, take it before reading any row: then few database
+    /// connections read documents, and only these keep memory for them (with 40 clients, the process took 340 MiB instead of 470). A request of
+    /// [`RequestClass::Safety`] takes its only permit here.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -216,7 +217,7 @@ impl Limits {
         }
     }
 
-    /// Reserves memory for a body that begins to arrive. A body that is announced as large takes all of it at once.
+    /// Reserves memory for a body that begins to arrive. If the announced size is large, all memory is reserved at once.
     ///
     /// # Errors
     /// [`Error::Busy`].
@@ -312,7 +313,7 @@ impl BodyBudget {
         Ok(())
     }
 
-    /// Takes the request's permit, once the whole body has arrived. The caller keeps all permits as long as the bytes.
+    /// Takes the request's permit, once the whole body has arrived. The caller must keep all permits as long as the bytes.
     ///
     /// # Errors
     /// [`Error::Busy`].

@@ -5,7 +5,7 @@ use std::hash::Hash;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Number of buckets at which full buckets are removed; if none is full, all are.
+/// Maximum number of buckets. When it is reached, full buckets are removed; if none is full, all are removed.
 const MAX_REMEMBERED: usize = 10_000;
 
 /// Token buckets, one for each key or address.

@@ -5,7 +5,7 @@
 pub enum RequestClass {
     /// Reads some rows.
     Read,
-    /// Reads a whole document, or computes from what is stored.
+    /// Reads a whole document, or computes from stored data.
     CostlyRead,
     /// Computes from its body and stores nothing.
     Calculation,
