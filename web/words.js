@@ -281,7 +281,7 @@ export const STAGES = {
   bpnn_pso: "Network-started swarm",
   train_network: "Training a network on the swarm",
   refine: "Refining by least squares",
-  corrections: "Looking for what links cannot say",
+  corrections: "Fitting corrections beyond the links",
   compare_least_squares: "Least squares on the same points, to compare",
   compare_pso: "Cold swarm on the same points, to compare",
   compare_warm_start: "Warm start on the same points, to compare",

@@ -427,7 +427,7 @@ mod tests {
         );
         assert_eq!(
             at(Some(Stage::Corrections), 500, Some(1.5)),
-            "Looking for what links cannot say …"
+            "Fitting corrections beyond the links …"
         );
         assert_eq!(at(None, 3, None), "Computing: iteration 3 of at most 500");
     }

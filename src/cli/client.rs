@@ -350,7 +350,7 @@ impl Client {
                     "the job goes on without this command; ask for it later with kincal jobs {job_id}"
                 );
                 return Err(anyhow::Error::from(failed).context(format!(
-                    "job {job_id}: the connection was lost, and {MAX_RECONNECTS} attempts at another came to nothing; {later}"
+                    "job {job_id}: the connection was lost, and {MAX_RECONNECTS} attempts to reconnect failed; {later}"
                 )));
             }
             sleep(after.max(Duration::from_secs(n_lost.into()).min(LONGEST_PAUSE))).await;

@@ -437,7 +437,7 @@ fn list_or_show(server: &ServerArguments, shown: Shown<'_>, output: &Output) -> 
             .collect();
         if rows.is_empty() {
             match is_filtered {
-                true => say!("nothing is like that"),
+                true => say!("no item matches these filters"),
                 false => say!("{}", kind.empty),
             }
             return Ok(());

@@ -162,7 +162,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 async fn next_step(client: &Client, id: &str, sets: &[Value]) -> anyhow::Result<String> {
     if sets.iter().any(|set| !set["insisted_on"].is_null()) {
         return Ok(
-            "next: submit a set that need not be insisted on; no release rests on this one\n"
+            "next: submit a set that passes the upload check; one that was insisted on cannot lead to a release\n"
                 .into(),
         );
     }

@@ -301,7 +301,7 @@ fn corrections(text: &mut String, rows: &[CorrectionReport]) {
         text,
         format!(
             "\n{:<28}{:>12}{:>12}{:>12}{:>13}{:>6}",
-            "what links cannot say, mm", head[0], head[1], head[2], head[3], head[4]
+            "corrections beyond the links, mm", head[0], head[1], head[2], head[3], head[4]
         ),
     );
     for row in rows {

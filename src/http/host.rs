@@ -100,8 +100,8 @@ fn loopback_only(request: &Request, host: Option<&Authority>) -> Result<(), Erro
     {
         return Err(Error::UnsupportedMediaType {
             found: media_type(headers).unwrap_or_default(),
-            expected: "the body's own type, such as application/json, text/csv or application/xml, or a form with an Idempotency-Key: what \
-                       forms of pages send could come from another site, and this server takes no keys",
+            expected: "the body's own type, such as application/json, text/csv or application/xml, or a form with an Idempotency-Key: a \
+                       form of another site could send this body, and this server takes no keys",
         });
     }
     Ok(())

@@ -32,8 +32,8 @@ const STUCK_TOO_LONG: Duration = Duration::from_secs(60);
 #[utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "readyz",
     responses(
-        (status = 200, description = "`ready`, or `ready, but …` with what is refused and why; `ready, but no write has got through for 4.2 s: …` while writers are stuck, for less than 60 s", body = String, content_type = "text/plain"),
-        (status = 503, description = "Not now: the database does not answer, or no write has got through for 60 s or more", body = crate::wire::Problem, content_type = "application/problem+json")
+        (status = 200, description = "`ready`, or `ready, but …` with what is refused and why; `ready, but no write has succeeded for 4.2 s: …` while writers are stuck, for less than 60 s", body = String, content_type = "text/plain"),
+        (status = 503, description = "Not now: the database does not answer, or no write has succeeded for 60 s or more", body = crate::wire::Problem, content_type = "application/problem+json")
     )
 )]
 pub async fn readyz(State(app): State<App>) -> Result<String, Error> {

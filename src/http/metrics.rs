@@ -49,7 +49,7 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
     if let Some(free) = app.store.free_bytes() {
         out.gauge(
             "kincal_disk_free_bytes",
-            "Left on the disk of the embedded database; below 64 MiB uploads are refused.",
+            "Free space on the disk of the embedded database; below 64 MiB uploads are refused.",
             &[],
             free as f64,
         );

@@ -263,7 +263,7 @@ fn run_timed(
     })?;
     clock.stop();
     if !result_check::is_finite(&core) {
-        let detail = "the result holds a number that is not finite; nothing was kept. Look for a row with a wild value in the set";
+        let detail = "the result holds a number that is not finite; nothing was stored. Look for a row with an extreme value in the set";
         return Err(JobFailure::failed(&Problem::new(
             422,
             "result_not_finite",
@@ -271,7 +271,7 @@ fn run_timed(
         )));
     }
     if !result_check::has_plausible_size(&core) {
-        let detail = "the fit ran away to links or targets of more than 10 m; nothing was kept. Look for rows whose joints and position do not belong \
+        let detail = "the fit diverged: links or targets of more than 10 m; nothing was stored. Look for rows whose joints and position do not belong \
                       together";
         return Err(JobFailure::failed(&Problem::new(
             422,

@@ -186,7 +186,7 @@ fn final_fit(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "{detail}: the points leave open where the tool is elsewhere. Measure poses spread over the workspace, with the wrist turned as well"
+                "{detail}: the points do not determine the tool's position elsewhere. Measure poses spread over the workspace, with the wrist turned as well"
             ),
         ),
     }
@@ -236,11 +236,11 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
 /// better than nominal half of the time, by chance.
 fn fits(facts: &Facts<'_>) -> Gate {
     match facts.identification.fit {
-        Fit::Fits => Gate::new("fits", true, "the identified robot comes near the points"),
+        Fit::Fits => Gate::new("fits", true, "the identified robot fits the points"),
         Fit::DoesNotFit => Gate::new(
             "fits",
             true,
-            "the file to verify on does not fit the robot, so it says nothing of the set",
+            "the file to verify on does not fit the robot, so it is no evidence about the set",
         )
         .warned(true),
         Fit::SetFarOff => Gate::new(
@@ -345,7 +345,7 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
         let by_tolerance = match facts.policy.tolerance_mm {
             Some(_) => "the tolerance decides whether that is good enough",
             None => {
-                "the robot's policy has no tolerance that says whether that is good enough, so this session supports nothing: identify anew, or set tolerance_mm"
+                "the robot's policy has no tolerance that says whether that is good enough, so this session is no evidence for the set: identify anew, or set tolerance_mm"
             }
         };
         limits += &format!(

@@ -51,7 +51,7 @@ pub fn orientation_unknown(provenance: &Provenance, n_links: usize) -> Option<St
             "the measured positions do not show how the flange is turned: it may be off by {std_deg:.2}°, one standard deviation: {remedy}"
         ),
         Orientation::NotComputed => {
-            format!("by how much the flange may be turned could not be computed: {remedy}")
+            format!("the uncertainty of the flange's rotation could not be computed: {remedy}")
         }
         Orientation::NotComputedByOlderVersion => format!(
             "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \

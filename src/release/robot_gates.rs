@@ -90,7 +90,7 @@ pub fn change(facts: &Facts<'_>) -> Gate {
     let found = found.join("; ");
     if let Some(unknown) = unknown_because(orientation_of(facts)).filter(|_| !facts.is_rollback) {
         let detail = format!(
-            "{found}, and {unknown}: no reason makes up for that. Identify from a reflector off the last axis, or from two"
+            "{found}, and {unknown}: a reason is not enough here. Identify from a reflector off the last axis, or from two"
         );
         return Gate::new("change_plausible", false, detail);
     }
@@ -130,7 +130,7 @@ fn orientation_of(facts: &Facts<'_>) -> Orientation {
 fn unknown_because(orientation: Orientation) -> Option<String> {
     match orientation {
         Orientation::NotComputed => {
-            Some("by how much the flange may be turned could not be computed".into())
+            Some("the uncertainty of the flange's rotation could not be computed".into())
         }
         Orientation::NotComputedByOlderVersion => Some(
             "the measured positions hardly show how the flange is turned, and by how much it may be was not computed by the version that identified \

@@ -16,7 +16,7 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
             false,
             format!(
                 "the file of job {job_id} does not fit this robot as the parameter set has it: was it in another frame, has the robot changed, or is \
-                 that set bad? Look at the robot, then score a set that fits on this or on a new session: {}, or say why all is well: {CHECKED}",
+                 that set bad? Look at the robot, then score a set that fits on this or on a new session: {}, or state why the robot is in order: {CHECKED}",
                 verify_request(facts)
             ),
         ),
@@ -84,7 +84,7 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "in the session of job {} rms on its points: {}; when the set was identified: {}. Identify anew, or say why all is well: {CHECKED}",
+                "in the session of job {} rms on its points: {}; when the set was identified: {}. Identify anew, or state why the robot is in order: {CHECKED}",
                 session.job_id,
                 errors_in_words(&session.verification),
                 errors_in_words(facts.identification)

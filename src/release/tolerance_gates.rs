@@ -133,7 +133,7 @@ fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64, rule: DecisionR
             figure.found.n_points
         ),
         Within::Unknown => format!(
-            "{said}. There are fewer than {FEWEST_CONFIGURATIONS} configurations, or placing base and targets takes up too much of them, or an older version \
+            "{said}. There are fewer than {FEWEST_CONFIGURATIONS} configurations, or fitting base and targets leaves too few degrees of freedom, or an older version \
              found this: verify on more configurations, and identify anew what an older version identified; or set decision_rule simple_acceptance"
         ),
     }

@@ -41,7 +41,7 @@ impl std::fmt::Display for Stuck {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Stuck { duration, reason } = self;
         let seconds = duration.as_secs_f64();
-        write!(f, "no write has got through for {seconds:.1} s: {reason}")
+        write!(f, "no write has succeeded for {seconds:.1} s: {reason}")
     }
 }
 

@@ -111,7 +111,7 @@ impl Drop for SetOnDrop<'_> {
 fn check_reported_duration(server: &Server, locked: Duration) {
     let (status, text) = server.status_and_text("/readyz");
     let stuck_s = text
-        .split_once("no write has got through for ")
+        .split_once("no write has succeeded for ")
         .and_then(|(_, rest)| rest.split_once(" s: "))
         .map(|(seconds, _)| seconds.parse::<f64>().unwrap());
     let locked_s = locked.as_secs_f64();

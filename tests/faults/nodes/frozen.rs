@@ -52,7 +52,7 @@ fn upload(node: &Server, robot: &str) -> u16 {
 
 /// The duration in the answer of `/readyz`, if it reports stuck writers, s.
 fn stuck_s(ready: &str) -> Option<f64> {
-    let (_, rest) = ready.split_once("no write has got through for ")?;
+    let (_, rest) = ready.split_once("no write has succeeded for ")?;
     Some(rest.split_once(" s")?.0.parse().unwrap())
 }
 
