@@ -107,6 +107,11 @@ export function plain(text) {
     .replace(/: post a job with verify, or of kind verify/g, ": verify with another session").replace(/,? ?with POST \/v1\/[\w/{}-]+/g, "").replace(/a job of kind verify/g, "a verification").replace(/([?!])\.$/, "$1");
 }
 
+/** What an instrument states of its noise and its level. */
+export function instrument({ range_std_mm: range, range_std_mm_per_m: perMetre, angle_std_deg: angle, levelled }) {
+  return [range !== undefined && `length ± ${range} mm${perMetre ? ` ± ${perMetre} mm per m` : ""}`, angle !== undefined && `angles ± ${angle}°`, levelled && "levelled"].filter(Boolean).join(", ");
+}
+
 /** With a capital letter, as a sentence begins. */
 export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 

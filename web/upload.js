@@ -39,7 +39,8 @@ function uploadForm(context) {
   const file = el("input", { id: "set-file", type: "file", multiple: true, accept: ".csv,.txt,.tsv,.xlsx,.ods,.json,.dat,.mod,.ls,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
   const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", sets[0]?.frame !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", sets[0]?.frame === "instrument"));
-  const query = () => ({ frame: frames.querySelector("input:checked").value });
+  const instrument = instrumentForm(frames);
+  const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read() });
   // the next file is most likely of the same frame
   context.framed = (frame) => { frames.querySelector(`[value=${frame}]`).checked = true; };
   const take = async (chosen) => {
@@ -58,7 +59,24 @@ function uploadForm(context) {
     over(false)(event);
     take(event.dataTransfer.files);
   });
-  return el("div", {}, frames, drop, out);
+  return el("div", {}, frames, instrument.node, drop, out);
+}
+
+/** What the instrument states; only where positions are in its own frame. */
+function instrumentForm(frames) {
+  const number = (name, label) => [name, el("input", { id: `instrument-${name}`, type: "number", min: 0, step: "any" }), label];
+  const noise = [number("range_std_mm", "Length, mm"), number("range_std_mm_per_m", "Length, mm per m"), number("angle_std_deg", "Each angle, degrees")];
+  const levelled = el("input", { id: "instrument-levelled", type: "checkbox" });
+  const node = el("details", {}, el("summary", {}, "The instrument: noise, level"),
+    el("p.note", {}, "Standard uncertainties of a tracker at the origin of its frame. Every point then counts in each direction by what it is worth there."),
+    el("div.fields", {}, noise.map(([, input, label]) => el("div", {}, el("label", { for: input.id }, label), input))),
+    el("label.choice", {}, levelled, "It was levelled: gravity is −z of its frame"));
+  const isOwn = () => frames.querySelector("input:checked").value === "instrument";
+  const show = () => { node.hidden = !isOwn(); };
+  frames.addEventListener("change", show);
+  show();
+  const read = () => (isOwn() ? { ...Object.fromEntries(noise.filter(([, input]) => input.value !== "").map(([name, input]) => [name, input.value])), ...levelled.checked ? { instrument_levelled: true } : {} } : {});
+  return { node, read };
 }
 
 const TYPES = { json: "application/json", xlsx: "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet", ods: "application/vnd.oasis.opendocument.spreadsheet" };

@@ -112,9 +112,10 @@ fn calibrate_points(
     let comparison = compare(&problem, &choice, own, layout.as_ref(), monitor)?;
     let problem = problem.with_tool_of(&found.model);
     let (corrections, vetoed) = vetoed(&problem, &found.model, layout.as_ref(), corrections)?;
-    let of_mounting = corrections
-        .as_ref()
-        .and_then(|found| corrections::mounting_contradicted(request, found));
+    let of_mounting = corrections::level_contradicts_mounting(&problem).or_else(|| {
+        let found = corrections.as_ref()?;
+        corrections::mounting_contradicted(&problem, found)
+    });
     let (delivered, subsets_differ) = match final_fit::is_wanted(&problem) {
         true => stage(monitor, "final_fit", |monitor| {
             final_fit(&problem, &found.model, corrections.as_ref(), monitor)

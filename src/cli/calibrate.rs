@@ -102,6 +102,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         n_points: first.set.points.len(),
         n_configurations: first.set.configurations().len(),
         sha256: &first.sha256,
+        instrument: arguments.set_options.noise.instrument(),
     };
     let parts = JobParts {
         robot,

@@ -23,7 +23,7 @@ pub struct SetOptions {
     pub noise: NoiseOptions,
 }
 
-/// Noise of an instrument at the origin of the measuring frame.
+/// Noise and level of an instrument at the origin of the measuring frame.
 #[derive(Debug, clap::Args)]
 pub struct NoiseOptions {
     /// Standard uncertainty of a length that a tracker at the frame's origin measures, mm; with --angle-std-deg and --frame instrument.
@@ -35,6 +35,9 @@ pub struct NoiseOptions {
     /// Standard uncertainty of each of the tracker's angles, degrees.
     #[arg(long, env = "KINCAL_ANGLE_STD_DEG", value_name = "DEG")]
     pub angle_std_deg: Option<f64>,
+    /// The instrument was levelled: gravity is −z of its frame; with --frame instrument.
+    #[arg(long, env = "KINCAL_INSTRUMENT_LEVELLED")]
+    pub instrument_levelled: bool,
 }
 
 impl NoiseOptions {
@@ -44,6 +47,7 @@ impl NoiseOptions {
             self.range_std_mm,
             self.range_std_mm_per_m,
             self.angle_std_deg,
+            self.instrument_levelled.then_some(true),
         )
     }
 }

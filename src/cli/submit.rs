@@ -196,8 +196,7 @@ async fn upload(
     let insist = arguments.set_options.insist;
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
     let instrument = arguments.set_options.noise.instrument();
-    let of_instrument = instrument.iter().flat_map(InstrumentBody::parameters);
-    parameters.extend(of_instrument.map(|(name, value)| (name, value.to_string())));
+    parameters.extend(instrument.iter().flat_map(InstrumentBody::parameters));
     let serial_number = arguments.serial_number.clone();
     parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {

@@ -66,6 +66,8 @@ pub struct UploadQuery {
     /// Standard uncertainty of each of the instrument's angles, degrees.
     #[param(exclusive_minimum = 0, maximum = 90, example = 0.0002)]
     angle_std_deg: Option<f64>,
+    /// True if the instrument was levelled: gravity is −z of the measuring frame. Needs the frame `instrument`.
+    instrument_levelled: Option<bool>,
     /// Mapping of the columns of a table: in JSON, or the name of a mapping that the robot has (`PUT …/columns/{name}`).
     columns: Option<String>,
 }
@@ -212,6 +214,7 @@ fn parse_upload(
         query.range_std_mm,
         query.range_std_mm_per_m,
         query.angle_std_deg,
+        query.instrument_levelled,
     );
     let (stated_frame, name, set, reading, content_type) = if is_json(&content_type) {
         let upload: MeasurementSetBody = json::parse(bytes)?;

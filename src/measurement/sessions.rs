@@ -34,7 +34,12 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
         n_targets += set.n_targets();
     }
     let frame = sessions.first().map_or(Frame::Instrument, |set| set.frame);
-    with_shared_configurations(MeasurementSet { frame, points })
+    with_shared_configurations(MeasurementSet {
+        frame,
+        // the base of the joined set is that of its first session
+        is_levelled: sessions.first().is_some_and(|set| set.is_levelled),
+        points,
+    })
 }
 
 /// What messages call a session, counted from 0.

@@ -46,6 +46,8 @@ pub struct Point {
 pub struct MeasurementSet {
     /// The frame of every position.
     pub frame: Frame,
+    /// Whether gravity is −z of the measuring frame, by the level of the instrument.
+    pub is_levelled: bool,
     /// The points, in file order: index = 0-based data row.
     pub points: Vec<Point>,
 }
@@ -91,7 +93,11 @@ impl MeasurementSet {
                     format!("row_{}", configurations.first_row_like(&point.q_rad, row));
             }
         }
-        Self { frame, points }
+        Self {
+            frame,
+            is_levelled: false,
+            points,
+        }
     }
 
     /// Configurations in order of their first row.

@@ -2,6 +2,7 @@
 
 use super::Sources;
 use super::text::{error, number};
+use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::Frame;
 use crate::wire::robot::{MountingBody, NamedMounting};
 use maud::{Markup, html};
@@ -14,6 +15,7 @@ pub fn statement(sources: &Sources<'_>) -> Markup {
             dl.facts {
                 div { dt { "Quantity" } dd { (quantity(sources)) } }
                 div { dt { "Frame" } dd { (frame(sources)) } }
+                @if let Some(stated) = &sources.set.instrument { div { dt { "Instrument, as stated" } dd { (instrument(stated)) } } }
                 div { dt { "Tool" } dd { (tool(sources)) } }
                 div { dt { "Points" } dd { (points(sources)) } }
                 div { dt { "Tolerance" } dd { (tolerance(sources)) } }
@@ -40,6 +42,21 @@ fn frame(sources: &Sources<'_>) -> &'static str {
             "the instrument's frame; the base was found with the parameters, so its placement is not part of the figures"
         }
     }
+}
+
+fn instrument(stated: &InstrumentBody) -> String {
+    let per_m = stated.range_std_mm_per_m.filter(|per_m| *per_m > 0.0);
+    let per_m = per_m.map_or(String::new(), |per_m| format!(" + {per_m} mm per m"));
+    let range = stated.range_std_mm;
+    let range = range.map(|mm| format!("length {mm} mm{per_m} (one standard deviation)"));
+    let angles = stated.angle_std_deg;
+    let angles = angles.map(|deg| format!("angles {deg}° (one standard deviation)"));
+    let levelled = match stated.levelled {
+        Some(true) => Some("levelled: gravity is −z of its frame".into()),
+        _ => None,
+    };
+    let words: Vec<String> = range.into_iter().chain(angles).chain(levelled).collect();
+    words.join("; ")
 }
 
 fn tool(sources: &Sources<'_>) -> String {

@@ -1,5 +1,6 @@
 //! Inputs of the page.
 
+use crate::wire::instrument::InstrumentBody;
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::{Frame, SetSummary};
 use crate::wire::parameter_set::ParameterSetAnswer;
@@ -19,6 +20,8 @@ pub struct MeasuredSet<'a> {
     pub n_configurations: usize,
     /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: &'a str,
+    /// What its instrument states.
+    pub instrument: Option<InstrumentBody>,
 }
 
 impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
@@ -29,6 +32,7 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
             n_points: set.n_points,
             n_configurations: set.n_configurations,
             sha256: &set.sha256,
+            instrument: set.instrument,
         }
     }
 }

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 
 /// Noise of an instrument that measures a length and two angles, such as a laser tracker: along its beam `range_std_mm` + `range_std_mm_per_m` · length,
 /// across it length · `angle_std_deg`. One standard deviation each. The instrument is the origin of the measuring frame, of every station its
-/// own. `range_std_mm` and `angle_std_deg` belong together.
+/// own. `range_std_mm` and `angle_std_deg` belong together; `levelled` may stand alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Instrument)]
@@ -28,6 +28,9 @@ pub struct InstrumentBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0, maximum = 90)]
     pub angle_std_deg: Option<f64>,
+    /// True if the instrument was levelled: gravity is −z of the measuring frame. The sag of the arm is then found with the direction of gravity known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub levelled: Option<bool>,
 }
 
 /// An instrument, and where it is stated.
@@ -52,17 +55,27 @@ impl InstrumentBody {
         range_std_mm: Option<f64>,
         range_std_mm_per_m: Option<f64>,
         angle_std_deg: Option<f64>,
+        levelled: Option<bool>,
     ) -> Option<Self> {
         let instrument = Self {
             range_std_mm,
             range_std_mm_per_m,
             angle_std_deg,
+            levelled,
         };
         (instrument != Self::default()).then_some(instrument)
     }
 
-    /// The same, by name and value, for a query.
-    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, f64)> {
+    /// What it states, by name and value, for a query.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, String)> {
+        let noise = self.noise_numbers();
+        let noise = noise.map(|(name, value)| (name, value.to_string()));
+        let levelled = self.levelled;
+        noise.chain(levelled.map(|levelled| ("instrument_levelled", levelled.to_string())))
+    }
+
+    /// The numbers of its noise that it states, by name.
+    fn noise_numbers(&self) -> impl Iterator<Item = (&'static str, f64)> {
         let all = [
             ("range_std_mm", self.range_std_mm),
             ("range_std_mm_per_m", self.range_std_mm_per_m),
@@ -107,6 +120,7 @@ impl Stated {
             range_std_mm,
             range_std_mm_per_m,
             angle_std_deg,
+            ..
         } = self.instrument;
         let mut issues = Vec::new();
         for (name, value, other) in [
@@ -151,7 +165,7 @@ impl Stated {
             "a standard uncertainty of an angle is above 0 and at most 90°".into(),
         );
         if frame == Frame::Base {
-            let named = self.instrument.parameters().next();
+            let named = self.instrument.noise_numbers().next();
             let name = named.map_or("range_std_mm", |(name, _)| name);
             let detail = "range and angle are those of an instrument at the origin of the measuring frame, and these positions are in the robot's base \
                           frame: say frame=instrument and upload them as the instrument measured them, or state the noise of each point (std_x_mm \
@@ -171,11 +185,31 @@ impl Stated {
         }
     }
 
-    /// States the noise of every point of a set.
+    /// States of a set what it says: its level, and the noise of every point.
     ///
     /// # Errors
-    /// As [`Self::noise`]; and if points state their own.
+    /// As [`Self::noise`]; if points state their own noise; and if a level is stated of positions in the base frame.
     pub fn state(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
+        set.is_levelled = self.instrument.levelled == Some(true);
+        if set.is_levelled && set.frame == Frame::Base {
+            let detail = "a levelled instrument says where gravity is in its own frame, and these positions are in the robot's base frame: say \
+                          frame=instrument and upload them as the instrument measured them, or state the robot's mounting";
+            let name = match self.in_body {
+                true => "levelled",
+                false => "instrument_levelled",
+            };
+            return Err(Invalid {
+                code: "invalid_instrument",
+                issues: vec![self.issue(name, IN_BASE_FRAME, detail.into())],
+            });
+        }
+        if self.instrument.noise_numbers().next().is_none() && self.instrument.levelled.is_some() {
+            return Ok(());
+        }
+        self.state_noise(set)
+    }
+
+    fn state_noise(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
         let noise = self.noise(set.frame)?;
         let own = set
             .points

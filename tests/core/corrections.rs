@@ -2,7 +2,8 @@
 
 use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{
-    Campaign, NonlinearErrors, Normal, identified, nonlinear_set, poses, true_robot,
+    Campaign, NonlinearErrors, Normal, found, identified, nonlinear_set, poses,
+    position_in_gravity, true_robot,
 };
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
@@ -16,7 +17,7 @@ use kincal::identification::parameters::{
 use kincal::identification::pose_rows::MeasuredRotation;
 use kincal::kinematics::{Mounting, ResidualNetwork, reach_mm};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use std::ops::ControlFlow;
 
 /// Number of unseen poses at which simulated robots are scored.
@@ -477,4 +478,77 @@ fn the_same_request_gives_the_same_bits_and_sessions_are_left_out_whole() {
         (rms(&sessions) - rms(&first)).abs() > 1e-6,
         "other points are left out together"
     );
+}
+
+/// A robot that leans by 8°, measured by a levelled instrument.
+fn leaning(seed: u64) -> (KinematicModel, Vector3<f64>, MeasurementSet, Normal) {
+    const LEAN_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
+    const SAG_RAD: f64 = 1e-3;
+    let mut random = Normal::new(seed);
+    let mut truth = true_robot(&paper_robot(), 1, &mut random);
+    let leans = Rotation3::from_axis_angle(&Vector3::x_axis(), LEAN_RAD);
+    let yaw = Rotation3::from_axis_angle(&Vector3::z_axis(), 2.0 * random.draw());
+    truth.t_instrument_base.rotation = yaw * leans;
+    let gravity_in_base = leans.inverse() * -Vector3::z();
+    let point = |row: usize, q_rad: Vec<f64>, random: &mut Normal| Point {
+        position_mm: position_in_gravity(&truth, &q_rad, 0, SAG_RAD, &gravity_in_base)
+            + random.vector() * 0.03,
+        q_rad,
+        ..Point::empty(6, row)
+    };
+    let poses = poses(60, &mut random);
+    let points = poses
+        .into_iter()
+        .enumerate()
+        .map(|(row, q)| point(row, q, &mut random));
+    let mut set = MeasurementSet::new(Frame::Instrument, points.collect());
+    set.is_levelled = true;
+    (truth, gravity_in_base, set, random)
+}
+
+#[test]
+fn a_levelled_instrument_says_where_gravity_is() {
+    let mut ratios = Vec::new();
+    for seed in 0..8 {
+        let (truth, gravity_in_base, set, mut random) = leaning(seed);
+        let unseen = poses(UNSEEN, &mut random);
+        let off_mm = |report: &CalibrationReport| {
+            let robot = IdentifiedRobot {
+                plain: found(report),
+                corrected: report.corrected.clone(),
+            };
+            let square = |q: &Vec<f64>| {
+                let there = position_in_gravity(&truth, q, 0, 1e-3, &gravity_in_base);
+                (there - robot.position(q, 0)).norm_squared()
+            };
+            (unseen.iter().map(square).sum::<f64>() / UNSEEN as f64).sqrt()
+        };
+        let told = |report: &CalibrationReport| {
+            let told = report.warnings.iter();
+            told.filter(|told| told.code == "mounting_contradicted")
+                .map(|told| told.detail.clone())
+                .collect::<Vec<_>>()
+        };
+        let levelled = CalibrationRequest::new(paper_robot(), set.clone());
+        let mut unknown = levelled.clone();
+        unknown.set.is_levelled = false;
+        let (levelled, unknown) = (run(&levelled), run(&unknown));
+        ratios.push(off_mm(&levelled) / off_mm(&unknown));
+        // nobody stated a mounting: only a floor is contradicted
+        assert_eq!(told(&levelled), [""; 0], "seed {seed}");
+        // a stated mounting is, by as much as the robot leans
+        let mut on_a_floor = CalibrationRequest::new(paper_robot(), set);
+        on_a_floor.robot.mounting = Some(Mounting {
+            gravity_in_base: -Vector3::z(),
+            std_rad: 2.0f64.to_radians(),
+        });
+        let told = told(&run(&on_a_floor));
+        assert!(
+            told.len() == 1 && told[0].contains("gravity is 8.0° from the mounting"),
+            "seed {seed}: {told:?}"
+        );
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!("error at unseen poses with the level over that without: {ratios:.3?}");
+    assert!(ratios[4] < 1.0 && ratios[7] < 1.1, "{ratios:?}");
 }

@@ -214,6 +214,7 @@ fn refusal(request: &CalibrationRequest) -> Option<&'static str> {
 fn some_points(set: &MeasurementSet, n: usize) -> MeasurementSet {
     MeasurementSet {
         frame: set.frame,
+        is_levelled: false,
         points: set.points[..n].to_vec(),
     }
 }
@@ -236,6 +237,7 @@ fn a_verify_set_needs_half_as_many_equations_again_as_placing_it_takes() {
     );
     let repeated = MeasurementSet {
         frame: second.frame,
+        is_levelled: false,
         points: vec![second.points[0].clone(); 30],
     };
     assert_eq!(

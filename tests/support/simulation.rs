@@ -238,12 +238,23 @@ pub fn measure(
     MeasurementSet::new(Frame::Instrument, points)
 }
 
-/// Position of a target, mm, if joints 2 and 3 sag under masses of 1, 1 and 0.5 kg at the origins of links 3, 5 and 6.
+/// Position of a target, mm, if joints 2 and 3 sag under masses of 1, 1 and 0.5 kg at the origins of links 3, 5 and 6. Gravity is −z of the base.
 pub fn position_with_sag(
     model: &KinematicModel,
     q_rad: &[f64],
     target: usize,
     sag_rad: f64,
+) -> Vector3<f64> {
+    position_in_gravity(model, q_rad, target, sag_rad, &-Vector3::z())
+}
+
+/// The same with another direction of gravity in the base frame.
+pub fn position_in_gravity(
+    model: &KinematicModel,
+    q_rad: &[f64],
+    target: usize,
+    sag_rad: f64,
+    gravity_in_base: &Vector3<f64>,
 ) -> Vector3<f64> {
     let mut frames = vec![IsometryMatrix3::identity()];
     for (link, q) in model.links.iter().zip(q_rad) {
@@ -255,7 +266,7 @@ pub fn position_with_sag(
             .iter()
             .filter(|(link, _)| *link > joint)
             .map(|(link, mass)| {
-                (frames[*link].translation.vector - at).cross(&(-Vector3::z())) * (mass / 1000.0)
+                (frames[*link].translation.vector - at).cross(gravity_in_base) * (mass / 1000.0)
             })
             .sum()
     };

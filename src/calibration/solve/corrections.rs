@@ -15,11 +15,14 @@ use crate::identification::priors::Prior;
 use crate::identification::start::{fit_base_and_targets, place};
 use crate::identification::{self, KinematicModel};
 use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
-use crate::measurement::Subset;
+use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
 
 /// How well gravity is known where nobody says how the robot stands: on a floor, to 2°.
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// How well gravity is known in the base frame from an instrument that was levelled: its level is good to thousandths of a degree, and the rotation
+/// of the base, as the nominal robot is placed on the points, to a tenth.
+const LEVELLED_STD_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// Gravity contradicts the mounting from so many of its standard deviations on, and no less than this tilt, rad (0.5°).
 const CONTRADICTED_SIGMAS: f64 = 3.0;
 const LEAST_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -86,16 +89,46 @@ fn setting<'a>(
     let request = problem.request;
     Setting {
         nominal,
-        mounting: request.robot.mounting.unwrap_or(Mounting {
-            gravity_in_base: -Vector3::z(),
-            std_rad: USUAL_MOUNTING_STD_RAD,
-        }),
+        mounting: by_level(request, nominal)
+            .or(request.robot.mounting)
+            .unwrap_or(Mounting {
+                gravity_in_base: -Vector3::z(),
+                std_rad: USUAL_MOUNTING_STD_RAD,
+            }),
         payload: request.payload,
         parameters: &problem.parameters,
         scale: &problem.decomposition.scale,
         priors,
         observations,
     }
+}
+
+/// Gravity in the base frame by the level of the instrument, if it was levelled. `nominal` is the nominal robot as it lies on the points.
+fn by_level(request: &CalibrationRequest, nominal: &KinematicModel) -> Option<Mounting> {
+    let is_known = request.set.is_levelled && request.set.frame == Frame::Instrument;
+    is_known.then(|| Mounting {
+        gravity_in_base: nominal.t_instrument_base.rotation.inverse() * -Vector3::z(),
+        std_rad: LEVELLED_STD_RAD,
+    })
+}
+
+/// Told where the mounting, as it is stated, is further from gravity by the level of the instrument than it is stated to be known.
+pub fn level_contradicts_mounting(problem: &Problem<'_>) -> Option<Warning> {
+    let stated = problem.request.robot.mounting?;
+    let by_level = by_level(problem.request, &problem.nominal)?;
+    let tilt_rad = stated.gravity_in_base.angle(&by_level.gravity_in_base);
+    let std_rad = libm::hypot(stated.std_rad, by_level.std_rad);
+    let sigmas = tilt_rad / std_rad;
+    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| Warning {
+        code: "mounting_contradicted",
+        detail: format!(
+            "by the level of the instrument gravity is {:.1}° from the mounting as it is stated: {sigmas:.1} times the {:.2}° (one standard deviation) \
+             to which both are known. Check how the robot is mounted, and whether the instrument was levelled (instrument_levelled)",
+            tilt_rad.to_degrees(),
+            std_rad.to_degrees()
+        ),
+        rows: vec![],
+    })
 }
 
 fn region(observations: &[Observation], n_joints: usize) -> MeasuredRegion {
@@ -111,7 +144,7 @@ pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
 }
 
 /// Told where gravity, as the kept corrections have it, is further from the mounting than that is stated to be known.
-pub fn mounting_contradicted(request: &CalibrationRequest, found: &Found) -> Option<Warning> {
+pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<Warning> {
     let fitted = found.fitted.as_ref()?;
     let of_gravity = fitted.terms.iter().zip(&fitted.values);
     let squares: f64 = of_gravity
@@ -120,10 +153,12 @@ pub fn mounting_contradicted(request: &CalibrationRequest, found: &Found) -> Opt
         .sum();
     // of a direction that is made a unit vector again
     let tilt_rad = libm::atan(squares.sqrt());
-    let stated = request.robot.mounting;
+    let by_level = by_level(problem.request, &problem.nominal);
+    let stated = by_level.or(problem.request.robot.mounting);
     let std_rad = stated.map_or(USUAL_MOUNTING_STD_RAD, |m| m.std_rad);
     let sigmas = tilt_rad / std_rad.max(f64::MIN_POSITIVE);
     let as_known = match stated {
+        Some(_) if by_level.is_some() => "gravity by the level of the instrument",
         Some(_) => "the mounting as it is stated",
         None => "a floor, on which a robot stands where no mounting is stated",
     };

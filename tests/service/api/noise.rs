@@ -104,6 +104,48 @@ async fn a_trackers_noise_is_stated_beside_a_file_or_in_a_body_and_shown_and_use
 }
 
 #[tokio::test]
+async fn a_level_is_stated_beside_a_file_or_in_a_body_shown_and_used() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    // a robot that is said to hang from the ceiling, and an instrument that was levelled say different things
+    let mut hanging: Value = serde_json::from_slice(&crate::app::paper("robot.json")).unwrap();
+    hanging["mounting"] = json!("ceiling");
+    let hanging = app.post_json("/v1/robots", &hanging).await.ok(201);
+    let hanging = format!("/v1/robots/{}", text(&hanging["id"]));
+    let rows = rows(Instrument::Tracker, 1);
+    let query = "frame=instrument&instrument_levelled=true";
+    let of_query = upload(&app, &robot, query, csv(&rows, "", ""))
+        .await
+        .ok(201);
+    assert_eq!(of_query["instrument"], json!({"levelled": true}));
+    let mut body = points(&rows, &json!({}));
+    body["instrument"] = json!({"levelled": true});
+    let path = format!("{hanging}/measurement-sets?frame=instrument");
+    let of_body = app.post_json(&path, &body).await.ok(201);
+    assert_eq!(of_body["instrument"], json!({"levelled": true}));
+    let warned = async |robot: &str, set: &Value| {
+        let job = app
+            .run(robot, &json!({"measurement_set_id": set["id"]}))
+            .await;
+        let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+        let report = app.get(&path).await.ok(200);
+        let page = app.get(&format!("{path}.html")).await.text();
+        assert!(
+            page.contains("levelled: gravity is −z of its frame"),
+            "{page}"
+        );
+        let warnings = report["warnings"].as_array().unwrap().clone();
+        warnings.iter().any(|told| {
+            told["code"] == "mounting_contradicted"
+                && text(&told["detail"]).contains("by the level")
+        })
+    };
+    // the simulated base lies askew in the tracker's frame: that a mounting is stated makes the difference
+    assert!(!warned(&robot, &of_query).await);
+    assert!(warned(&hanging, &of_body).await);
+}
+
+#[tokio::test]
 async fn noise_along_the_axes_and_as_a_covariance_count_alike() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
@@ -184,6 +226,16 @@ async fn bad_noise_is_refused_with_its_place_and_a_hint() {
         let issue = &refused["errors"][0];
         assert_eq!(issue["code"], code, "{query}: {refused}");
         assert_eq!(issue["column"], column, "{query}");
+    }
+    for level in [
+        "frame=base&instrument_levelled=true",
+        "instrument_levelled=true",
+    ] {
+        let query = format!("{level}&insist=frame_suspect");
+        let refused = upload(&app, &robot, &query, csv(&rows, "", "")).await;
+        let refused = refused.problem(422, "invalid_instrument");
+        assert_eq!(refused["errors"][0]["code"], "instrument_in_base_frame");
+        assert_eq!(refused["errors"][0]["column"], "instrument_levelled");
     }
     let query = format!("frame=base&insist=frame_suspect{TRACKER}");
     let refused = upload(&app, &robot, &query, csv(&rows, "", "")).await;
