@@ -119,7 +119,7 @@ FAULTS = [
     Fault("corrections are judged within sessions", "core", "corrections_are_judged_on_sessions_that_were_not_fitted", [
         ("point.session = Some(name.clone());", "point.session = None;")], "src/measurement"),
     Fault("a posture is fitted in one session and scored in another", "core", "a_posture_of_both_sessions_never_stands_on_both_sides", [
-        ("with_shared_configurations(MeasurementSet { frame, points })", "MeasurementSet { frame, points }")], "src/measurement"),
+        ("with_shared_configurations(MeasurementSet { frame,", "std::convert::identity(MeasurementSet { frame,")], "src/measurement"),
     Fault("all sessions are as noisy", "core", "a_coarse_session_does_not_spoil_a_fine_one", [
         ("session_noise_mm: pool.noise_mm.clone(),", "session_noise_mm: vec![],")], "src/calibration"),
     Fault("a session that was fitted is an independent one", "service", "no_session_that_was_fitted_counts_as_an_independent_one", [
@@ -253,7 +253,7 @@ FAULTS = [
     Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
         ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
-        ("else if has_warning(report, CHECK_CHANGED) { // the set", "else if false { // the set")], "src/release"),
+        ("else if has_warning(report, CHECK_CHANGED) { // The check found a change.", "else if false { // The check found a change.")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
         ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
     Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [

@@ -24,10 +24,10 @@ use std::f64::consts::TAU;
 
 /// Runs one calibration. Pure: the same request gives the same report, bit for bit.
 ///
-/// Several sessions are compared first, and fitted together where they are one robot in one state.
+/// Several sessions are compared first. They are fitted together if they show the same robot in the same state.
 ///
 /// # Errors
-/// [`Error::Unusable`] for a request that cannot be identified from, [`Error::Cancelled`] when the monitor breaks.
+/// [`Error::Unusable`] if nothing can be identified from the request, [`Error::Cancelled`] when the monitor breaks.
 pub fn calibrate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -44,7 +44,7 @@ pub fn calibrate(
     Ok(report)
 }
 
-/// The same, of points that belong together.
+/// Runs one calibration of points that belong to one state of the robot.
 fn calibrate_points(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -69,7 +69,7 @@ fn calibrate_points(
     let mut own = comparison_row(&problem, method.as_str(), method.as_str(), &found, None);
     let of_method = found.model.clone();
     let network = match (&found.swarm, method) {
-        // a network speaks of link parameters; where none is free there is nothing for it to learn
+        // the network predicts link parameters; without free link parameters there is nothing to train
         (Some((space, summary)), Method::Pso)
             if problem.parameters.iter().any(Parameter::is_link) =>
         {
@@ -106,7 +106,7 @@ fn calibrate_points(
         })?,
         false => None,
     };
-    // another set to verify on is screened once, for the robot that was found
+    // a separate verification set is screened once, with the robot that was found
     let layout = watched(monitor, |watch| verify_layout(request, &found.model, watch)).flatten()?;
     own.verify_after = verify_errors(&problem, &of_method, layout.as_ref());
     let comparison = compare(&problem, &choice, own, layout.as_ref(), monitor)?;
@@ -148,10 +148,10 @@ fn calibrate_points(
     report
         .warnings
         .extend((are_wanted && problem.priors.is_some()).then(corrections::left_out_for_priors));
-    // priors that were stated once are no result of the session
+    // an estimate from stated priors is not a result of this session alone
     let fitted = delivered.as_ref().filter(|_| request.priors.is_empty());
     report.estimate = fitted.and_then(Final::estimate);
-    // what fits no points says nothing of whether the robot has changed
+    // a model that does not fit the points says nothing about changes of the robot
     let is_no_fit = report.warnings.iter().any(|told| told.code == NO_FIT);
     if request.previous.is_some() && !is_no_fit {
         report.changes = stage(monitor, "compare_sessions", |monitor| {
@@ -171,7 +171,7 @@ fn calibrate_points(
     Ok(report)
 }
 
-/// The same robot with each angle within half a turn of its nominal value: a fit that came from afar may have gone round.
+/// The same links with each angle within half a turn of its nominal value. A fit from a distant start may be off by whole turns.
 fn unwound(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
     for (link, nominal) in links.iter_mut().zip(nominal) {
         for quantity in [Quantity::Alpha, Quantity::ThetaOffset, Quantity::Beta] {
@@ -186,7 +186,7 @@ fn unwound(mut links: Vec<Link>, nominal: &[Link]) -> Vec<Link> {
     links
 }
 
-/// The other methods on the same points: always least squares; for BPNN-PSO also the cold swarm and the plain warm start.
+/// Runs the other methods on the same points: always least squares; for BPNN-PSO also the cold swarm and the plain warm start.
 fn compare(
     problem: &Problem<'_>,
     choice: &Choice,

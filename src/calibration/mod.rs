@@ -45,14 +45,14 @@ pub use warnings::refused_upload::remedy as remedy_of_refusal;
 
 use std::ops::ControlFlow;
 
-/// What the monitor is told while a calibration runs.
+/// Events that the monitor receives while a calibration runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
     /// A named stage begins: `screening`, then `least_squares`, `pso` or `bpnn_pso` for the main method, then `train_network`, `refine`,
-    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `final_fit`, `uncertainty`, `compare_sessions`. A job of kind verify has
-    /// `verify` alone, a partial recalibration ends with `held_uncertainty`.
+    /// `corrections`, `compare_least_squares`, `compare_pso`, `compare_warm_start`, `final_fit`, `uncertainty`, `compare_sessions`. A job of kind
+    /// verify has only the stage `verify`. A partial recalibration ends with `held_uncertainty`.
     StageStarted(&'a str),
-    /// Nothing to report: a stage other than the main method is at work and asks whether to stop.
+    /// Nothing to report: a stage other than the main method is running and asks whether to stop.
     Heartbeat,
     /// The stage of that name ended.
     StageEnded(&'a str),
@@ -60,15 +60,15 @@ pub enum Event<'a> {
     Iteration {
         /// Iterations done so far.
         iteration: usize,
-        /// The limit.
+        /// Maximum number of iterations.
         n_iterations: usize,
         /// Smallest F so far, mm².
         best_cost_mm2: f64,
     },
 }
 
-/// Progress out, cancellation in: the only seam between the core and the service.
-/// Called at least once per iteration; `Break` ends the calibration with [`Error::Cancelled`].
+/// Reports progress and allows cancellation: the only interface between the core and the service.
+/// Called at least once per iteration. `Break` ends the calibration with [`Error::Cancelled`].
 pub type Monitor<'a> = dyn FnMut(Event<'_>) -> ControlFlow<()> + 'a;
 
 /// Why a calibration could not be done.
@@ -82,7 +82,7 @@ pub enum Error {
     Unusable {
         /// Machine-readable reason (`under_determined`, `network_mismatch`, `not_available`, …).
         code: &'static str,
-        /// What, where and how to mend it.
+        /// What is wrong, where, and how to correct it.
         detail: String,
     },
 }

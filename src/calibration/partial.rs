@@ -1,5 +1,5 @@
-//! Partial recalibration, as after a collision: only what is named is identified anew. The rest stays as an earlier identification has it,
-//! and its uncertainty goes into what is named and into the tool.
+//! Partial recalibration, for example after a collision. Only the named parameters are identified again. All others keep the values of an earlier
+//! identification, and their uncertainty is propagated to the named parameters and to the tool.
 
 use crate::calibration::calibrate::calibrate;
 use crate::calibration::preparation::observe::model_parameters;
@@ -24,10 +24,10 @@ use crate::identification::workspace::tool_uncertainty;
 use crate::kinematics::{Link, Robot};
 use nalgebra::{DMatrix, DMatrixView, Vector3};
 
-/// Probability with which a parameter's stated interval holds the truth.
+/// Coverage probability of a parameter's stated interval.
 const CONFIDENCE: f64 = 0.95;
 
-/// Scatter of the points over what is expected, from which on other parameters have changed as well.
+/// If the scatter of the points exceeds the expected scatter by this factor, other parameters may have changed as well.
 const MORE: f64 = 1.5;
 
 /// An earlier identification.
@@ -39,8 +39,8 @@ pub struct Held {
     pub session: PreviousSession,
 }
 
-/// As [`calibrate`], from the links of an earlier identification: "before" in the report is that robot. Parameters that are not free have
-/// its values; their covariance is taken from its session (consider parameters: Schmidt 1966).
+/// As [`calibrate`], but from the links of an earlier identification. "Before" in the report is the robot with these links. Parameters that are not
+/// free keep their values. Their covariance is taken from the earlier session (consider parameters: Schmidt 1966).
 ///
 /// # Errors
 /// As [`calibrate`].
@@ -49,7 +49,7 @@ pub fn calibrate_partially(
     held: &Held,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
-    // corrections of few parameters would say what the held ones leave over
+    // with few free parameters, corrections would absorb the errors of the held parameters
     let from_held = CalibrationRequest {
         robot: Robot {
             links: held.links.clone(),
@@ -72,7 +72,7 @@ pub fn calibrate_partially(
             verify.after.rms_mm, verify.before.rms_mm
         );
     }
-    // its priors are about the held links, not about the nominal ones
+    // the priors of this estimate refer to the held links, not to the nominal links
     report.estimate = None;
     report.warnings.extend(
         corrections::are_wanted(request.corrections, request.preset)
@@ -95,7 +95,7 @@ pub fn calibrate_partially(
         frames: request.frames.clone(),
         ..whole.clone()
     };
-    // both sessions with all parameters
+    // estimates of both sessions with all parameters free
     let (earlier, anew) = stage(monitor, "held_uncertainty", |monitor| {
         let anew = estimate(&of_all_parameters, &mut quiet(monitor))?;
         let n_targets = held.session.set.n_targets();
@@ -115,7 +115,7 @@ pub fn calibrate_partially(
     });
     match (others_changed, of_held, report.uncertainty.clone()) {
         (Some(warning), ..) => withhold(&mut report, warning),
-        // where the part itself has no uncertainty, the report says why already
+        // the partial fit has no uncertainty, and the report already says why
         (None, _, None) => {}
         (None, None, Some(_)) => withhold(&mut report, held_uncertainty_unknown()),
         (None, Some(of_held), Some(own)) => {
@@ -123,7 +123,7 @@ pub fn calibrate_partially(
             state(&mut report, &problem, &parameters, of_both(&own, &of_held));
         }
     }
-    // what the earlier session shows of the held robot's flange, and what this one says against the held robot
+    // flange rotation: uncertainty of the held robot from the earlier session, combined with that of this session
     let of_whole = match watched(monitor, |watch| Problem::new(&whole, watch)).flatten() {
         Err(Error::Cancelled) => return Err(Error::Cancelled),
         other => other.ok(),
@@ -144,7 +144,7 @@ pub fn calibrate_partially(
             .zip(report.flange_rotation)
             .map(|(held, own)| FlangeRotation {
                 by_positions_rad: libm::hypot(held.by_positions_rad, own.by_positions_rad),
-                // a zero that is held has not moved since the earlier session
+                // a held joint zero has not moved since the earlier session
                 last_joint_zero_rad: match is_last_zero_free {
                     true => libm::hypot(held.last_joint_zero_rad, own.last_joint_zero_rad),
                     false => held.last_joint_zero_rad,
@@ -161,7 +161,7 @@ pub fn calibrate_partially(
     Ok(report)
 }
 
-/// With what was held counted as exact, each uncertainty would be too small.
+/// Warning: the uncertainty of the held parameters is unknown. Without it, every stated uncertainty would be too small.
 fn held_uncertainty_unknown() -> Warning {
     let detail = "how uncertain the parameters are that were held cannot be told from the session that they were identified from, so no \
                   uncertainty is stated";
@@ -172,9 +172,9 @@ fn held_uncertainty_unknown() -> Warning {
     }
 }
 
-/// Told where something else has changed than what was identified: parameters that were held differ between the sessions, by their comparison; or,
-/// where the new session does not determine all parameters, the points scatter more than the earlier session and the uncertainty of what was
-/// held explain.
+/// Warning if parameters other than the identified ones have changed. If the new session determines all parameters, the two sessions are compared:
+/// held parameters must not differ. Otherwise the scatter of the points must not exceed what the earlier session and the uncertainty of the held
+/// parameters explain.
 fn others_changed(
     problem: &Problem<'_>,
     own: &Noise,
@@ -217,7 +217,7 @@ fn others_changed(
     })
 }
 
-/// States no uncertainty, and why.
+/// Removes the uncertainty from the report and records why.
 fn withhold(report: &mut CalibrationReport, why: Warning) {
     report.uncertainty_absent_because = Some(why.detail.clone());
     report.warnings.push(why);
@@ -244,19 +244,19 @@ fn model_of(report: &CalibrationReport) -> KinematicModel {
     }
 }
 
-/// What errors of the held parameters do, one standard deviation per column.
+/// Effect of errors of the held parameters. Each column is one standard deviation of an independent cause.
 struct HeldErrors {
     held: Vec<Parameter>,
-    /// The errors, a row for each held parameter.
+    /// Errors of the held parameters, one row per held parameter.
     errors: DMatrix<f64>,
-    /// How they move what is free, a row for each free parameter.
+    /// Resulting errors of the free parameters, one row per free parameter.
     moved: DMatrix<f64>,
-    /// What they leave of the points' residuals, one standard deviation of a coordinate, mm.
+    /// Scatter that these errors leave in the points' residuals: one standard deviation of a coordinate, mm.
     scatter_mm: f64,
 }
 
-/// With δ_free = −E·J_held·δ_held, E the least-squares inverse of J_free along what the points see, each cause of an error of what is held also
-/// moves what is free.
+/// Propagates errors of the held parameters to the free ones: δ_free = −E·J_held·δ_held. E is the least-squares inverse of J_free along the
+/// directions that the points determine.
 fn held_errors(
     problem: &Problem<'_>,
     report: &CalibrationReport,
@@ -292,7 +292,7 @@ fn held_errors(
         })
 }
 
-/// Uncertainty of the free parameters, and below them of the held ones.
+/// Uncertainty of the free parameters, with rows of the held parameters below them.
 fn of_both(own: &Uncertainty, of_held: &HeldErrors) -> Uncertainty {
     let (n_free, n_held) = (own.n_parameters, of_held.held.len());
     let (n_own, n_errors) = (own.root.ncols(), of_held.errors.ncols());
@@ -312,7 +312,7 @@ fn of_both(own: &Uncertainty, of_held: &HeldErrors) -> Uncertainty {
     }
 }
 
-/// States it: parameter by parameter, and of the tool.
+/// Writes the uncertainty into the report: of each parameter and of the tool.
 fn state(
     report: &mut CalibrationReport,
     problem: &Problem<'_>,
@@ -352,7 +352,7 @@ fn state(
     report.uncertainty = Some(uncertainty);
 }
 
-/// Nominal values are the catalogue's, as in every report.
+/// Sets nominal values to those of the catalogue, as in every report.
 fn from_catalogue(report: &mut CalibrationReport, parameters: &[Parameter], nominal: &[Link]) {
     for (outcome, parameter) in report.parameters.iter_mut().zip(parameters) {
         if let Parameter::Link(link, quantity) = *parameter {

@@ -1,4 +1,4 @@
-//! What methods run on: the points of a request, its free parameters, and what is known of them.
+//! Input of the methods: the points of a request, its free parameters, and what is known of them.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::loss::PointLoss;
@@ -24,37 +24,38 @@ pub struct Problem<'a> {
     pub settings: Settings,
     /// All points as they are fitted, with their subsets.
     pub observed: Observed,
-    /// Which points do not belong, and what moved.
+    /// Outliers and steps.
     pub screening: Screening,
     /// Segments and set-ups of the points.
     pub arrangement: Arrangement,
-    /// How a residual counts.
+    /// Loss of the residuals.
     pub loss: PointLoss,
-    /// What is fitted.
+    /// Observations of the identify subset.
     pub identify: Vec<Observation>,
     /// The free parameters.
     pub parameters: Vec<Parameter>,
-    /// The nominal robot, with base and targets fitted where they are unknown: "before", and what least squares starts from.
+    /// The nominal robot, with base and targets fitted where they are unknown. It is "before" in the report, and the start of least squares.
     pub nominal: KinematicModel,
-    /// What the identify subset can see, at the nominal robot, scaled by the stated priors.
+    /// What the identify subset determines: decomposition of the Jacobian at the nominal robot, scaled by the usual prior widths.
     pub decomposition: Decomposition,
-    /// What is known of the parameters beforehand.
+    /// Priors that the request states.
     pub priors: Option<StatedPriors>,
-    /// Least noise of a row of weight 1 that the instrument states, mm; of poses.
+    /// Stated noise of a row of weight 1, mm: the lower bound of the estimated noise. `None` if rows were not weighed by their noise, or if a fitted
+    /// point states none.
     pub least_sigma_mm: Option<f64>,
 }
 
-/// The priors of a problem, and what its points say without them.
+/// The stated priors of a problem, and the fit without them.
 pub struct StatedPriors {
     /// The priors, weighed.
     pub priors: Priors,
-    /// The answer of the points alone.
+    /// The model fitted to the points alone.
     pub alone: KinematicModel,
 }
 
 impl Problem<'_> {
-    /// The same with what the points see taken at the nominal robot with its tool: in the paper's model the reflector's height is part of
-    /// the last d, of which nominal values know nothing, and on it depends what a reflector shows.
+    /// The same problem, decomposed at the nominal robot with the tool of `model`. In the paper's model the reflector's height is part of the last d,
+    /// and nominal values do not contain it. The directions that a reflector can determine depend on it.
     pub fn with_tool_of(self, model: &KinematicModel) -> Self {
         match self.request.model() {
             Model::Complete => self,
@@ -62,7 +63,7 @@ impl Problem<'_> {
         }
     }
 
-    /// The same for any model: the complete one has its tool in the targets.
+    /// As [`Self::with_tool_of`], but recomputed for any model. The complete model has its tool in the targets.
     pub fn decomposed_with_tool_of(self, model: &KinematicModel) -> Self {
         let mut tooled = self.nominal.clone();
         if let (Model::Paper, Some(last)) = (self.request.model(), tooled.links.last_mut()) {
@@ -80,7 +81,7 @@ impl Problem<'_> {
         }
     }
 
-    /// F of a model, that of the request's priors included, mm².
+    /// F of a model, including the cost of the request's priors, mm².
     pub fn cost(&self, model: &KinematicModel) -> f64 {
         let of_priors = self
             .priors
@@ -89,7 +90,7 @@ impl Problem<'_> {
         self.loss.cost(model, &self.identify) + of_priors
     }
 
-    /// The points to identify, those that do not belong without weight.
+    /// The identify points, with weight 0 for outliers.
     pub fn trusted(&self) -> Vec<Observation> {
         let outliers: BTreeSet<usize> = self.screening.outliers.iter().map(|w| w.row).collect();
         let rows = (0..self.observed.all.len())
@@ -111,7 +112,7 @@ impl Problem<'_> {
             .collect()
     }
 
-    /// The set-up of the instrument of each point to identify, from 0; `None` for the one whose frame the model stands in.
+    /// Set-up of the instrument of each identify point, from 0; `None` for the reference set-up, in whose frame the model is.
     pub fn stations_to_identify(&self) -> Vec<Option<usize>> {
         let resting = self.arrangement.resting();
         let number = |setup: usize| match setup.cmp(&resting) {
@@ -130,7 +131,7 @@ impl Problem<'_> {
         self.request.network.as_ref()
     }
 
-    /// Link deviations of the network's answer from nominal, spread over all parameters (base and targets: none).
+    /// The network's answer as a deviation from nominal for each parameter; 0 for base and targets.
     pub fn answer_deviation(&self) -> Vec<f64> {
         let mut answer = self
             .network()
@@ -150,7 +151,7 @@ impl Problem<'_> {
     }
 }
 
-/// A parameter's value in a model, mm or rad.
+/// A parameter's value in a model, mm or rad; 0 for rotations of base and targets.
 pub fn value_of(model: &KinematicModel, parameter: &Parameter) -> f64 {
     match *parameter {
         Parameter::Link(link, quantity) => *quantity_mut(&mut model.links[link].clone(), quantity),

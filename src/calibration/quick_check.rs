@@ -1,28 +1,28 @@
-//! What a quick check answers: plain data.
+//! Result of a quick check as plain data.
 
 use crate::calibration::method::{After, CheckVerdict};
 
-/// The smallest change of one kind that the poses find, in the unit of the wire (mm or deg).
+/// The smallest change of one kind that the poses can detect, in the unit of the wire (mm or deg).
 #[derive(Clone, Debug, PartialEq)]
 pub struct DetectableChange {
     /// `theta_offset_3`, `base`, `target_0`.
     pub name: String,
     /// `deg` or `mm`.
     pub unit: &'static str,
-    /// Found with the stated power; `None` where these poses do not show it.
+    /// Change that is detected with the stated power; `None` if these poses do not show it.
     pub change: Option<f64>,
-    /// How far that change moves the target at these poses, rms, mm.
+    /// Displacement of the target by that change at these poses, rms, mm.
     pub tool_mm: Option<f64>,
 }
 
 /// The cause that explains the points best, in the unit of the wire (mm or deg).
 #[derive(Clone, Debug, PartialEq)]
 pub struct LikeliestCause {
-    /// The parameter; several names with "or" between them where the poses cannot tell which.
+    /// The parameter; several names joined by "or" if the poses cannot tell them apart.
     pub name: String,
     /// `deg` or `mm`.
     pub unit: &'static str,
-    /// Now − then.
+    /// New value minus old value.
     pub delta: f64,
     /// |delta| in units of its standard deviation.
     pub sigmas: f64,
@@ -33,13 +33,13 @@ pub struct LikeliestCause {
 pub struct CheckTest {
     /// Sum of squares of the whitened errors.
     pub statistic: f64,
-    /// Equations less the numbers of base and targets that were placed.
+    /// Number of equations minus the fitted numbers of base and targets.
     pub n_combinations: usize,
     /// Degrees of freedom of the noise.
     pub freedom: f64,
-    /// Probability that an unchanged robot shows as much.
+    /// Probability that an unchanged robot gives at least this statistic.
     pub probability: f64,
-    /// What the set's own uncertainty and noise let expect of a point, rms, mm.
+    /// Expected error of a point from the set's own uncertainty and noise, rms, mm.
     pub expected_rms_mm: f64,
 }
 
@@ -50,29 +50,29 @@ pub struct QuickCheck {
     pub verdict: CheckVerdict,
     /// Why, in one sentence.
     pub reason: String,
-    /// What happened before, if somebody said so.
+    /// What happened to the robot before the check, if stated.
     pub after: Option<After>,
     /// Configurations that were measured.
     pub n_configurations: usize,
-    /// Share of unchanged robots that are called changed.
+    /// False-alarm rate: share of unchanged robots that are called changed.
     pub level: f64,
-    /// Probability with which the stated changes are found.
+    /// Probability with which the stated changes are detected.
     pub power: f64,
-    /// rms of the set on the points, mm.
+    /// Error of the released set on these points, rms, mm.
     pub rms_mm: f64,
-    /// And on the points that were held out when it was identified, mm.
+    /// Error of the released set on the points held out at its identification, rms, mm.
     pub verified_rms_mm: Option<f64>,
-    /// The test; `None` where it cannot be made.
+    /// The test; `None` if it cannot be made.
     pub test: Option<CheckTest>,
-    /// What it could have seen; empty where there is no test.
+    /// Smallest detectable changes; empty without a test.
     pub detectable: Vec<DetectableChange>,
-    /// What changed, if it did: the likeliest cause first.
+    /// Possible causes if the robot has changed, the likeliest first.
     pub likeliest: Vec<LikeliestCause>,
     /// What to measure next.
     pub next: String,
 }
 
-/// Warning that the released set no longer holds.
+/// Warning: the released set no longer holds.
 pub const CHECK_CHANGED: &str = "check_changed";
-/// Warning that the poses cannot tell whether it holds.
+/// Warning: the poses cannot tell whether the set holds.
 pub const CHECK_CANNOT_TELL: &str = "check_cannot_tell";

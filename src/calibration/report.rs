@@ -1,4 +1,4 @@
-//! What a calibration answers: plain data; `wire::report` gives it its JSON shape.
+//! Result of a calibration as plain data. `wire::report` converts it to JSON.
 
 use crate::calibration::quick_check::QuickCheck;
 use crate::calibration::request::{Method, Model, Preset};
@@ -31,13 +31,13 @@ pub struct Errors {
 pub struct SubsetErrors {
     /// Points in the subset.
     pub n_points: usize,
-    /// The nominal robot's.
+    /// Errors of the nominal robot.
     pub before: Errors,
-    /// The identified robot's.
+    /// Errors of the identified robot.
     pub after: Errors,
-    /// With corrections, where they were looked for: as `after` where none was kept.
+    /// Errors with corrections, if they were searched; the same as `after` if none was kept.
     pub corrected: Option<Errors>,
-    /// How far poses are turned from where the robots have them; `None` where positions alone were measured.
+    /// Rotation errors of both robots; `None` if only positions were measured.
     pub rotation: Option<RotationErrorsOfBoth>,
 }
 
@@ -46,11 +46,11 @@ pub struct SubsetErrors {
 pub struct RotationErrorsOfBoth {
     /// Poses in the subset.
     pub n_poses: usize,
-    /// The nominal robot's.
+    /// Rotation errors of the nominal robot.
     pub before: RotationErrors,
-    /// The identified robot's.
+    /// Rotation errors of the identified robot.
     pub after: RotationErrors,
-    /// Its with corrections, where some were kept.
+    /// Rotation errors of the identified robot with corrections, if some were kept.
     pub corrected: Option<RotationErrors>,
 }
 
@@ -66,7 +66,7 @@ pub struct RotationErrors {
 }
 
 impl SubsetErrors {
-    /// Of the links alone or with corrections, whichever are larger: either may move the robot.
+    /// The larger errors of two: of the links alone, and with corrections. Either model may be used to move the robot.
     pub fn worse(&self) -> Errors {
         self.corrected
             .filter(|corrected| corrected.rms_mm > self.after.rms_mm)
@@ -74,14 +74,14 @@ impl SubsetErrors {
     }
 }
 
-/// The delivered fit, to all points.
+/// The delivered fit to all points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FinalErrors {
     /// Points that it was fitted to.
     pub n_points: usize,
-    /// Root mean square of their |residual| by the links alone, mm.
+    /// Root mean square of the |residual| of the links alone on these points, mm.
     pub rms_mm: f64,
-    /// Mean distance of the tool from where the verified fit has it, at 200 configurations over the workspace, mm.
+    /// Mean distance between the tool of the delivered fit and that of the verified fit, at 200 configurations over the workspace, mm.
     pub moved_mm: f64,
 }
 
@@ -98,22 +98,23 @@ pub struct PointErrors {
     pub before_mm: f64,
     /// |residual| of the identified robot, mm.
     pub after_mm: f64,
-    /// Where it was measured, in the measuring frame, mm.
+    /// Measured position, in the measuring frame, mm.
     pub position_mm: Vector3<f64>,
     /// Residual (measured − predicted) of the nominal robot, in the measuring frame, mm.
     pub before_vector_mm: Vector3<f64>,
     /// Residual of the identified robot, in the measuring frame, mm.
     pub after_vector_mm: Vector3<f64>,
-    /// Residual with corrections, where they were looked for: as that of the links where none was kept.
+    /// Residual with corrections, if they were searched, in the measuring frame, mm; the same as without corrections if none was kept.
     pub corrected_vector_mm: Option<Vector3<f64>>,
-    /// Angle between the measured target and where the nominal robot, the identified robot and that with its corrections have it, rad, of a pose.
+    /// For a pose: angles between the measured target and its prediction by the nominal robot, the identified robot, and the robot with corrections,
+    /// rad.
     pub rotation_rad: Option<[f64; 3]>,
-    /// A warning names it as an outlier, and outliers are few enough not to count in comparisons.
+    /// True if a warning names the point as an outlier, and outliers are few enough to be left out of comparisons.
     pub is_outlier: bool,
 }
 
 impl PointErrors {
-    /// For [`crate::calibration::robust_comparison`].
+    /// Errors before, after, and with corrections, mm, as [`crate::calibration::robust_comparison`] takes them.
     pub fn errors_mm(&self) -> [f64; 3] {
         [
             self.before_mm,
@@ -124,7 +125,7 @@ impl PointErrors {
     }
 }
 
-/// [`PointErrors::errors_mm`] of the points that count in comparisons.
+/// [`PointErrors::errors_mm`] of the points that are not left out of comparisons.
 pub fn counted_errors_mm(points: &[PointErrors]) -> Vec<[f64; 3]> {
     let counted = points.iter().filter(|point| !point.is_outlier);
     counted.map(PointErrors::errors_mm).collect()
@@ -145,22 +146,22 @@ pub struct ParameterOutcome {
     pub identified: f64,
     /// identified − nominal.
     pub delta: f64,
-    /// One standard deviation, where it can be stated.
+    /// One standard deviation, if it can be stated.
     pub std_uncertainty: Option<f64>,
-    /// The interval that holds the true value with 95 % probability, in the same unit, where it can be stated.
+    /// The interval that contains the true value with 95 % probability, in the same unit, if it can be stated.
     pub interval_95: Option<[f64; 2]>,
-    /// 1 − posterior variance / prior variance: how much of what is known comes from the points; 0 to 1.
+    /// 1 − posterior variance / prior variance: the share of the information that comes from the points; 0 to 1.
     pub data_share: f64,
-    /// Whether that is at least half.
+    /// True if `data_share` is at least one half.
     pub identifiable: bool,
-    /// What was known of it beforehand, and what became of that.
+    /// Its stated prior, with the outcome.
     pub prior: Option<PriorOutcome>,
 }
 
-/// A prior and what became of it, in the unit of the wire (mm or deg).
+/// A prior and its outcome, in the unit of the wire (mm or deg).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorOutcome {
-    /// Where the parameter was expected.
+    /// Expected value.
     pub mean: f64,
     /// One standard deviation.
     pub std: f64,
@@ -168,10 +169,9 @@ pub struct PriorOutcome {
     pub min: Option<f64>,
     /// Largest value allowed.
     pub max: Option<f64>,
-    /// Share of what is known of the parameter that comes from its prior: its variance after, over that of the prior. `None` where no
-    /// uncertainty can be stated.
+    /// Share of the information that comes from the prior: posterior variance over prior variance. `None` if no uncertainty can be stated.
     pub share: Option<f64>,
-    /// `min` or `max` where the fit ended at that bound.
+    /// `min` or `max` if the fit ended at that bound.
     pub at_bound: Option<&'static str>,
 }
 
@@ -180,14 +180,14 @@ pub struct PriorOutcome {
 pub struct ErrorModel {
     /// White noise of one coordinate of a point of weight 1, one standard deviation, mm.
     pub noise_std_mm: f64,
-    /// What all points of one configuration share, mm; 0 where it does not stand out.
+    /// Error that all points of one configuration share, one standard deviation, mm; 0 if it is not significant.
     pub configuration_std_mm: f64,
-    /// What the model cannot say: random turning of the joints with their values and with gravity, rad; 0 where it does not stand out.
+    /// Misfit of the model: random rotation of the joints that varies with their values and with gravity, rad; 0 if it is not significant.
     pub misfit_std_rad: f64,
 }
 
 impl ErrorModel {
-    /// The part of an uncertainty that belongs into the report.
+    /// The part of an uncertainty that is reported.
     pub fn of(uncertainty: &Uncertainty) -> Self {
         let Uncertainty {
             noise_std_mm,
@@ -203,31 +203,31 @@ impl ErrorModel {
     }
 }
 
-/// What the data can see.
+/// What the data determine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identifiability {
     /// Free parameters.
     pub n_parameters: usize,
     /// Rank of the scaled identification Jacobian.
     pub rank: usize,
-    /// The rank that generic poses would have; more is not to be had from positions.
+    /// Rank at generic poses. Positions cannot determine more.
     pub model_rank: usize,
-    /// Combinations that the data do not see but priors say something of; `None` without priors.
+    /// Number of combinations that priors determine and the data do not; `None` without priors.
     pub n_by_priors: Option<usize>,
-    /// Largest over smallest seen singular value of the scaled Jacobian.
+    /// Largest over smallest observable singular value of the scaled Jacobian.
     pub condition_number: f64,
-    /// Combinations that cannot be seen, each by the names that take part in it.
+    /// Unobservable combinations, each as the names of its parameters.
     pub unidentifiable: Vec<Vec<String>>,
     /// O1 = (σ1 … σr)^(1/r) / sqrt(N), of the scaled Jacobian.
     pub observability_index_o1: f64,
 }
 
-/// One other method on the same points. Its duration is stamped by the service, which sees the stage begin and end.
+/// Another method on the same points. The service measures its duration from the start and end of its stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MethodComparison {
     /// `least_squares`, `pso`, `bpnn_pso`, `warm_start`.
     pub method: &'static str,
-    /// Name of the stage ([`crate::calibration::Event`]) whose duration is this method's.
+    /// Name of the stage ([`crate::calibration::Event`]) that runs this method.
     pub stage: &'static str,
     /// Iterations it took.
     pub n_iterations: usize,
@@ -239,28 +239,28 @@ pub struct MethodComparison {
     pub verify_after: Option<Errors>,
 }
 
-/// A remark that the reader should not miss.
+/// A warning in the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
     /// Stable code.
     pub code: &'static str,
     /// In words.
     pub detail: String,
-    /// 0-based data rows it is about, if any.
+    /// 0-based data rows concerned, if any.
     pub rows: Vec<usize>,
 }
 
-/// How well the flange's rotation in the robot's base is known, over the workspace: one standard deviation each, rad.
+/// Uncertainty of the flange's rotation in the robot's base, over the workspace: one standard deviation each, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlangeRotation {
-    /// Without the zero of the last joint: what a reflector off the last axis, and poses that move every joint, would show.
+    /// Without the zero of the last joint. A reflector off the last axis, and poses that move every joint, would determine this part.
     pub by_positions_rad: f64,
-    /// The zero of the last joint, about the last axis.
+    /// Uncertainty of the zero of the last joint, about the last axis.
     pub last_joint_zero_rad: f64,
 }
 
 impl FlangeRotation {
-    /// Both together.
+    /// Both parts combined.
     pub fn std_rad(&self) -> f64 {
         libm::hypot(self.by_positions_rad, self.last_joint_zero_rad)
     }
@@ -271,7 +271,7 @@ impl FlangeRotation {
 pub struct CalibrationReport {
     /// The method that ran (never `Auto`).
     pub method: Method,
-    /// Why that method.
+    /// Reason for the choice of this method.
     pub method_reason: String,
     /// The model that was identified.
     pub model: Model,
@@ -285,15 +285,15 @@ pub struct CalibrationReport {
     pub n_iterations: usize,
     /// Cost evaluations; refine and comparison not counted.
     pub n_evaluations: usize,
-    /// F on the identify subset after everything, mm².
+    /// F of the final model on the identify subset, mm².
     pub cost_mm2: f64,
     /// Smallest F after each iteration of the main method, index 0 = the start, mm².
     pub convergence_mm2: Vec<f64>,
-    /// The identify half.
+    /// Errors of the identify subset.
     pub identify: SubsetErrors,
-    /// The verify half, if there is one.
+    /// Errors of the verify subset, if there is one.
     pub verify: Option<SubsetErrors>,
-    /// The same without the points that are named as outliers; `None` if none of them is.
+    /// Errors of the verify subset without outliers; `None` if it has none.
     pub verify_without_outliers: Option<SubsetErrors>,
     /// The delivered fit; `None` if the parameters that were verified are delivered.
     pub final_fit: Option<FinalErrors>,
@@ -301,26 +301,26 @@ pub struct CalibrationReport {
     pub per_point: Vec<PointErrors>,
     /// Every free parameter.
     pub parameters: Vec<ParameterOutcome>,
-    /// Predicted uncertainty of the tool's position over the workspace, by the links alone, where it can be stated.
+    /// Predicted uncertainty of the tool's position over the workspace, from the links alone, if it can be stated.
     pub tool_uncertainty: Option<ToolUncertainty>,
-    /// How the points scatter about the model, where it can be stated.
+    /// How the points scatter about the model, if it can be stated.
     pub error_model: Option<ErrorModel>,
-    /// The whole of it, for whoever wants the covariance: rows in the order of `parameters`.
+    /// The full uncertainty, with the covariance: rows in the order of `parameters`.
     pub uncertainty: Option<Uncertainty>,
-    /// The delivered fit as later sessions are compared with it; `None` where priors were stated, where no fit to all points was made, and where its
+    /// Estimate of the delivered fit, for comparison with later sessions. `None` if priors were stated, if there is no fit to all points, or if its
     /// uncertainty cannot be stated.
     pub estimate: Option<Estimate>,
-    /// Why no uncertainty is stated, where a robot was identified and none is.
+    /// Why no uncertainty is stated, if a robot was identified without one.
     pub uncertainty_absent_because: Option<String>,
-    /// What changed since the robot's last identification, where that was given.
+    /// What changed since the robot's last identification, if that was given.
     pub changes: Option<Changes>,
-    /// How well it is known how the flange is turned in the robot's base; `None` where it cannot be computed.
+    /// Uncertainty of the flange's rotation in the robot's base; `None` if it cannot be computed.
     pub flange_rotation: Option<FlangeRotation>,
-    /// What the data can see.
+    /// What the data determine.
     pub identifiability: Identifiability,
     /// Other methods on the same points.
     pub comparison: Vec<MethodComparison>,
-    /// Remarks.
+    /// Warnings.
     pub warnings: Vec<Warning>,
     /// Identified links.
     pub links: Vec<Link>,
@@ -328,66 +328,66 @@ pub struct CalibrationReport {
     pub t_instrument_base: IsometryMatrix3<f64>,
     /// Target offsets in the flange frame, mm: first every target as it was last, then the earlier segments of those that moved.
     pub targets_mm: Vec<Vector3<f64>>,
-    /// How each of them is turned in the flange frame, where poses were measured.
+    /// Rotation of each target in the flange frame, if poses were measured.
     pub target_rotations: Vec<Rotation3<f64>>,
-    /// (target, segment) of each of them; segments count from 0.
+    /// (target, segment) of each target; segments count from 0.
     pub target_segments: Vec<(usize, usize)>,
-    /// The robot with what its links cannot say, where something of that was kept. Its targets are in the order of `targets_mm`.
+    /// The robot with corrections, if some were kept. Its targets are in the order of `targets_mm`.
     pub corrected: Option<CorrectedModel>,
-    /// How well the robot returns to the poses that were measured several times; `None` where none was.
+    /// Repeatability at poses that were measured several times; `None` if there are none.
     pub repeatability: Option<Repeatability>,
-    /// Which corrections were tried, and what they did; `None` where none was looked for.
+    /// Corrections that were tried, and their effect; `None` if none were searched.
     pub corrections: Option<Vec<Evidence>>,
-    /// The sessions that were fitted together; `None` where it was one upload.
+    /// The sessions that were fitted together; `None` for a single upload.
     pub pooled: Option<PooledSessions>,
-    /// Whether the released set still holds; of a quick check alone.
+    /// Whether the released set still holds; only for a quick check.
     pub quick_check: Option<QuickCheck>,
     /// The network trained on this run, if it was a swarm.
     pub network: Option<TrainedNetwork>,
 }
 
-/// Sessions that were fitted together, and how alike the two are that are least alike.
+/// Sessions that were fitted together, and the comparison of the two least similar sessions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PooledSessions {
     /// Each session, in the order of the request.
     pub sessions: Vec<PooledSession>,
-    /// dᵀ·V⁻¹·d of the robot's own parameters, of these two.
+    /// dᵀ·V⁻¹·d of the robot's own parameters, for these two sessions.
     pub chi_square: f64,
-    /// Combinations of parameters that both see.
+    /// Number of parameter combinations that both sessions determine.
     pub n_combinations: usize,
-    /// Probability that an unchanged robot shows as much.
+    /// Probability that an unchanged robot gives at least this value.
     pub probability: f64,
 }
 
-/// One of them.
+/// One session of several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PooledSession {
     /// Its first row among the rows of all sessions, from 0.
     pub first_row: usize,
-    /// Its points.
+    /// Number of its points.
     pub n_points: usize,
-    /// Its own noise by which its points count, of a coordinate of a point of weight 1, mm; `None` where all sessions count alike.
+    /// Noise that its points are weighed by, for a coordinate of a point of weight 1, mm; `None` if all sessions count alike.
     pub noise_std_mm: Option<f64>,
-    /// Root mean square error of the links alone on its points to identify from, mm.
+    /// Root mean square error of the links alone on its identify points, mm.
     pub identify_rms_mm: Option<f64>,
-    /// And on those to verify, mm.
+    /// Root mean square error of the links alone on its verify points, mm.
     pub verify_rms_mm: Option<f64>,
 }
 
-/// Warning of a session whose poses show too little of the robot to be evidence.
+/// Warning: the session's poses show too little of the robot to be evidence.
 pub const SHOWS_LITTLE: &str = "session_shows_little";
-/// Warning that the set's base is one of the base frame, and the points were scored with a base placed anew.
+/// Warning: the set was identified in the base frame, but the points were scored with a base placed anew.
 pub const BASE_NOT_CHECKED: &str = "base_not_checked";
-/// Warning that the numbers of base and targets are many for the points that they were fitted to.
+/// Warning: there are few points for the number of fitted base and target parameters.
 pub const FEW_VERIFY_POINTS: &str = "few_verify_points";
-/// Fewer configurations than this prove nothing, however often each was read.
+/// Minimum number of configurations for evidence, however often each was read.
 pub const FEWEST_TO_PROVE: usize = 5;
 
 impl CalibrationReport {
-    /// Whether its points to verify say anything for a release: they fit the robot, are enough, and are not those of a quick check.
+    /// True if the verify points are evidence for a release: they fit the robot, are numerous enough, and are not those of a quick check.
     pub fn is_evidence(&self) -> bool {
         let mut says_nothing = vec![DOES_NOT_FIT, NO_FIT, FEW_VERIFY_POINTS, SHOWS_LITTLE];
-        // a job that identifies has seen its own base: such points then say as much as those held out of the same upload
+        // a job that identifies has fitted its own base: such points are as good as those held out of the same upload
         if self.identify.n_points == 0 {
             says_nothing.push(BASE_NOT_CHECKED);
         }
@@ -427,11 +427,11 @@ pub struct PoseRepeatability {
     pub rows: Vec<usize>,
     /// RP, mm.
     pub rp_mm: f64,
-    /// AP: from the barycentre to where the nominal robot should be, mm.
+    /// AP: distance from the barycentre to the position of the nominal robot, mm.
     pub ap_before_mm: f64,
-    /// And to where the identified links put it, mm.
+    /// AP of the identified links, mm.
     pub ap_after_mm: f64,
-    /// And to where links with corrections put it, mm, where there are some.
+    /// AP of the links with corrections, mm, if there are any.
     pub ap_corrected_mm: Option<f64>,
 }
 
@@ -446,36 +446,36 @@ pub enum ChangeKind {
     Rebuilt,
 }
 
-/// What changed, for the report.
+/// Changes, as reported.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Changes {
     /// The robot's parameters first, then base and targets.
     pub all: Vec<NamedChange>,
-    /// Of the robot; `None` where it has not changed.
+    /// Kind of change of the robot; `None` if it has not changed.
     pub kind: Option<ChangeKind>,
-    /// In words.
+    /// Warnings about the changes.
     pub warnings: Vec<Warning>,
     /// dᵀ·V⁻¹·d of the robot's own parameters.
     pub chi_square: f64,
-    /// Combinations of them that both sessions see.
+    /// Number of combinations of these parameters that both sessions determine.
     pub n_combinations: usize,
-    /// Probability that an unchanged robot shows as much.
+    /// Probability that an unchanged robot gives at least this value.
     pub probability: f64,
 }
 
 /// One change, in the unit of the wire (mm or deg).
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedChange {
-    /// Its name; `d_2 or d_3` where positions cannot tell which.
+    /// Its name; `d_2 or d_3` if positions cannot tell them apart.
     pub name: String,
-    /// By how much: of the first name.
+    /// Size of the change, for the first name.
     pub delta: f64,
     /// |delta| in units of its standard deviation.
     pub sigmas: f64,
 }
 
-/// Warning that a file does not fit the robot.
+/// Warning: a file does not fit the robot.
 pub const DOES_NOT_FIT: &str = "session_does_not_fit";
 
-/// Warning that the identified robot does not fit its own points.
+/// Warning: the identified robot does not fit its own points.
 pub const NO_FIT: &str = "no_fit";

@@ -1,4 +1,4 @@
-//! What a calibration needs: everything, and nothing that is not plain data.
+//! Input of a calibration: complete, and only plain data.
 
 pub use crate::calibration::method::{
     After, CheckVerdict, CorrectionsChoice, FinalFit, Loss, Method,
@@ -15,7 +15,7 @@ use crate::measurement::{Frame, MeasurementSet};
 /// Which of the model's parameters are free. Names are `a_1`, `alpha_1`, `d_1`, `theta_offset_1`, `beta_1`, ….
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ParameterChoice {
-    /// All of the model's.
+    /// All parameters of the model.
     #[default]
     All,
     /// All but these.
@@ -24,14 +24,14 @@ pub enum ParameterChoice {
     Identify(Vec<String>),
 }
 
-/// What is known of a parameter beforehand, in the unit of the report (mm or degrees).
+/// Prior knowledge of a parameter, in the unit of the report (mm or degrees).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParameterPrior {
     /// Its name.
     pub name: String,
     /// One standard deviation about the mean.
     pub std: f64,
-    /// Where it is expected; `None`: where the report has its nominal value.
+    /// Expected value; `None`: the nominal value of the report.
     pub mean: Option<f64>,
     /// Smallest value allowed.
     pub min: Option<f64>,
@@ -83,23 +83,23 @@ pub struct CalibrationRequest {
     pub robot: Robot,
     /// The measured points.
     pub set: MeasurementSet,
-    /// The sessions that `set` joins ([`crate::measurement::sessions`]), as each was uploaded; empty where it is one upload.
+    /// The sessions that `set` joins ([`crate::measurement::sessions`]), as each was uploaded; empty for a single upload.
     pub sessions: Vec<MeasurementSet>,
     /// The noise of each session by itself: of a coordinate of a point of weight 1, mm. Empty: all sessions count alike.
     pub session_noise_mm: Vec<f64>,
-    /// How.
+    /// Method of identification.
     pub method: Method,
-    /// Which parameters exist; `None`: paper for frame=base, else complete.
+    /// Model to identify; `None`: complete for a set with poses, else [`default_model`].
     pub model: Option<Model>,
-    /// Where unset options come from.
+    /// Source of unset options.
     pub preset: Preset,
-    /// Which are free.
+    /// Free parameters.
     pub parameters: ParameterChoice,
-    /// What is known of them beforehand.
+    /// Priors of the parameters.
     pub priors: Vec<ParameterPrior>,
     /// Base and tool frame from sweeps, for `model: paper` on a set in the instrument frame.
     pub frames: Option<PreliminaryFrames>,
-    /// The robot's trained network, for `bpnn_pso`, and for `auto` where least squares from nominal does not find the robot.
+    /// The robot's trained network. It is used by `bpnn_pso`, and by `auto` if least squares from nominal does not find the robot.
     pub network: Option<TrainedNetwork>,
     /// Seed of every random number.
     pub seed: u64,
@@ -109,22 +109,22 @@ pub struct CalibrationRequest {
     pub verify: VerifySource,
     /// Search options.
     pub options: SearchOptions,
-    /// Which points the delivered parameters are fitted to; `None`: all, but the identify subset in the paper's preset and for a swarm that
-    /// is not refined.
+    /// Which points the delivered parameters are fitted to. `None`: all points; but the identify subset in the paper's preset and for a swarm that is
+    /// not refined.
     pub final_fit: Option<FinalFit>,
-    /// What links cannot say; `None`: looked for, but not in the paper's preset.
+    /// Whether corrections are searched; `None`: yes, except in the paper's preset.
     pub corrections: Option<CorrectionsChoice>,
-    /// What the flange carried while the set was measured, where it is known.
+    /// Payload on the flange during the measurement, if known.
     pub payload: Option<Payload>,
-    /// The frame that the parameter set that is verified was measured in; `None` if nothing is verified.
+    /// Frame in which the verified parameter set was measured; `None` if nothing is verified.
     pub scored_frame: Option<Frame>,
-    /// What the parameter set that is verified missed its own held-out points by: whether a session fits the robot is judged by it.
+    /// Errors of the verified parameter set on its own held-out points: the reference for judging whether a session fits the robot.
     pub held_out: Option<HeldOut>,
-    /// Code with which an upload of the request was refused, if it was kept because somebody insisted.
+    /// Code with which an upload of the request was refused, if the upload was kept by explicit request.
     pub refused_as: Option<String>,
-    /// The residual network of the robot's last identification: where the training of a new one starts.
+    /// Residual network of the robot's last identification. Training of a new one starts from it.
     pub residual_network: Option<ResidualNetwork>,
-    /// The session that the robot was last identified from, to compare with.
+    /// Session of the robot's last identification, for comparison.
     pub previous: Option<PreviousSession>,
 }
 
@@ -133,9 +133,9 @@ pub struct CalibrationRequest {
 pub struct PreviousSession {
     /// Its points.
     pub set: MeasurementSet,
-    /// The frames that they were identified with.
+    /// The preliminary frames of its identification.
     pub frames: Option<PreliminaryFrames>,
-    /// What its identification found, where that was kept.
+    /// The stored estimate of its identification, if there is one.
     pub estimate: Option<Estimate>,
 }
 
@@ -187,7 +187,7 @@ impl CalibrationRequest {
     }
 }
 
-/// The model where none is asked for: the paper's by sweeps, and in the base frame with the paper's preset; else the complete one.
+/// The default model: the paper's with sweeps, or in the base frame with the paper's preset; else the complete one.
 pub fn default_model(preset: Preset, frame: Frame, has_frames: bool) -> Model {
     if has_frames || (preset == Preset::Paper && frame == Frame::Base) {
         Model::Paper

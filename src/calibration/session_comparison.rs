@@ -1,7 +1,7 @@
-//! What changed since the robot's last identification: two estimates, each from all points of its session, compared.
+//! Changes since the robot's last identification: compares two estimates, each from all points of its session.
 //!
-//! The earlier estimate is the one that was kept with the parameter set. Where it does not have the same free parameters of links, or where none was
-//! kept, the earlier session is fitted again as today's was.
+//! The earlier estimate is the one stored with the parameter set. If none was stored, or if its free link parameters are different, the earlier
+//! session is fitted again in the same way as the new one.
 
 use crate::calibration::outcome::stated_uncertainty::stated;
 use crate::calibration::preparation::check::check;
@@ -23,16 +23,16 @@ use crate::measurement::{MeasurementSet, Subset};
 pub const ROBOT_CHANGED: &str = "robot_changed";
 /// A change by more than this share of what a fresh robot is expected to be off (1 mm, 0.3°) is a jump.
 const JUMP: f64 = 0.2;
-/// A collision moves few things: at most this share of what both sessions see.
+/// A collision changes few parameters: at most this share of the combinations that both sessions determine.
 const FEW: f64 = 0.35;
-/// More changes than these are counted, not listed, in words.
+/// Maximum number of changes that are listed by name. Further changes are only counted.
 const LISTED: usize = 6;
 
-/// Below this a probability is only said to be below it.
+/// Smallest probability that is written as a number.
 const LEAST_PROBABILITY: f64 = 1e-9;
 
-/// Compares `own`, the estimate of the request's session, with the session that it names as previous. `None` where there is none, or where it cannot
-/// be identified from by itself.
+/// Compares `own`, the estimate of the request's session, with the previous session that the request names. `None` if there is none, or if nothing
+/// can be identified from it alone.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
@@ -55,7 +55,7 @@ pub fn changes(
     Ok(compared.map(|comparison| in_words(&comparison, reach_mm(&request.robot.links))))
 }
 
-/// The kept estimate of an earlier session, if its free parameters of links are those of `parameters`.
+/// The stored estimate of an earlier session, if its free link parameters are those of `parameters`.
 pub fn kept<'a>(previous: &'a PreviousSession, parameters: &[Parameter]) -> Option<&'a Estimate> {
     let of_links = |parameters: &[Parameter]| -> Vec<Parameter> {
         parameters
@@ -80,7 +80,7 @@ pub fn estimate_of_request(
     estimate(&alike(request, set, frames), monitor)
 }
 
-/// A session of the request's robot with the request's model and free parameters, and every other option by default.
+/// A session of the request's robot with the request's model and free parameters, and all other options at their defaults.
 fn alike(
     request: &CalibrationRequest,
     set: MeasurementSet,
@@ -94,7 +94,7 @@ fn alike(
     }
 }
 
-/// What a session says of its own, from all its points; `None` where it cannot be said how sure that is.
+/// The estimate of a session from all its points; `None` if its uncertainty cannot be stated.
 pub fn estimate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -178,7 +178,7 @@ fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
     }
 }
 
-/// A probability as messages state it.
+/// A probability as written in messages.
 pub fn probability_in_words(probability: f64) -> String {
     match probability < LEAST_PROBABILITY {
         true => "below 1e-9".into(),

@@ -1,7 +1,7 @@
-//! Several sessions of one job: whether they are fitted together at all, and how much each counts.
+//! Several sessions of one job: whether they may be fitted together, and the weight of each.
 //!
-//! Each session is first identified by itself, from all of its points. Every two of these estimates are compared as a session is with the one before
-//! ([`crate::identification::changes`]); the alarms of all pairs together are as rare as one such alarm. Where one sounds, nothing is fitted together.
+//! Each session is first identified alone, from all of its points. All pairs of these estimates are compared ([`crate::identification::changes`]).
+//! The false-alarm rate of all pairs together equals that of a single comparison. If any pair differs, nothing is fitted together.
 
 use crate::calibration::preparation::check;
 use crate::calibration::preparation::observe::model_parameters;
@@ -21,15 +21,15 @@ use crate::measurement::split::has_column;
 use crate::measurement::{MeasurementSet, Subset};
 use std::collections::BTreeSet;
 
-/// Code of the refusal to fit sessions together that are not of one robot in one state.
+/// Refusal code: the sessions are not of one robot in one state.
 pub const SESSIONS_DIFFER: &str = "sessions_differ";
-/// A session's noise is its own from so many redundant equations on; with fewer it is taken to be as large as that of all sessions.
+/// Minimum redundancy for a session's own noise estimate. With less, the pooled noise of all sessions is used.
 const FEWEST_REDUNDANT: f64 = 10.0;
-/// The noise of a session counts as no less than this share of the largest one: then none of them decides alone.
+/// Lower limit of a session's noise as a share of the largest one, so that no session decides alone.
 const LEAST_NOISE_SHARE: f64 = 0.1;
 
-/// The checks of `calibrate` that need no fit, for the moment a job is posted; of several sessions also that each can be identified from by itself, and
-/// that none repeats another.
+/// The checks of `calibrate` that need no fit. They also run when a job is posted. For several sessions, each must be identifiable alone, and none
+/// may repeat another.
 ///
 /// # Errors
 /// [`Error::Unusable`] as [`check::check`], and with code `mixed_frames`, `model_mismatch`, `bad_subset`, `session_repeated`.
@@ -87,7 +87,7 @@ fn check_sessions(request: &CalibrationRequest) -> Result<(), Error> {
     Ok(())
 }
 
-/// The request that identifies a session by itself, from all of its points.
+/// The request that identifies a session alone, from all of its points.
 fn alone(request: &CalibrationRequest, set: &MeasurementSet) -> CalibrationRequest {
     let alone = CalibrationRequest {
         model: Some(request.model()),
@@ -97,7 +97,7 @@ fn alone(request: &CalibrationRequest, set: &MeasurementSet) -> CalibrationReque
     };
     let model = model_parameters(&alone, set.n_targets());
     let known: BTreeSet<String> = model.iter().map(Parameter::name).collect();
-    // targets of other sessions are none of this one's
+    // parameters of other sessions' targets do not exist in this session
     let of_session = |names: &[String]| {
         names
             .iter()
@@ -129,10 +129,10 @@ fn of_session(session: usize, error: Error) -> Error {
     }
 }
 
-/// What the comparison of the sessions found.
+/// Result of the comparison of sessions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pool {
-    /// Of the two sessions that are least alike.
+    /// Test of the two least similar sessions.
     chi_square: f64,
     n_combinations: usize,
     probability: f64,
@@ -140,10 +140,10 @@ pub struct Pool {
     pub noise_mm: Vec<f64>,
 }
 
-/// Compares the sessions of a request; `None` where it has one upload.
+/// Compares the sessions of a request; `None` for a single upload.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `sessions_differ` where they are not one robot in one state, `session_not_comparable` where that cannot be told,
+/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `session_not_comparable` if a session cannot be compared,
 /// [`Error::Cancelled`].
 pub fn compare_sessions(
     request: &CalibrationRequest,
@@ -221,7 +221,7 @@ fn differ(earlier: usize, later: usize, tested: &Tested, alarm: f64) -> Error {
     unusable(SESSIONS_DIFFER, detail)
 }
 
-/// The noise of each session, mm: its own where it shows enough of it, else that of all. Empty where no point is off at all.
+/// Noise of each session, mm: its own if it has enough redundancy, else the pooled noise. Empty if all noise is zero.
 fn noises_mm(sessions: &[Noise]) -> Vec<f64> {
     let freedom: f64 = sessions.iter().map(|noise| noise.freedom).sum();
     let squares = sessions
@@ -244,7 +244,7 @@ fn noises_mm(sessions: &[Noise]) -> Vec<f64> {
 }
 
 impl Pool {
-    /// For the report. `points` are those of the joined set, in its order.
+    /// The entry in the report. `points` are those of the joined set, in its order.
     pub fn report(&self, request: &CalibrationRequest, points: &[PointErrors]) -> PooledSessions {
         let rows = first_rows(&request.sessions);
         let session = |session: usize| {

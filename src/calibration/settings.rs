@@ -1,4 +1,4 @@
-//! The presets: every choice that the paper leaves open, resolved. Explicit options win.
+//! Presets: a value for every choice that the paper leaves open. Explicit options of the request take precedence.
 
 use crate::calibration::request::{CalibrationRequest, Preset};
 use crate::calibration::{Error, unusable};
@@ -11,7 +11,7 @@ use crate::solvers::pso;
 pub struct Settings {
     /// The swarm's options.
     pub pso: pso::Options,
-    /// Search along singular directions, not raw parameters.
+    /// Search along singular directions instead of raw parameters.
     pub singular_directions: bool,
     /// Half-width of the box for lengths, mm.
     pub half_width_mm: f64,
@@ -21,9 +21,9 @@ pub struct Settings {
     pub refine: bool,
 }
 
-/// `preset: "paper"`: the closest reading of [Gao 2018]: raw parameters; c1, c2, w and 200 particles as printed; random numbers per
-/// coordinate; zero initial velocity; no clamping and no velocity limit; a fixed number of iterations, the longest run it prints (492);
-/// a box of ±1 mm and ±1°, the round figures that hold every error it plants and identifies in its simulation (Tables 3 to 5).
+/// `preset: "paper"`: the closest reading of [Gao 2018]. Raw parameters; c1, c2, w and 200 particles as printed; random numbers per coordinate; zero
+/// initial velocity; no clamping and no velocity limit; a fixed number of iterations, the longest run it prints (492); a box of ±1 mm and ±1°, round
+/// figures that contain every error it plants and identifies in its simulation (Tables 3 to 5).
 fn paper() -> Settings {
     Settings {
         pso: pso::Options::default(),
@@ -34,10 +34,10 @@ fn paper() -> Settings {
     }
 }
 
-/// `preset: "default"`: ours. Singular directions of the scaled Jacobian, and w 0.65, c1 1.7, c2 1.5: a little further inside the region where
-/// the particles' variance dies out (c1 + c2 < 24·(1 − w²)/(7 − 5·w) [Poli 2009]: 87 % of its edge, Clerc and Kennedy's 0.7298, 1.49618 stand at
-/// 89 %), and drawn more by what each has found itself. Chosen on seeds, boxes and truths other than those of docs/identification.md; nearer
-/// to its middle the swarm is faster still where there are few directions, and stops short of the answer where there are 40.
+/// `preset: "default"`: our choices. Singular directions of the scaled Jacobian, and w 0.65, c1 1.7, c2 1.5. These values are slightly further inside
+/// the region where the particles' variance converges (c1 + c2 < 24·(1 − w²)/(7 − 5·w) [Poli 2009]): they are at 87 % of its edge, Clerc and
+/// Kennedy's 0.7298, 1.49618 at 89 %. Each particle's own best has more weight. Chosen on seeds, boxes and truths other than those of
+/// docs/identification.md. Nearer to the middle of the region the swarm is faster with few directions, but stops short of the answer with 40.
 fn ours() -> Settings {
     Settings {
         pso: pso::Options {
@@ -79,7 +79,7 @@ pub fn settings(request: &CalibrationRequest) -> Settings {
     settings
 }
 
-/// Half-width of the search box of each parameter; base and targets get as much more as their prior is wider.
+/// Half-width of the search box of each parameter. Lengths of base and targets get a wider box, in proportion to their wider prior.
 pub fn half_widths(settings: &Settings, parameters: &[Parameter]) -> Vec<f64> {
     let half_width = |p: &Parameter| match (p.is_angle(), p.is_link()) {
         (true, _) => settings.half_width_rad,
@@ -89,7 +89,7 @@ pub fn half_widths(settings: &Settings, parameters: &[Parameter]) -> Vec<f64> {
     parameters.iter().map(half_width).collect()
 }
 
-/// The refusal of a box in which nothing moves a measured point far enough to be seen.
+/// Refusal of a search box in which nothing moves a measured point by a visible distance.
 pub fn box_too_small(visible_mm: f64) -> Error {
     let detail = format!(
         "search_half_width_mm and search_half_width_deg are so small that nothing in the box moves the measured points by {visible_mm:.1e} mm: \

@@ -25,10 +25,10 @@ fn tell(monitor: &mut Monitor<'_>, event: Event<'_>) -> Result<(), Error> {
     }
 }
 
-/// Runs what asks by itself, between its parts, whether to go on.
+/// Runs code that asks the watch between its parts whether to go on.
 ///
 /// # Errors
-/// [`Error::Cancelled`] where the monitor broke: what it returned then is of no use.
+/// [`Error::Cancelled`] if the monitor broke. The result of `run` is then incomplete and is discarded.
 pub fn watched<T>(
     monitor: &mut Monitor<'_>,
     run: impl FnOnce(&Watch<'_>) -> T,
@@ -43,7 +43,7 @@ pub fn watched<T>(
     }
 }
 
-/// Passes on nothing but the question whether to stop: iterations of later stages are not the main method's progress.
+/// A monitor for later stages. Their iterations are passed on as heartbeats, because they are not progress of the main method.
 pub fn quiet<'m>(monitor: &'m mut Monitor<'_>) -> impl FnMut(Event<'_>) -> ControlFlow<()> + 'm {
     |event| match event {
         Event::Iteration { .. } => monitor(Event::Heartbeat),

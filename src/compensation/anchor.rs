@@ -1,8 +1,8 @@
-//! Where an identified robot has its base and its flange, whatever the identification gave to links, base and targets.
+//! Unique base and flange of an identified robot, independent of how the identification divided them between links, base and targets.
 //!
-//! Moving the base does the same as other values of link 1, and moving the targets the same as another theta_offset and d of the last
-//! link. Which of them a set of parameters names says nothing of the robot. So base and flange are anchored to its axes: the base frame is
-//! the one in which link 1 is nominal, the flange the one for which theta_offset and d of the last link are.
+//! Moving the base has the same effect as other values of link 1. Moving the targets has the same effect as another theta_offset and d of the last
+//! link. How a parameter set divides these says nothing about the robot. Base and flange are therefore anchored to the robot's axes: the base frame
+//! is the one in which link 1 is nominal, and the flange is the one for which theta_offset and d of the last link are nominal.
 
 use crate::compensation::mode::Base;
 use crate::identification::KinematicModel;
@@ -11,7 +11,7 @@ use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::{Link, reach_mm};
 use nalgebra::IsometryMatrix3;
 
-/// T_identified(q) = `t_base_anchored` · T_anchored(q) · `t_anchored_flange`, with T the flange in the base frame. Two identifications of one
+/// T_identified(q) = `t_base_anchored` · T_anchored(q) · `t_anchored_flange`, where T is the flange in the base frame. Two identifications of one
 /// robot have the same T_anchored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Anchor {
@@ -21,9 +21,9 @@ pub struct Anchor {
     pub t_anchored_flange: IsometryMatrix3<f64>,
 }
 
-/// The same robot with `beta` of links whose axis is not parallel to the one before at 0. There beta says the same as the numbers around it:
-/// Rx(α)·Dx(a)·Ry(β) = Rz(φ)·Dz(s)·Rx(α′)·Dx(a′)·Rz(ψ)·Dz(t), the common normal of both axes [Denavit & Hartenberg 1955]. φ and s go to
-/// theta_offset and d of the link before, ψ and t to those of the link. Links that are nominally parallel, or have a nominal beta, stay.
+/// The same robot with `beta` = 0 for links whose axis is not parallel to the one before. For such links beta is redundant: Rx(α)·Dx(a)·Ry(β) =
+/// Rz(φ)·Dz(s)·Rx(α′)·Dx(a′)·Rz(ψ)·Dz(t), the common normal of both axes [Denavit & Hartenberg 1955]. φ and s are added to theta_offset and d of the
+/// link before, ψ and t to those of the link itself. Links that are nominally parallel, or that have a nominal beta, do not change.
 fn without_redundant_beta(identified: &[Link], nominal: &[Link]) -> Vec<Link> {
     let mut links = identified.to_vec();
     for i in 1..links.len() {
@@ -39,7 +39,7 @@ fn without_redundant_beta(identified: &[Link], nominal: &[Link]) -> Vec<Link> {
         let cos = cos_alpha * cos_beta;
         let (sin_phi, cos_phi) = (sin_beta / sin, sin_alpha * cos_beta / sin);
         let t = link.a_mm * sin_phi / sin;
-        // x of the link before its joint turns, seen from the common normal and its perpendicular
+        // x of the link before its joint's rotation, relative to the common normal and its perpendicular
         let along = cos_phi * cos_beta + sin_phi * sin_alpha * sin_beta;
         let beside = cos * (cos_phi * sin_alpha * sin_beta - sin_phi * cos_beta)
             - sin * cos_alpha * sin_beta;
@@ -56,9 +56,9 @@ fn without_redundant_beta(identified: &[Link], nominal: &[Link]) -> Vec<Link> {
     links
 }
 
-/// The anchor of identified links. With link 1 = P·Rz(q + θ)·Dz(d), P = Rx(α)·Dx(a)·Ry(β), it is B·P̂·Rz(q + θ̂)·Dz(d̂) for
-/// B = P·Rz(θ − θ̂)·Dz(d − d̂)·P̂⁻¹, as Rz and Dz commute; the last link likewise with E = Rz(θ − θ̂)·Dz(d − d̂) on its right. The d of links
-/// whose axes are parallel to the first or to the last one slide the same way and are counted there.
+/// The anchor of identified links. With link 1 = P·Rz(q + θ)·Dz(d), P = Rx(α)·Dx(a)·Ry(β), it is B·P̂·Rz(q + θ̂)·Dz(d̂) for B = P·Rz(θ − θ̂)·Dz(d −
+/// d̂)·P̂⁻¹, because Rz and Dz commute. The last link is treated in the same way, with E = Rz(θ − θ̂)·Dz(d − d̂) on its right. The d of links whose
+/// axes are parallel to the first or to the last one shift along the same direction and are included there.
 ///
 /// # Panics
 /// If the robots have not the same number of links.
@@ -72,7 +72,7 @@ pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
     let last = nominal.len() - 1;
     let (first_group, last_group) = (first_group_end(nominal), last_group_start(nominal));
     let slide = |link: usize| identified[link].d_mm - nominal[link].d_mm;
-    // d along axis i moves along axis 1 (or n) by the product of the cosines between
+    // d along axis i shifts along axis 1 (or n) by the product of the cosines in between
     let cosine = |from: usize, to: usize| {
         nominal[from + 1..=to]
             .iter()
@@ -114,7 +114,7 @@ pub fn anchor(identified: &[Link], nominal: &[Link]) -> Anchor {
     }
 }
 
-/// Last link of those whose axes are parallel to the first.
+/// Last of the links whose axes are parallel to the first.
 fn first_group_end(nominal: &[Link]) -> usize {
     (1..nominal.len())
         .take_while(|link| is_parallel(&nominal[*link]))
@@ -122,13 +122,13 @@ fn first_group_end(nominal: &[Link]) -> usize {
         .unwrap_or(0)
 }
 
-/// A change of the last link's d up to this share of the arm's reach is an error of the robot. A larger one is the length of a tool: ten
-/// standard deviations of a machined length, 0.5 mm at a reach of 1700 mm.
+/// A change of the last link's d up to this share of the arm's reach is an error of the robot; a larger one is the length of a tool. It is ten
+/// standard deviations of a machined length (0.5 mm each at a reach of 1700 mm).
 const PLAUSIBLE_D_PER_REACH: f64 = 10.0 * 0.5 / 1700.0;
 
-/// The anchor for targets that are met in the measuring frame, where positions were measured in the nominal base frame: the base stays where
-/// the measurements say that it is. So does d of the last link, which the paper's model identifies with the reflector held on the flange,
-/// unless it changed by more than robots are off by: then it holds the length of a tool that the nominal robot does not know.
+/// The anchor for targets that are met in the measuring frame, if positions were measured in the nominal base frame. The base stays where the
+/// measurements place it. d of the last link also stays, as the paper's model identifies it with the reflector held on the flange. If it changed by
+/// more than the errors of robots, it contains the length of a tool that the nominal robot does not know, and it is anchored.
 ///
 /// # Panics
 /// If the robots have not the same number of links.
@@ -156,7 +156,7 @@ pub fn anchor_in(base: Base, identified: &KinematicModel, nominal: &[Link]) -> A
     }
 }
 
-/// First link of those whose axes are parallel to the last.
+/// First of the links whose axes are parallel to the last.
 fn last_group_start(nominal: &[Link]) -> usize {
     (1..nominal.len())
         .rev()

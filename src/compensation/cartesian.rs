@@ -1,29 +1,29 @@
-//! Cartesian targets: the joint values that reach a pose, near given ones.
+//! Cartesian targets: the joint values that reach a pose, near given joint values.
 //!
-//! A controller that is told a pose computes the joint values of the nominal robot there. So the nominal robot's joint values come first, then
-//! they are corrected as any other target.
+//! A controller that receives a pose computes the joint values of the nominal robot. These are therefore computed first, and are then corrected like
+//! any other target.
 
 use crate::compensation::mode::{Mode, Status};
 use crate::compensation::targets::{Compensation, Corrected, Tool};
 use nalgebra::IsometryMatrix3;
 
-/// Each solution moves a joint by 10° at most, so this many go once around.
+/// Each solution moves a joint by at most 10°, so this many cover a full turn.
 const MAX_SOLUTIONS: usize = 36;
-/// A solution that moves no joint by more than this is the last one, rad.
+/// The iteration ends when a solution moves no joint by more than this, rad.
 const STEP_RAD: f64 = 1e-10;
 
 /// A corrected Cartesian target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedPose {
-    /// The controller's joint values with which the nominal robot has its tool there, rad: what the controller would take by itself.
+    /// The controller's joint values with which the nominal robot has its tool at the target, rad. The controller would compute them itself.
     pub q_nominal_rad: Vec<f64>,
-    /// What the robot needs. `position_error_before_mm` is that of the nominal joint values.
+    /// The corrected joint values. `position_error_before_mm` is that of the nominal joint values.
     pub corrected: Corrected,
 }
 
 impl Compensation<'_> {
-    /// Joint values with which the robot has its tool at `t_base_tool`, mm, in the anchored base frame: of all postures that reach it, the one
-    /// that is found from `q_near_rad`, the controller's joint values.
+    /// Joint values with which the robot has its tool at `t_base_tool`, mm, in the anchored base frame. If several postures reach it, the result is
+    /// the one found from `q_near_rad`, the controller's joint values.
     pub fn reach(
         &self,
         t_base_tool: &IsometryMatrix3<f64>,

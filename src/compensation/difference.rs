@@ -1,4 +1,4 @@
-//! How far apart two identified robots have the tool over the workspace.
+//! Difference between the tools of two identified robots over the workspace.
 
 use crate::compensation::{Base, Compensation};
 use crate::identification::corrected::IdentifiedRobot;
@@ -6,7 +6,7 @@ use crate::identification::workspace::random_configurations;
 use crate::kinematics::{Robot, t_base_flange};
 use nalgebra::{Point3, Vector3};
 
-/// Configurations at which the two robots are compared.
+/// Number of configurations at which the two robots are compared.
 const N_CONFIGURATIONS: usize = 200;
 /// Seed of these configurations: the same for every comparison.
 const SEED: u64 = 0;
@@ -33,8 +33,8 @@ pub struct ToolDifference {
     pub difference_mm: Vector3<f64>,
 }
 
-/// Compares two robots that were identified from the same nominal `robot`. Base and flange of both are anchored to their own axes, so the
-/// places of instrument and reflector do not matter. The tool is target 0 of the first robot.
+/// Compares two robots that were identified from the same nominal `robot`. Base and flange of both are anchored to their own axes, so the positions
+/// of instrument and reflector do not matter. The tool is target 0 of the first robot.
 pub fn tool_differences(
     robot: &Robot,
     first: &IdentifiedRobot,

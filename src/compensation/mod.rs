@@ -1,4 +1,4 @@
-//! Joint values with which the identified robot does what the nominal robot was told to.
+//! Compensation: joint values with which the identified robot does what the nominal robot was commanded to do.
 
 pub mod anchor;
 mod cartesian;

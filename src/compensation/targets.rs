@@ -1,4 +1,4 @@
-//! Corrected joint targets: Gauss-Newton on the identified robot, damped along the directions in which it hardly moves, within joint limits.
+//! Corrected joint targets: Gauss-Newton on the identified robot, damped along directions in which it hardly moves, and within joint limits.
 
 use crate::compensation::anchor::{Anchor, anchor, anchor_in};
 use crate::compensation::mode::{Base, Mode, Status};
@@ -13,38 +13,37 @@ use nalgebra::{
     Vector6,
 };
 
-/// A turn of the tool counts as the displacement that it makes at this distance, as a share of the reach: 0.5 m on an arm of 2.5 m.
+/// A rotation of the tool counts as the displacement that it causes at this distance, as a share of the reach: 0.5 m on an arm of 2.5 m.
 const LEVER: f64 = 0.2;
-/// Directions in which the tool moves by less than this share of the reach per rad of all joints are damped: about 1.6° from a wrist's
-/// singularity. On an arm of 2.5 m they could amplify the error of 1 mm into more than 6° of joint motion.
+/// Directions in which the tool moves by less than this share of the reach per rad of all joints are damped: within about 1.6° of a wrist's
+/// singularity. On an arm of 2.5 m, such directions can amplify an error of 1 mm into more than 6° of joint motion.
 const SINGULAR: f64 = 4e-3;
-/// Damping where the tool does not move at all, share of the reach per rad.
+/// Damping if the tool does not move at all, as a share of the reach per rad.
 const MAX_DAMPING: f64 = 4e-3;
-/// No joint is moved by more than this, beyond the largest joint offset that was identified: 10°.
+/// Maximum change of a joint, in addition to the largest identified joint offset: 10°.
 const MAX_CHANGE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
-/// Counts as reached: this share of the reach, 1 µm on an arm of 2.5 m, and 0.0001°.
+/// A target counts as reached to within this share of the reach (1 µm on an arm of 2.5 m), and 0.0001°.
 const REACHED: f64 = 4e-7;
 /// See [`REACHED`].
 const REACHED_RAD: f64 = 1e-4 * std::f64::consts::PI / 180.0;
-/// Steps below this end the iteration.
+/// The iteration ends when all joint steps are below this.
 const STEP_RAD: f64 = 1e-12;
-/// Most steps; away from singularities four are enough.
+/// Maximum number of steps; away from singularities four are enough.
 const MAX_STEPS: usize = 40;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 1_000;
 
-/// ∂(tool)/∂(controller's joint values): displacement as a share of the reach, then rotation times [`LEVER`], per rad; columns beyond the last joint
+/// ∂(tool)/∂(controller's joint values): displacement as a share of the reach, then rotation times [`LEVER`], per rad. Columns beyond the last joint
 /// are 0.
 type Jacobian = SMatrix<f64, 6, MAX_LINKS>;
 type Joints = SVector<f64, MAX_LINKS>;
 
-/// What is corrected.
+/// The tool whose position is corrected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tool {
-    /// A point that was identified as a target: its offset in the flange frame of the identified links (of those with corrections, where
-    /// there are some), mm.
+    /// An identified target: its offset in the flange frame of the identified links (of those with corrections, if there are some), mm.
     Target(Vector3<f64>),
-    /// The tool centre point as the controller knows it: its pose in the nominal flange frame, mm.
+    /// The tool centre point in the controller: its pose in the nominal flange frame, mm.
     Tcp(IsometryMatrix3<f64>),
 }
 
@@ -53,24 +52,24 @@ pub enum Tool {
 pub struct Corrected {
     /// The controller's joint values, rad.
     pub q_controller_rad: Vec<f64>,
-    /// Distance of the tool from where the nominal robot would have it, with the joint values as they came, mm.
+    /// Distance of the tool from its position on the nominal robot, with the original joint values, mm.
     pub position_error_before_mm: f64,
-    /// The same with the corrected ones, mm.
+    /// The same distance with the corrected joint values, mm.
     pub position_error_after_mm: f64,
-    /// Angle between the tool and where the nominal robot would have it, with the corrected ones, rad.
+    /// Angle between the tool and its orientation on the nominal robot, with the corrected joint values, rad.
     pub orientation_error_after_rad: f64,
-    /// How it came out.
+    /// Result of the correction.
     pub status: Status,
 }
 
-/// A robot as it was ordered and as it is.
+/// A nominal robot and its identified links.
 #[derive(Clone, Debug)]
 pub struct Compensation<'a> {
     pub(super) nominal: &'a Robot,
-    /// The links that the Jacobian is taken from, and their anchor: with corrections, those identified together with them.
+    /// The links for the Jacobian, and their anchor. With corrections, they are the links that were identified together with the corrections.
     links: &'a [Link],
     anchor: Anchor,
-    /// Where there are corrections: the robot, and the anchor of its links alone, into which corrections fade.
+    /// With corrections: the robot, and the anchor of its links alone, into which the corrections fade.
     fading: Option<(&'a IdentifiedRobot, Anchor)>,
     joint_rates: DMatrix<f64>,
     max_change_rad: f64,
@@ -78,7 +77,7 @@ pub struct Compensation<'a> {
     reach_mm: f64,
 }
 
-/// Where the tool has to go, and from which joint values.
+/// The pose for the tool, and the initial joint values.
 struct Goal<'g> {
     q_rad: &'g [f64],
     t_base_tool: IsometryMatrix3<f64>,
@@ -94,7 +93,7 @@ struct Miss {
 }
 
 impl<'a> Compensation<'a> {
-    /// Prepares the correction of targets of `nominal`, which in truth has the links `identified`, in the robot's own base frame.
+    /// Prepares the correction of targets of `nominal`, whose identified links are `identified`, in the robot's own base frame.
     pub fn new(nominal: &'a Robot, identified: &'a [Link]) -> Self {
         Self::anchored(nominal, identified, anchor(identified, &nominal.links))
     }
@@ -118,7 +117,7 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// As [`Self::new`], in the given frame, with the corrections of the identified robot where it has some.
+    /// As [`Self::new`], in the given frame, with the corrections of the identified robot if it has some.
     pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot, base: Base) -> Self {
         let anchor_of = |model: &KinematicModel| anchor_in(base, model, &nominal.links);
         let (model, fading) = match &identified.corrected {
@@ -131,7 +130,7 @@ impl<'a> Compensation<'a> {
         let mut compensation = Self::anchored(nominal, &model.links, anchor_of(model));
         compensation.fading = fading;
         if base == Base::Measured {
-            // joint 1 makes up for a turned base
+            // joint 1 compensates a rotated base
             let t_measuring_base =
                 model.t_instrument_base * anchor(&model.links, &nominal.links).t_base_anchored;
             compensation.max_change_rad += t_measuring_base.rotation.angle();
@@ -139,12 +138,12 @@ impl<'a> Compensation<'a> {
         compensation
     }
 
-    /// Where the identified robot has its base and its flange: what is not corrected.
+    /// The anchor of base and flange. Their offsets from the nominal ones are not corrected.
     pub fn anchor(&self) -> &Anchor {
         &self.anchor
     }
 
-    /// The anchored flange in the anchored base, mm, at the model's joint values, rad: with corrections where they hold.
+    /// The anchored flange in the anchored base, mm, at the model's joint values, rad. Corrections are included in the region where they hold.
     pub fn t_base_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
         let Some((identified, plain_anchor)) = &self.fading else {
             return self.anchor.anchored(&t_base_flange(self.links, q_rad));
@@ -159,7 +158,7 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// Where a target sits on the anchored flange, mm, from its offset in the flange frame of the links that it was identified with.
+    /// Position of a target on the anchored flange, mm, from its offset in the flange frame of the links that it was identified with.
     pub fn p_anchored_mm(&self, p_flange_target_mm: &Vector3<f64>) -> Vector3<f64> {
         (self.anchor.t_anchored_flange * Point3::from(*p_flange_target_mm)).coords
     }
@@ -181,7 +180,7 @@ impl<'a> Compensation<'a> {
         t_base_flange(&self.nominal.links, &q_rad) * self.t_flange_tool(tool)
     }
 
-    /// The controller's joint values, rad, with which the robot has its tool where the nominal robot would have it for `q_controller_rad`.
+    /// The controller's joint values, rad, with which the robot has its tool where the nominal robot has it at `q_controller_rad`.
     pub fn correct(&self, q_controller_rad: &[f64], tool: &Tool, mode: Mode) -> Corrected {
         let t_base_tool = self.t_nominal_tool(q_controller_rad, tool);
         let t_flange_tool = self.t_flange_tool(tool);
@@ -222,7 +221,7 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// Solves, holds what went beyond its limit there, and solves for the rest.
+    /// Solves; if a joint exceeds its limit, holds it there and solves for the others.
     fn within_limits(&self, goal: &Goal<'_>) -> (Joints, Status) {
         let mut held = [None; MAX_LINKS];
         let is_beyond = |(q, limit): (&f64, &Option<(f64, f64)>)| {
@@ -252,7 +251,7 @@ impl<'a> Compensation<'a> {
         (Joints::zeros(), Status::JointLimit)
     }
 
-    /// The change up to the limit, if this change goes beyond it. A joint that was commanded beyond its limit goes no further.
+    /// The change up to the limit, if `change_rad` exceeds it. A joint that was commanded beyond its limit goes no further.
     fn beyond(&self, goal: &Goal<'_>, joint: usize, change_rad: f64) -> Option<f64> {
         let (low, high) = self.nominal.joint_limits_rad[joint]?;
         let (low, high) = (
@@ -262,9 +261,9 @@ impl<'a> Compensation<'a> {
         (change_rad < low || change_rad > high).then(|| change_rad.clamp(low, high))
     }
 
-    /// The change of the joints, and whether a direction was damped or the change was cut off. With J = U·Σ·Vᵀ at the present change Δ and
-    /// the miss e the next one is V·F·Uᵀ·(J·Δ + e), F = σ/(σ² + λ²): of all that reach the goal the smallest, or where λ > 0 the least
-    /// squares of miss and damped change (Chiaverini, Siciliano & Egeland 1994, eq. 16, direction by direction).
+    /// The change of the joints, and whether a direction was damped or the change was limited. With J = U·Σ·Vᵀ at the current change Δ and the error
+    /// e, the next change is V·F·Uᵀ·(J·Δ + e), F = σ/(σ² + λ²). It is the smallest change that reaches the goal or, if λ > 0, the least-squares
+    /// solution for error and damped change (Chiaverini, Siciliano & Egeland 1994, eq. 16, direction by direction).
     fn solve(&self, goal: &Goal<'_>, held: &[Option<f64>; MAX_LINKS]) -> (Joints, bool) {
         let mut change = Joints::from_fn(|joint, _| held[joint].unwrap_or(0.0));
         let (mut best, mut best_cost, mut is_singular) = (change, f64::INFINITY, false);
@@ -297,14 +296,14 @@ impl<'a> Compensation<'a> {
             let step = (next - change).amax();
             change = next;
             if step < STEP_RAD {
-                // a damped answer balances miss and change: it is the answer, not the smallest miss on the way
+                // a damped solution balances error and change, so it is the answer even if an earlier step had a smaller error
                 return (change, is_singular);
             }
         }
         (best, is_singular)
     }
 
-    /// Directions that the free joints can move the tool in.
+    /// Number of directions in which the free joints can move the tool.
     fn n_directions(&self, mode: Mode, held: &[Option<f64>; MAX_LINKS]) -> usize {
         let n_free = held[..self.links.len()]
             .iter()
@@ -332,8 +331,8 @@ impl<'a> Compensation<'a> {
         }
     }
 
-    /// Columns z × lever and z of the identified links' axes, by the controller's joints. What corrections add to them is left out: the
-    /// iteration takes their effect from the miss.
+    /// Columns z × lever and z of the identified links' axes, with respect to the controller's joints. The derivatives of corrections are neglected;
+    /// the iteration accounts for them through the error.
     fn jacobian(
         &self,
         goal: &Goal<'_>,
@@ -395,7 +394,7 @@ impl Miss {
     }
 }
 
-/// V·F·Uᵀ·wanted, and whether one of the `n_directions` that the tool should be able to move in is damped.
+/// V·F·Uᵀ·wanted. Also returns whether one of the `n_directions` in which the tool should be able to move is damped.
 fn damped_solution(
     jacobian: &Jacobian,
     wanted: &Vector6<f64>,

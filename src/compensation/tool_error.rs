@@ -1,9 +1,9 @@
-//! How far a corrected tool may be from its target, from the covariance of the identification.
+//! Uncertainty of a corrected tool's position relative to its target, from the covariance of the identification.
 //!
-//! With d = tool − target at fixed joint values, the links' errors δ move it by ∂d/∂δ, and what links cannot say by the features of
-//! [`misfit`](crate::identification::misfit). Both come from the root of the mean square error of the identification, R: one standard deviation
-//! of d (3-D: the root of the three variances' sum) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange follow the
-//! links.
+//! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
+//! of [`misfit`](crate::identification::misfit). Both errors have the root R of their mean square error from the identification. One standard
+//! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange
+//! depend on the links.
 
 use crate::compensation::anchor::{Anchor, anchor_in};
 use crate::compensation::mode::Base;
@@ -14,19 +14,19 @@ use crate::identification::parameters::{Parameter, apply};
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::{DMatrix, IsometryMatrix3, Matrix3xX, Point3, Vector3};
 
-/// Step of an angle, rad: its square is far below what counts, and rounding as well.
+/// Step of an angle, rad. Both its square and the rounding error are negligible.
 const STEP_RAD: f64 = 1e-6;
 
-/// Where the tool has to go.
+/// The target of the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ToolGoal<'a> {
-    /// Where the nominal robot has it at these joint values, rad, in the controller's convention.
+    /// The tool's position on the nominal robot at these joint values, rad, in the controller's convention.
     AsNominal(&'a [f64]),
-    /// A position in the frame that targets are met in; it does not follow the robot.
+    /// A fixed position in the frame in which targets are met. It does not depend on the robot.
     Fixed,
 }
 
-/// A robot as it may be: links, where its base and flange are, targets.
+/// A robot with changed parameters: links, base, flange and targets.
 #[derive(Clone, Debug)]
 struct PerturbedRobot {
     model: KinematicModel,
@@ -39,7 +39,7 @@ impl PerturbedRobot {
         Self { model, anchor }
     }
 
-    /// The tool's centre on the anchored flange, mm.
+    /// The tool's centre relative to the anchored flange, mm.
     fn tool_mm(&self, tool: &ToolPoint) -> Vector3<f64> {
         match *tool {
             ToolPoint::Target(target) => {
@@ -49,7 +49,7 @@ impl PerturbedRobot {
         }
     }
 
-    /// Tool less target, mm, in the frame that targets are met in, but for a constant.
+    /// Tool minus target, mm, in the frame in which targets are met, up to a constant.
     fn miss_mm(&self, nominal: &Robot, tool: &ToolPoint, q: &Poses) -> Vector3<f64> {
         let tool_mm = Point3::from(self.tool_mm(tool));
         let flange = self
@@ -68,7 +68,7 @@ impl PerturbedRobot {
 pub enum ToolPoint {
     /// 0-based.
     Target(usize),
-    /// Nominal flange frame, mm.
+    /// Position in the nominal flange frame, mm.
     Tcp(Vector3<f64>),
 }
 
@@ -88,19 +88,19 @@ struct Poses {
     nominal_rad: Option<Vec<f64>>,
 }
 
-/// The error of a tool that is corrected with the links of an estimate.
+/// The uncertainty of a tool that is corrected with the links of an estimate.
 #[derive(Clone, Debug)]
 pub struct ToolError<'a> {
     nominal: &'a Robot,
     estimate: &'a Estimate,
     tool: ToolPoint,
     identified: PerturbedRobot,
-    /// For each parameter its step, mm or rad, and the robot a step to both sides.
+    /// For each parameter: its step, mm or rad, and the robot with this step to both sides.
     moved: Vec<(f64, [PerturbedRobot; 2])>,
 }
 
 impl<'a> ToolError<'a> {
-    /// Prepares the errors of a tool in the frame of `base`. The estimate is one of `nominal`, and has the target if the tool is one.
+    /// Prepares the uncertainty of a tool in the frame of `base`. The estimate belongs to `nominal`, and contains the target if the tool is one.
     pub fn new(nominal: &'a Robot, estimate: &'a Estimate, base: Base, tool: ToolPoint) -> Self {
         let step_mm = STEP_RAD * reach_mm(&nominal.links);
         let moved = |parameter: &Parameter| {
@@ -124,7 +124,7 @@ impl<'a> ToolError<'a> {
         }
     }
 
-    /// One standard deviation (3-D) of the tool's position, mm, with the controller's joint values `q_controller_rad`.
+    /// Standard deviation (3-D) of the tool's position, mm, at the controller's joint values `q_controller_rad`.
     pub fn std_mm(&self, q_controller_rad: &[f64], wanted: ToolGoal<'_>) -> f64 {
         let poses = Poses {
             corrected_rad: self.nominal.q_model_rad(q_controller_rad),
@@ -157,10 +157,10 @@ impl<'a> ToolError<'a> {
         (plus - minus) / (2.0 * step)
     }
 
-    /// What the features of the misfit move the tool by, mm per rad: 3 × m, in the frame that targets are met in.
+    /// Displacement of the tool by the features of the misfit, mm per rad: 3 × m, in the frame in which targets are met.
     fn features(&self, q_rad: &[f64]) -> DMatrix<f64> {
         let PerturbedRobot { model, anchor } = &self.identified;
-        // the tool as one more target, in the flange frame of the identified links
+        // the tool as an additional target, in the flange frame of the identified links
         let tool_mm =
             anchor.t_anchored_flange.inverse() * Point3::from(self.identified.tool_mm(&self.tool));
         let mut with_tool = model.clone();

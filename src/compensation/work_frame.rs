@@ -1,31 +1,31 @@
-//! A work frame from measured points: a fixture whose points are known in its own frame, measured in another one.
+//! A work frame from measured points of a fixture. The points are known in the fixture's frame and were measured in another frame.
 
 use crate::identification::start::rigid_motion;
 use nalgebra::{IsometryMatrix3, Matrix3, Matrix6, SMatrix, Vector3};
 
-/// Fewest points: three, not on a line.
+/// Minimum number of points: three, not on a line.
 pub const FEWEST_POINTS: usize = 3;
-/// Points count as on a line if the second widest direction is below this share of the widest: the turn about the line would be known ten
-/// times worse than the others.
+/// Points count as on a line if the second largest spread is below this share of the largest. The rotation about the line would then be ten times
+/// less certain than the other rotations.
 const ON_A_LINE: f64 = 0.1;
 
 /// A point of a fixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixturePoint {
-    /// In the work frame, as drawn, mm.
+    /// Position in the work frame, as drawn, mm.
     pub nominal_mm: Vector3<f64>,
-    /// In the frame that it was measured in, mm.
+    /// Position in the frame that it was measured in, mm.
     pub measured_mm: Vector3<f64>,
 }
 
-/// A work frame, and how well it is known.
+/// A work frame and its uncertainty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorkFrame {
-    /// The work frame in the frame that it was measured or typed in, mm.
+    /// The work frame in the frame in which it was measured or entered, mm.
     pub t_reference_work: IsometryMatrix3<f64>,
-    /// Distance of each measured point from where the frame has it, mm; none of a frame that was typed.
+    /// Distance of each measured point from its position in the fitted frame, mm; empty for an entered frame.
     pub residuals_mm: Vec<f64>,
-    /// Noise of one coordinate of a point, mm, and the covariance of small motions of the frame for noise 1: translation, then rotation vector
+    /// Noise of one coordinate of a point, mm, and the covariance of small motions of the frame for unit noise: translation, then rotation vector
     /// about the points' centre.
     spread: Option<Spread>,
 }
@@ -37,19 +37,19 @@ struct Spread {
     covariance: Matrix6<f64>,
 }
 
-/// Why points give no frame.
+/// Why the points do not determine a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WorkFrameError {
-    /// Fewer than three.
+    /// Fewer than three points.
     #[error("a frame needs at least {FEWEST_POINTS} points")]
     TooFew,
-    /// On a line, or at one place.
+    /// The points are on a line, or at one place.
     #[error("the points lie on a line, so the turn about it is unknown: add a point beside it")]
     OnALine,
 }
 
 impl WorkFrame {
-    /// A frame that was typed: taken as exact.
+    /// A frame that was entered; it is taken as exact.
     pub fn typed(t_reference_work: IsometryMatrix3<f64>) -> Self {
         Self {
             t_reference_work,
@@ -58,7 +58,7 @@ impl WorkFrame {
         }
     }
 
-    /// The frame that fits the points best (Kabsch 1976). The noise of a coordinate is the larger one of `std_mm` and what the residuals show:
+    /// The frame that best fits the points (Kabsch 1976). The noise of a coordinate is the larger of `std_mm` and the noise from the residuals:
     /// sqrt(Σ|r|² / (3·n − 6)).
     ///
     /// # Errors
@@ -101,13 +101,13 @@ impl WorkFrame {
         })
     }
 
-    /// Root mean square of the residuals, mm; 0 of a frame that was typed.
+    /// Root mean square of the residuals, mm; 0 for an entered frame.
     pub fn rms_mm(&self) -> f64 {
         let squares: f64 = self.residuals_mm.iter().map(|r| r * r).sum();
         (squares / self.residuals_mm.len().max(1) as f64).sqrt()
     }
 
-    /// One standard deviation (3-D) of where a point of the work frame is, mm.
+    /// Standard deviation (3-D) of the position of a point in the work frame, mm.
     pub fn position_std_mm(&self, p_work_mm: &Vector3<f64>) -> f64 {
         let Some(spread) = &self.spread else {
             return 0.0;

@@ -1,4 +1,4 @@
-//! A serial chain of joints, each with a frame of its own choice.
+//! A serial chain of joints, each with an arbitrary frame.
 
 use crate::exchange::origin::{Origin, origin_of};
 use crate::kinematics::Link;
@@ -9,13 +9,13 @@ use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 /// One joint of a chain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChainJoint {
-    /// What it is called.
+    /// Its name.
     pub name: String,
-    /// The joint's frame in the frame of the joint before (of the root, for the first), at joint value 0, mm.
+    /// The joint's frame in the frame of the previous joint (of the root, for the first), at joint value 0, mm.
     pub t_parent_joint: IsometryMatrix3<f64>,
-    /// Unit vector about which it turns, in its own frame; `None` where it is fixed.
+    /// Unit vector of its axis, in its own frame; `None` for a fixed joint.
     pub axis: Option<Vector3<f64>>,
-    /// Lower and upper limit, rad, where known.
+    /// Lower and upper limit, rad, if known.
     pub limits_rad: Option<(f64, f64)>,
 }
 
@@ -36,7 +36,7 @@ pub struct Axis {
 }
 
 impl Chain {
-    /// The chain of links: one joint per link that turns about its z.
+    /// The chain of links: one joint per link, which rotates about its z axis.
     pub fn of_links(links: &[Link]) -> Self {
         let joint = |(i, link): (usize, &Link)| ChainJoint {
             name: format!("joint_{}", i + 1),
@@ -49,7 +49,7 @@ impl Chain {
         }
     }
 
-    /// Joints that move.
+    /// Number of moving joints.
     pub fn n_moving(&self) -> usize {
         self.joints
             .iter()
@@ -65,7 +65,7 @@ impl Chain {
             .unwrap_or_else(IsometryMatrix3::identity)
     }
 
-    /// Frame of each joint in the root's frame, after its own turn.
+    /// Frame of each joint in the root's frame, after its own rotation.
     pub fn frames(&self, q_rad: &[f64]) -> Vec<IsometryMatrix3<f64>> {
         let mut q = q_rad.iter();
         let mut t = IsometryMatrix3::identity();
@@ -98,7 +98,7 @@ impl Chain {
             .collect()
     }
 
-    /// Origin of each joint, as a URDF writes it.
+    /// Origin of each joint, in the form of a URDF.
     pub fn origins(&self) -> Vec<Origin> {
         self.joints
             .iter()

@@ -5,8 +5,8 @@ use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::IsometryMatrix3;
 
-/// Links of a distal table. Its row i holds theta and d of link i, and a and alpha of the *next* link in Craig's convention; those of the
-/// last row stand behind the last axis, where no link is, and become the flange's pose on the last link.
+/// Links of a distal table. Its row i has theta and d of link i, and a and alpha of the *next* link in Craig's convention. a and alpha of the last
+/// row come after the last axis, where there is no link; they become the flange's pose on the last link.
 pub fn links_of_distal(rows: &[Link]) -> ImportedLinks {
     let before = |i: usize| if i == 0 { Link::default() } else { rows[i - 1] };
     let link = |(i, row): (usize, &Link)| Link {

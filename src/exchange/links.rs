@@ -1,4 +1,4 @@
-//! From the axes of a chain to links in Craig's convention, with Hayati's beta where neighbouring axes are nearly parallel.
+//! Converts the axes of a chain to links in Craig's convention, with Hayati's beta for nearly parallel neighbouring axes.
 
 use crate::exchange::chain::{Axis, Chain};
 use crate::identification::parameters::PARALLEL_SINE;
@@ -9,7 +9,7 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 /// Lengths and cosines below this are rounding.
 const NOTHING: f64 = 1e-9;
 
-/// Links, and what stands before the first and behind the last one: T_root_tip(q) = `t_root_base` · Π links(q) · `t_flange_tip`.
+/// Links, with the transforms before the first and after the last one: T_root_tip(q) = `t_root_base` · Π links(q) · `t_flange_tip`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImportedLinks {
     /// Frame 0 of the links in the chain's root, mm.
@@ -22,9 +22,10 @@ pub struct ImportedLinks {
 
 /// Links with the kinematics of a chain, at the chain's own joint values.
 ///
-/// Frame i stands on axis i with x along the common normal to axis i + 1 (Craig, Introduction to Robotics, section 3.4). Where the two are
-/// nearly parallel the normal runs away, and x goes to where axis i + 1 pierces the plane across axis i (Hayati & Mirmirani 1985). The base
-/// stands on axis 1 at the foot of the root's origin, the flange on the last axis at the foot of the tip's.
+/// Frame i is on axis i, with x along the common normal to axis i + 1 (Craig, Introduction to Robotics, section 3.4). If the two axes are nearly
+/// parallel, the normal is far away. x then points to the intersection of axis i + 1 with the plane perpendicular to axis i (Hayati & Mirmirani
+/// 1985). The base is on axis 1 at the foot of the perpendicular from the root's origin, the flange on the last axis at the foot of the perpendicular
+/// from the tip's origin.
 ///
 /// # Panics
 /// If no joint moves.
@@ -33,7 +34,7 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     let t_root_tip = chain.t_root_tip(&vec![0.0; axes.len()]);
     let t_root_base = on_axis(&axes[0], &Vector3::zeros(), [Vector3::x(), Vector3::y()]);
     let mut links: Vec<Link> = Vec::with_capacity(axes.len());
-    // the frame after Rx(alpha)·Dx(a)·Ry(beta) of the link at hand
+    // the frame after Rx(alpha)·Dx(a)·Ry(beta) of the current link
     let mut before = t_root_base;
     let mut to_axis = Link::default();
     for (i, axis) in axes.iter().enumerate() {
@@ -75,7 +76,8 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     }
 }
 
-/// A frame on an axis at the foot of a point, with x as near to the first of the two directions as it can be that is not along the axis.
+/// A frame on an axis at the foot of the perpendicular from a point. x is the part across the axis of the first of the two directions that is not
+/// along the axis.
 fn on_axis(
     axis: &Axis,
     point_mm: &Vector3<f64>,
@@ -95,7 +97,7 @@ fn on_axis(
     )
 }
 
-/// A frame with this origin and z, and x the part of `x` across z.
+/// A frame with this origin and z. x is the part of `x` perpendicular to z.
 fn framed(origin_mm: Vector3<f64>, x: &Vector3<f64>, z: &Vector3<f64>) -> IsometryMatrix3<f64> {
     let x = (x - z * x.dot(z)).normalize();
     let rotation = Matrix3::from_columns(&[x, z.cross(&x), *z]);
@@ -116,7 +118,7 @@ fn towards(
     let normal = z.cross(&v);
     let between = next.point_mm - axis.point_mm;
     if normal.norm() < PARALLEL_SINE {
-        // where the next axis pierces the plane across this one
+        // intersection of the next axis with the plane perpendicular to this one
         let origin = axis.point_mm + z * (from_mm - axis.point_mm).dot(&z);
         let pierced = next.point_mm + v * ((origin - next.point_mm).dot(&z) / v.dot(&z));
         let x = pierced - origin;
@@ -133,12 +135,12 @@ fn towards(
     framed(origin, &(if is_forward { normal } else { -normal }), &z)
 }
 
-/// Rx(alpha)·Dx(a)·Ry(beta) that takes frame i to axis i + 1, which its x meets.
+/// Rx(alpha)·Dx(a)·Ry(beta) from frame i to axis i + 1; the x axis of frame i meets that axis.
 fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
     let v = t_root_link.rotation.inverse() * next.direction;
     let p = t_root_link.inverse() * nalgebra::Point3::from(next.point_mm);
     let across = (v.y * v.y + v.z * v.z).sqrt();
-    // x at which the axis is nearest to the frame's x
+    // x at which the axis is closest to the frame's x axis
     let along = -(p.y * v.y + p.z * v.z) / (across * across);
     let beta = libm::atan2(v.x, across);
     Link {
@@ -149,5 +151,5 @@ fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
     }
 }
 
-/// An angle that is 0 but for rounding.
+/// Angles below this are rounding.
 const ROUNDING_RAD: f64 = 1e-14;

@@ -5,7 +5,7 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 /// x, y, z in mm and roll, pitch, yaw in rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Origin {
-    /// mm.
+    /// x, y, z, mm.
     pub xyz_mm: [f64; 3],
     /// About x, then y, then z of the fixed frame, rad.
     pub rpy_rad: [f64; 3],
@@ -21,8 +21,8 @@ pub fn pose_of(origin: &Origin) -> IsometryMatrix3<f64> {
     )
 }
 
-/// The origin of a pose. At a pitch of ±90° roll and yaw turn about the same axis: roll is then what rounding makes it, and yaw is taken
-/// from what remains, so that the product holds.
+/// The origin of a pose. At a pitch of ±90°, roll and yaw rotate about the same axis. Roll is then determined by rounding, and yaw is computed from
+/// the remaining rotation, so that the product is correct.
 pub fn origin_of(pose: &IsometryMatrix3<f64>) -> Origin {
     let r = pose.rotation.matrix();
     let across = (r[(2, 1)] * r[(2, 1)] + r[(2, 2)] * r[(2, 2)]).sqrt();

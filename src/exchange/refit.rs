@@ -1,4 +1,4 @@
-//! Links for controllers that know less: without beta, or with the mastering alone.
+//! Links for simpler controllers: without beta, or with mastering offsets alone.
 
 use crate::compensation::anchor;
 use crate::identification::KinematicModel;
@@ -10,26 +10,26 @@ use crate::identification::workspace::random_configurations;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
-/// Configurations that stand for the workspace.
+/// Number of configurations that represent the workspace.
 const N_CONFIGURATIONS: usize = 256;
-/// Seeds of those that are fitted, and of others that what remains is measured at.
+/// Seeds of the fitted configurations, and of others at which the remaining error is measured.
 const SEEDS: (u64, u64) = (0, 1);
-/// The flange's pose is fitted by three points on its axes at this distance, mm: about where tools are.
+/// The flange's pose is fitted by three points on its axes at this distance, mm: about the distance of tools.
 const TOOL_MM: f64 = 100.0;
 
-/// Links that a controller can hold, and how far the tool is off with them.
+/// Links that a controller can store, and the tool's error with them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Refit {
     /// The links.
     pub links: Vec<Link>,
-    /// Mean distance of three points 100 mm from the flange's origin from where the identified links have them, over the workspace, mm.
+    /// Mean distance over the workspace between three points 100 mm from the flange's origin and their positions with the identified links, mm.
     pub mean_mm: f64,
-    /// The largest.
+    /// Largest of these distances, mm.
     pub max_mm: f64,
 }
 
-/// The links with beta 0 that come nearest to the identified ones over the workspace. a, alpha, d and theta_offset may change; what the
-/// workspace does not see of them stays.
+/// The links with beta 0 that best fit the identified ones over the workspace. a, alpha, d and theta_offset may change. Combinations of them that the
+/// workspace does not determine stay.
 pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
     let start = identified
         .iter()
@@ -42,8 +42,8 @@ pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
     refit(robot, start, &paper_parameters(identified.len()), &truth)
 }
 
-/// The nominal links with the joint offsets that come nearest to the identified robot over the workspace. Offsets of the first and the
-/// last joint stay nominal: the base and the tool carry them.
+/// The nominal links with the joint offsets that best fit the identified robot over the workspace. Offsets of the first and the last joint stay
+/// nominal: base and tool contain them.
 pub fn mastering(robot: &Robot, identified: &[Link]) -> Refit {
     let anchor = anchor(identified, &robot.links);
     let truth = |q: &[f64]| anchor.anchored(&t_base_flange(identified, q));

@@ -1,47 +1,48 @@
-//! Identified links in a chain of the user's own frames: the same joints, axes and tip, the identified kinematics.
+//! Puts identified links into a chain with the user's own frames: the same joints, axes and tip, with the identified kinematics.
 
 use crate::exchange::chain::{Axis, Chain, ChainJoint};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::{Link, Robot};
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
-/// A chain describes the nominal robot if its axes are within this of the nominal ones; descriptions are rounded.
+/// A chain describes the nominal robot if its axes are within this distance of the nominal ones. Descriptions are rounded.
 const SAME_MM: f64 = 1.0;
-/// See [`SAME_MM`]: 0.1°.
+/// The same for the angle of axes: 0.1°.
 const SAME_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// A chain is a corrected description, not the nominal one, if its worst axis is this much nearer to the identified robot's,
+/// A chain is a corrected description instead of the nominal one if its worst axis fits the identified robot better by this factor. Its distance from
+/// the nominal one must also exceed [`ROUNDING`].
 const NEARER: f64 = 0.5;
-/// and its distance to the nominal one is not the rounding of a description: 0.01 mm or 0.001°, in parts of [`SAME_MM`] and [`SAME_RAD`].
+/// Rounding of a description: 0.01 mm or 0.001°, as a share of [`SAME_MM`] and [`SAME_RAD`].
 const ROUNDING: f64 = 0.01;
-/// Below this the axes are parallel, and nothing holds their common direction.
+/// Below this the axes are parallel, and the position along their common direction is not determined.
 const HELD: f64 = 1e-6;
 /// Iteration limit of a singular value decomposition.
 const SVD_ITERATIONS: usize = 1_000;
 
-/// Why a chain is not the robot's.
+/// Why a chain does not describe the robot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Mismatch {
-    /// Another number of joints that move.
+    /// The number of moving joints is different.
     #[error("it has {found} joints that move between root and tip, the robot has {expected}")]
     JointCount {
-        /// In the chain.
+        /// Number in the chain.
         found: usize,
-        /// Of the robot.
+        /// Number of the robot.
         expected: usize,
     },
-    /// An axis is elsewhere.
+    /// An axis is somewhere else.
     #[error(
         "the axis of joint {name:?} is {distance_mm:.3} mm and {angle_deg:.4}° from where the nominal robot has it, all joints at 0"
     )]
     Axis {
         /// The joint.
         name: String,
-        /// How far.
+        /// Its distance, mm.
         distance_mm: f64,
-        /// How turned.
+        /// Its angle, degrees.
         angle_deg: f64,
     },
-    /// It has been corrected before.
+    /// The chain has already been corrected.
     #[error(
         "it is the identified robot's already, or that of an identification before: the axis of joint {name:?} is {distance_mm:.3} mm and \
          {angle_deg:.4}° from where the nominal robot has it, and nearer to the identified one; take the description that the robot came with"
@@ -49,25 +50,25 @@ pub enum Mismatch {
     Corrected {
         /// The joint.
         name: String,
-        /// How far from the nominal one.
+        /// Distance from the nominal axis, mm.
         distance_mm: f64,
-        /// How turned.
+        /// Angle from the nominal axis, degrees.
         angle_deg: f64,
     },
 }
 
-/// How the chain's joint values are the model's: q_model = sign · q + offset.
+/// Relation of the chain's joint values to the model's: q_model = sign · q + offset.
 struct Convention {
     sign: Vec<f64>,
     offset_rad: Vec<f64>,
 }
 
-/// The chain with its moving joints' frames placed anew, so that it moves as the identified links do. Fixed joints stay as they are, and
-/// each frame stays where it was on its own link, up to the rounding of the description. Its joint values stay what they are: the
-/// controller's, or the model's where they are that.
+/// The chain with new frames of its moving joints, so that it moves as the identified links do. Fixed joints do not change. Each frame keeps its
+/// place on its own link, up to the rounding of the description. The joint values keep their meaning: the controller's values, or the model's if the
+/// chain uses those.
 ///
 /// # Errors
-/// [`Mismatch`] where the chain is not the nominal robot.
+/// [`Mismatch`] if the chain is not the nominal robot.
 pub fn transplanted(
     chain: &Chain,
     nominal: &Robot,
@@ -104,15 +105,15 @@ pub fn transplanted(
     Ok(moved(chain, nominal, identified, &convention, &t_root_base))
 }
 
-/// The nominal robot with the controller's joint values at 0: its axes and its flange in the base of its links. `None` where joints are coupled.
+/// The nominal robot with the controller's joint values at 0: its axes and its flange in the base of its links. `None` if joints are coupled.
 pub fn nominal_at_zero(nominal: &Robot) -> Option<(Vec<Axis>, IsometryMatrix3<f64>)> {
     let convention = controllers(nominal)?;
     let t_base_flange = *nominal_frames(nominal, &convention).last()?;
     Some((nominal_axes(nominal, &convention), t_base_flange))
 }
 
-/// As [`transplanted`], for a chain made for this robot, at the controller's joint values, with the base of its links where it is said to be
-/// in the chain's root. `None` where joints are coupled.
+/// As [`transplanted`], for a chain made for this robot, with the controller's joint values. `t_root_base` is the base of the links in the chain's
+/// root. `None` if joints are coupled.
 pub fn placed(
     chain: &Chain,
     nominal: &Robot,
@@ -123,10 +124,10 @@ pub fn placed(
     Some(moved(chain, nominal, identified, &convention, t_root_base))
 }
 
-/// A joint, and how far its axis is from where the robot has it, mm and rad.
+/// A joint, and the distance and angle of its axis from the robot's, mm and rad.
 type OffAxis = (String, f64, f64);
 
-/// How a robot lies best onto a chain: by which of its conventions, where its base is in the chain's root, and its worst axis.
+/// Best fit of a robot to a chain: the joint convention, the base in the chain's root, and the worst axis.
 fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix3<f64>, OffAxis)> {
     let placed = conventions(robot).into_iter().map(|convention| {
         let t_root_base = place(chain, robot, &convention);
@@ -136,7 +137,7 @@ fn laid_onto(chain: &Chain, robot: &Robot) -> Option<(Convention, IsometryMatrix
     placed.min_by(|a, b| misfit(&a.2).total_cmp(&misfit(&b.2)))
 }
 
-/// The controller's joint values where a chain can have them, and the model's.
+/// The possible joint conventions of a chain: the controller's, if it is possible, and the model's.
 fn conventions(nominal: &Robot) -> Vec<Convention> {
     let model = Convention::model(nominal.links.len());
     match (&nominal.joint_map, controllers(nominal)) {
@@ -145,7 +146,7 @@ fn conventions(nominal: &Robot) -> Vec<Convention> {
     }
 }
 
-/// The controller's joint values; `None` where they are coupled.
+/// The controller's joint convention; `None` if joints are coupled.
 fn controllers(nominal: &Robot) -> Option<Convention> {
     match &nominal.joint_map {
         None => Some(Convention::model(nominal.links.len())),
@@ -157,7 +158,7 @@ fn controllers(nominal: &Robot) -> Option<Convention> {
 }
 
 impl Convention {
-    /// The model's own joint values.
+    /// The model's own joint convention.
     fn model(n: usize) -> Self {
         Self {
             sign: vec![1.0; n],
@@ -170,7 +171,7 @@ fn misfit((_, distance_mm, angle_rad): &OffAxis) -> f64 {
     (distance_mm / SAME_MM).max(angle_rad / SAME_RAD)
 }
 
-/// Frames 1..n of the nominal links where the chain's joints are at 0.
+/// Frames 1..n of the nominal links with the chain's joints at 0.
 fn nominal_frames(nominal: &Robot, convention: &Convention) -> Vec<IsometryMatrix3<f64>> {
     let mut t = IsometryMatrix3::identity();
     let frame = |(link, q): (&Link, &f64)| {
@@ -198,8 +199,8 @@ fn nominal_axes(nominal: &Robot, convention: &Convention) -> Vec<Axis> {
         .collect()
 }
 
-/// The base frame in the chain's root: the rigid motion that lays the nominal axes onto the chain's (Kabsch 1976 for the directions, then
-/// least squares of the distances between the lines).
+/// The base frame in the chain's root: the rigid motion from the nominal axes to the chain's (Kabsch 1976 for the directions, then least squares of
+/// the distances between the lines).
 fn place(chain: &Chain, nominal: &Robot, convention: &Convention) -> IsometryMatrix3<f64> {
     let (theirs, ours) = (chain.axes(), nominal_axes(nominal, convention));
     let mut correlation = Matrix3::zeros();
@@ -233,7 +234,7 @@ fn place(chain: &Chain, nominal: &Robot, convention: &Convention) -> IsometryMat
     )
 }
 
-/// Directions that turn with a set of axes: the axes themselves, and across parallel neighbours the way from one to the next.
+/// Directions that rotate with a set of axes: the axes themselves and, between parallel neighbours, the direction from one to the next.
 fn directions(axes: &[Axis]) -> Vec<Vector3<f64>> {
     let mut all: Vec<Vector3<f64>> = axes.iter().map(|axis| axis.direction).collect();
     for pair in axes.windows(2) {
@@ -249,7 +250,7 @@ fn directions(axes: &[Axis]) -> Vec<Vector3<f64>> {
     all
 }
 
-/// The joint whose axis is farthest from the nominal one: name, mm, rad.
+/// The joint whose axis is furthest from the nominal one: name, mm, rad.
 fn worst_axis(
     chain: &Chain,
     nominal: &Robot,
@@ -284,8 +285,8 @@ fn worst_axis(
         .unwrap_or_else(|| (String::new(), 0.0, 0.0))
 }
 
-/// With U_i the chain's frame i and F_i the nominal one, U_i = X·F_i·G_i, and G_i keeps the axis: Rz(s·q)·G_i = G_i·Rot(axis, q). Then
-/// X·F'_i·G_i moves as the identified frames F'_i do, and each joint's origin is what takes one to the next.
+/// With U_i the chain's frame i and F_i the nominal one, U_i = X·F_i·G_i, where G_i keeps the axis: Rz(s·q)·G_i = G_i·Rot(axis, q). Then X·F'_i·G_i
+/// moves as the identified frames F'_i do. Each joint's origin is the transform from one such frame to the next.
 fn moved(
     chain: &Chain,
     nominal: &Robot,
@@ -320,7 +321,7 @@ fn moved(
     Chain { joints }
 }
 
-/// The pose nearest to `seen` that takes `axis` to ±z exactly: Dz(h)·Rz(φ)·R0 with R0·axis = sign·z.
+/// The pose closest to `seen` that maps `axis` to ±z exactly: Dz(h)·Rz(φ)·R0 with R0·axis = sign·z.
 fn keeping_axis(
     seen: &IsometryMatrix3<f64>,
     axis: &Vector3<f64>,

@@ -1,8 +1,8 @@
-//! Arms built as those of Universal Robots, in the frames of their maker's description (`ur_description`).
+//! Arms with the structure of Universal Robots, in the frames of the maker's description (`ur_description`).
 //!
-//! The description's first joint stands in `base_link_inertia`, which is the Base of the teach pendant and `base_link` turned by 180° about z.
-//! The links of a robot may begin in either: a table of the maker's Denavit-Hartenberg parameters in Base, an imported description in
-//! `base_link`. Which of the two is seen from where the shoulder's axis and the arm are with all joints at 0.
+//! The description's first joint is in `base_link_inertia`. This is the Base of the teach pendant, and `base_link` rotated by 180° about z. The links
+//! of a robot may begin in either frame: a table of the maker's Denavit-Hartenberg parameters begins in Base, an imported description in `base_link`.
+//! The positions of the shoulder's axis and of the arm with all joints at 0 show which one it is.
 
 use crate::exchange::chain::{Axis, Chain, ChainJoint};
 use crate::exchange::origin::{Origin, pose_of};
@@ -20,12 +20,12 @@ pub const FRAMES: [&str; 6] = [
     "wrist_2",
     "wrist_3",
 ];
-/// Axes are where the structure has them within this share of the arm's length: the maker's own calibration moves them by 1 to 3 mm of a metre.
+/// Axes fit the structure to within this share of the arm's length. The maker's own calibration moves them by 1 to 3 mm per metre.
 const SAME_PER_LENGTH: f64 = 0.01;
-/// And within this angle: 1°.
+/// Axes fit the structure to within this angle: 1°.
 const SAME_RAD: f64 = PI / 180.0;
 
-/// The frame that the links of a robot begin in.
+/// The frame in which the links of a robot begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UrBase {
     /// The robot's own Base, `base_link_inertia` of the description.
@@ -34,21 +34,21 @@ pub enum UrBase {
     BaseLink,
 }
 
-/// Why a robot has no such description.
+/// Why a robot cannot be described in this way.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NotUr {
-    /// Another number of joints.
+    /// The number of joints is different.
     #[error("it has {0} joints instead of 6")]
     JointCount(usize),
-    /// Joint values that a description cannot have.
+    /// The joints are coupled, which a description cannot express.
     #[error("its joints are coupled")]
     Coupled,
-    /// An axis is elsewhere.
+    /// An axis is somewhere else.
     #[error(
         "with all joints at 0, {0} is not where it is on these robots, neither from the robot's own Base nor from base_link"
     )]
     Structure(&'static str),
-    /// Built alike, but with other lengths than any arm of the maker.
+    /// The structure is the same, but the lengths are not those of any arm of the maker.
     #[error(
         "it is built like one of theirs, but {0} is none of their lengths: no arm of Universal Robots in kincal's library comes within 1 %"
     )]
@@ -58,9 +58,9 @@ pub enum NotUr {
 /// An arm in the maker's frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UrArm {
-    /// Joint by joint from `base_link_inertia`.
+    /// The joints, starting from `base_link_inertia`.
     pub chain: Chain,
-    /// What the links begin in.
+    /// The frame in which the links begin.
     pub base: UrBase,
 }
 
@@ -73,7 +73,7 @@ impl UrBase {
         })
     }
 
-    /// What it is called.
+    /// Name of the frame.
     pub fn name(self) -> &'static str {
         match self {
             Self::Base => "Base of the teach pendant (base_link_inertia)",
@@ -82,11 +82,11 @@ impl UrBase {
     }
 }
 
-/// The identified robot in the frames of the description. `makers_arms` are those of Universal Robots: other makers build arms of the same
-/// structure.
+/// The identified robot in the frames of the description. `makers_arms` are the arms of Universal Robots, because other makers build arms with the
+/// same structure.
 ///
 /// # Errors
-/// [`NotUr`] where the nominal robot is not built so, or its links begin in a frame of somebody's own.
+/// [`NotUr`] if the nominal robot does not have this structure, or if its links begin in another frame.
 pub fn described(
     nominal: &Robot,
     identified: &[Link],
@@ -109,7 +109,7 @@ pub fn described(
     })
 }
 
-/// The frame that the links begin in, and the lengths, of a robot of this structure.
+/// The frame in which the links begin, and the lengths, for a robot of this structure.
 fn base_and_lengths(nominal: &Robot) -> Result<(UrBase, Lengths), NotUr> {
     if nominal.links.len() != FRAMES.len() {
         return Err(NotUr::JointCount(nominal.links.len()));
@@ -144,12 +144,12 @@ impl Lengths {
         [self.d1, self.a2, self.a3, self.d4, self.d5, self.d6]
     }
 
-    /// What counts as the same length, mm.
+    /// Tolerance of equal lengths, mm.
     fn same_mm(&self) -> f64 {
         SAME_PER_LENGTH * (self.d1.abs() + self.a2.abs() + self.a3.abs())
     }
 
-    /// Whether they are those of another arm.
+    /// True if the lengths are those of the other arm.
     fn are(&self, other: &Self) -> bool {
         let mut pairs = self.all_mm().into_iter().zip(other.all_mm());
         pairs.all(|(a, b)| (a - b).abs() <= other.same_mm())
@@ -195,8 +195,8 @@ impl Lengths {
     }
 }
 
-/// The lengths of axes seen from `base_link_inertia` with all joints at 0: axis 1 upright, the arm stretched out along −x, axes 2, 3, 4 and 6
-/// along −y, axis 5 pointing down.
+/// The lengths from the axes in `base_link_inertia` with all joints at 0: axis 1 upright, the arm stretched out along −x, axes 2, 3, 4 and 6 along
+/// −y, axis 5 pointing down.
 fn lengths(axes: &[Axis], t_inertia_flange: &IsometryMatrix3<f64>) -> Result<Lengths, NotUr> {
     const NAMES: [&str; 6] = ["axis 1", "axis 2", "axis 3", "axis 4", "axis 5", "axis 6"];
     let expected = [
@@ -214,7 +214,7 @@ fn lengths(axes: &[Axis], t_inertia_flange: &IsometryMatrix3<f64>) -> Result<Len
             return Err(NotUr::Structure(name));
         }
     }
-    // horizontal axes are looked at where they pass axis 1, upright ones at the height of the shoulder
+    // horizontal axes are evaluated where they pass axis 1, upright ones at the height of the shoulder
     let at = |axis: &Axis, along: usize, value: f64| {
         axis.point_mm + axis.direction * ((value - axis.point_mm[along]) / axis.direction[along])
     };

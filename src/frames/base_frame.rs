@@ -6,14 +6,14 @@ use crate::kinematics::Robot;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3};
 
-/// Smallest sine of the angle between axes 1 and 2 (10°): below it their common perpendicular is not defined well.
+/// Smallest sine of the angle between axes 1 and 2 (10°). Below it their common perpendicular is poorly determined.
 pub const MIN_SINE: f64 = 0.174;
 
 /// Base frame from the sweeps of joints 1 and 2.
 ///
-/// z of frame 1 lies along axis 1, x along the common perpendicular of axes 1 and 2, the origin where it meets axis 1. In MDH
-/// z_2 = Rx(alpha_2)·z_1, so x_1 = sign(sin alpha_2) · (axis 1 × axis 2); that also holds where the axes intersect. The base
-/// frame is frame 1 moved back by the nominal link 1 at the joint value that it had while joint 2 was swept.
+/// z of frame 1 is along axis 1, x along the common perpendicular of axes 1 and 2, and the origin is where this perpendicular meets axis 1. In MDH
+/// z_2 = Rx(alpha_2)·z_1, so x_1 = sign(sin alpha_2) · (axis 1 × axis 2); this also holds if the axes intersect. The base frame is frame 1 moved back
+/// by the nominal link 1, at the value of joint 1 during the sweep of joint 2.
 ///
 /// # Errors
 /// [`Error::ParallelAxes`], measured or nominal.
@@ -45,7 +45,7 @@ pub fn base_frame(
     Ok(t_instrument_1 * t_previous_link(&robot.links[0], sweep_2.q_rad[0]).inverse())
 }
 
-/// Where the common perpendicular of two lines (point, unit direction) meets the first.
+/// Intersection of the common perpendicular of two lines (point, unit direction) with the first line.
 fn foot_on_first(
     p1: &nalgebra::Vector3<f64>,
     u1: &nalgebra::Vector3<f64>,

@@ -3,7 +3,7 @@
 use crate::frames::error::Error;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Gauss-Newton steps of the plane circle fit; it converges quadratically from the algebraic fit.
+/// Maximum number of Gauss-Newton steps of the plane circle fit; it converges quadratically from the algebraic fit.
 const MAX_STEPS: usize = 50;
 /// Iteration limit of a singular value decomposition of at most three columns.
 const SVD_ITERATIONS: usize = 1000;
@@ -13,7 +13,7 @@ const SVD_ITERATIONS: usize = 1000;
 pub struct Circle {
     /// Centre, mm.
     pub centre_mm: Vector3<f64>,
-    /// Unit normal, either way.
+    /// Unit normal, with either sign.
     pub normal: Vector3<f64>,
     /// Radius, mm.
     pub radius_mm: f64,
@@ -21,11 +21,11 @@ pub struct Circle {
     pub rms_mm: f64,
 }
 
-/// Least-squares circle: the plane by total least squares, then in the plane the algebraic fit (Kåsa 1976) as the start
-/// of a geometric one (Gauss-Newton on the distances).
+/// Least-squares circle. The plane is fitted by total least squares. In the plane, the algebraic fit (Kåsa 1976) is the start of a geometric fit
+/// (Gauss-Newton on the distances).
 ///
 /// # Errors
-/// [`Error::DegenerateSweep`] where the points do not span a circle (fewer than three, on a line, all equal).
+/// [`Error::DegenerateSweep`] if the points do not span a circle (fewer than three, on a line, all equal).
 pub fn fit_circle(joint: usize, points_mm: &[Vector3<f64>]) -> Result<Circle, Error> {
     let degenerate = || Error::DegenerateSweep { joint };
     if points_mm.len() < 3 {

@@ -29,7 +29,7 @@ pub enum Error {
         /// Rows needed.
         needed: usize,
     },
-    /// A joint moved that should stand still.
+    /// A joint moved that should have stood still.
     #[error("joint {other} moved during the sweep of joint {joint}; only the swept joint may move")]
     OtherJointMoved {
         /// 1-based joint of the sweep.
@@ -37,16 +37,16 @@ pub enum Error {
         /// 1-based joint that moved.
         other: usize,
     },
-    /// The arc is too short to fix an axis.
+    /// The arc is too short to determine an axis.
     #[error(
         "the sweep of joint {joint} covers {arc_deg:.1}°, at least {needed_deg:.0}° are needed to find its axis"
     )]
     ShortArc {
         /// 1-based joint.
         joint: usize,
-        /// What it covers, degrees.
+        /// Arc of the sweep, degrees.
         arc_deg: f64,
-        /// What is needed, degrees.
+        /// Required arc, degrees.
         needed_deg: f64,
     },
     /// Points do not span a circle.
@@ -68,15 +68,15 @@ pub enum Error {
         /// The limit, mm.
         limit_mm: f64,
     },
-    /// More than one reflector.
+    /// The sweeps are of more than one reflector.
     #[error(
         "the sweeps are of several reflectors ({targets:?}); measure one reflector, on the flange's axis, in all three sweeps"
     )]
     SeveralTargets {
-        /// The targets named.
+        /// Targets found.
         targets: Vec<usize>,
     },
-    /// The measured arc is not the one the joint made.
+    /// The measured arc is not the arc of the joint.
     #[error(
         "the points of the sweep of joint {joint} turn by {measured_deg:.1}°, the joint by {arc_deg:.1}°; is sweep_joint right?"
     )]
@@ -96,7 +96,7 @@ pub enum Error {
         /// Angle between them, degrees.
         angle_deg: f64,
     },
-    /// The robot does not come near its sweeps, base and tool placed by them.
+    /// With base and tool from the sweeps, the nominal robot does not fit the sweeps.
     #[error(
         "the points lie {rms_mm:.1} mm rms from where the nominal robot would be with the base and the tool found from them, at most {limit_mm:.1} mm are \
          allowed: check the unit and the axes of the positions, the mastering of the joints, and that it is this robot"
@@ -107,7 +107,7 @@ pub enum Error {
         /// The limit, mm.
         limit_mm: f64,
     },
-    /// The tool sweep says nothing about z_t.
+    /// The tool sweep does not determine z_t.
     #[error("the sweep of joint {joint} cannot show the target's distance from the flange")]
     ToolNotVisible {
         /// 1-based joint.

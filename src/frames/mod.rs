@@ -15,14 +15,14 @@ use crate::measurement::{MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::collections::BTreeSet;
 
-/// What the sweeps of joints 1, 2 and 5 tell.
+/// Result of the sweeps of joints 1, 2 and 5.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PreliminaryFrames {
     /// Base frame in the instrument frame, mm.
     pub t_instrument_base: IsometryMatrix3<f64>,
     /// Target's distance from the flange along its axis, mm.
     pub z_tool_mm: f64,
-    /// The circles behind it.
+    /// The fitted circles.
     pub circles: Vec<SweepCircle>,
 }
 
@@ -85,8 +85,8 @@ pub fn preliminary_frames(
     })
 }
 
-/// How far points may lie from where the nominal robot would be, rms, as a share of the reach (20 mm on an arm of 2 m): several times what robots
-/// are off, and far below what a wrong unit, axis or robot does.
+/// Limit for the distance of points from the nominal robot's prediction, rms, as a share of the reach (20 mm on an arm of 2 m). It is several times
+/// the errors of robots, and far below the effect of a wrong unit, axis or robot.
 const NEAR_PER_REACH: f64 = 0.01;
 
 fn rms_from_nominal_mm<'a>(

@@ -1,4 +1,4 @@
-//! One joint's sweep: its points, checked, and the axis they turn about.
+//! The sweep of one joint: its points, checked, and their axis of rotation.
 
 use crate::frames::circle_fit::fit_circle;
 use crate::frames::error::Error;
@@ -6,21 +6,22 @@ use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{MeasurementSet, Point};
 use nalgebra::Vector3;
 
-/// Shortest arc that fixes an axis, rad (45°): a circle's centre is uncertain by noise / (1 − cos(arc/2)), thirteen times the
-/// noise here and fifty times at 22°.
+/// Shortest arc for an axis, rad (45°). The uncertainty of a circle's centre is noise / (1 − cos(arc/2)): thirteen times the noise here, and fifty
+/// times at 22°.
 pub const MIN_ARC_RAD: f64 = std::f64::consts::FRAC_PI_4;
-/// Fewest points of one sweep.
+/// Minimum number of points of one sweep.
 pub const MIN_SWEEP_POINTS: usize = 5;
 /// Joints that should stand still may move by this much, rad (0.05°).
 const STILL_RAD: f64 = 8.7e-4;
-/// Points farther than this off one circle, rms, were not made by one joint: a joint that is moved alone repeats to this share of the reach ...
+/// Maximum rms distance of the points from one circle, as a share of the reach: a joint that is moved alone repeats to this. Points with a larger
+/// distance do not come from one joint.
 const MAX_CIRCLE_RMS_PER_REACH: f64 = 2.5e-4;
-/// ... and instruments measure to this, mm, however small the arm.
+/// The limit of that distance is at least this, mm: the accuracy of instruments, however small the arm is.
 const INSTRUMENT_RMS_MM: f64 = 0.5;
-/// The measured arc may differ from the joint's by this much, rad (3°): an unmastered joint shifts an arc, it does not stretch it.
+/// The measured arc may differ from the joint's by this much, rad (3°). An unmastered joint shifts an arc, but does not stretch it.
 const ARC_MISMATCH_RAD: f64 = 0.052;
 
-/// A sweep of one joint: the circle, and the joint values that stood still (the model's, rad).
+/// A sweep of one joint: the circle, and the model's joint values, rad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     /// The fitted circle, its normal along the joint's positive axis.
@@ -109,7 +110,7 @@ fn check_still(joint: usize, swept: &[(Vec<f64>, Vector3<f64>)]) -> Result<(), E
     Ok(())
 }
 
-/// The normal along the positive turn of the points in their order, and the angle they turn through, rad.
+/// The normal for positive rotation of the points in their order, and the angle that they cover, rad.
 fn oriented(
     positions: &[Vector3<f64>],
     centre: &Vector3<f64>,

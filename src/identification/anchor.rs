@@ -1,4 +1,4 @@
-//! Where the lower bound of a swarm's costs is linearised: at the reference first, and again near the best particle as the swarm closes in.
+//! The point about which the lower bound of a swarm's costs is linearised: first the reference, later a point near the best particle.
 
 use crate::identification::linearisation::Linearisation;
 use crate::identification::objective::Observation;
@@ -8,17 +8,17 @@ use crate::kinematics::batch::{Anchored, InstructionSet, LowerBound, Moved};
 use crate::solvers::qr::triangularise;
 use nalgebra::Vector3;
 
-/// Entries of the Jacobian, 32 MB, from which on the bound is done without.
+/// Maximum number of Jacobian entries (32 MB). For larger problems no bound is used.
 const LARGEST: usize = 1 << 22;
-/// The bound takes half a multiply-add per pair of parameters, F some twenty per residual: with more pairs per residual it is no cheaper than F.
+/// The bound takes half a multiply-add per pair of parameters, F about twenty per residual. With more pairs per residual the bound saves nothing.
 const MOST_PAIRS_PER_RESIDUAL: usize = 40;
-/// Of Householder's triangle and of sums of m terms the relative error is at most m times a small number of roundings [Higham, Accuracy
-/// and Stability of Numerical Algorithms, 2002, lemma 8.4 and theorem 19.4].
+/// The relative error of Householder's triangle and of sums of m terms is at most m times a small number of roundings [Higham, Accuracy and Stability
+/// of Numerical Algorithms, 2002, lemma 8.4 and theorem 19.4].
 const ROUNDINGS: f64 = 8.0;
-/// What a link costs in roundings, in the kernel and in the Jacobian, and more.
+/// Upper limit of the roundings per link, in the kernel and in the Jacobian.
 const ROUNDINGS_PER_LINK: usize = 64;
 
-/// A lower bound of F with its anchor, and room to move it.
+/// A lower bound of F with its anchor, and the buffers for moving the anchor.
 pub struct Anchor {
     bound: LowerBound,
     linearisation: Linearisation<'static>,
@@ -31,7 +31,7 @@ pub struct Anchor {
     effects_mm: Vec<f64>,
 }
 
-/// What the measured positions are as a whole.
+/// Summary of the measured positions.
 struct Measured {
     sum_weights: f64,
     centre_mm: Vector3<f64>,
@@ -40,8 +40,8 @@ struct Measured {
 }
 
 impl Anchor {
-    /// At the space's reference. `None` where nothing is free, or there are fewer residuals than parameters, or so many of either that the
-    /// bound would take too much memory or time.
+    /// The bound anchored at the space's reference. `None` if no parameter is free, if there are fewer residuals than parameters, or if the bound
+    /// would take too much memory or time.
     pub fn at_reference(space: &SearchSpace, observations: &[Observation]) -> Option<Self> {
         let linearisation = Linearisation::of_parameters(space, observations);
         let (p, n_rows) = (space.parameters.len(), linearisation.n_rows());
@@ -65,7 +65,7 @@ impl Anchor {
         Some(anchor)
     }
 
-    /// With another code path of the bound.
+    /// Selects another code path of the bound.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
         self.bound = self.bound.with_instructions(instructions);
         self

@@ -1,10 +1,10 @@
 //! BPNN-PSO [Gao 2018, section 3.2, figures 4 and 5]: a network trained on one swarm's run moves the particles of the next one.
 //!
-//! Its inputs are a particle's initial position, its outputs the optimum that the run ended with, both as link parameter deviations
-//! divided by the half-width of the search box. Cost and update rule of the swarm stay as they are.
+//! The inputs are a particle's initial position, the outputs are the optimum that the run ended with. Both are link parameter deviations divided by
+//! the half-width of the search box. Cost and update rule of the swarm do not change.
 //!
-//! Positions are counted from the middle of the box, answers from the nominal robot: a swarm that searched around other joint offsets
-//! teaches the next one, whose box may lie elsewhere, where the robot is.
+//! Positions are counted from the middle of the box, answers from the nominal robot. A swarm that searched around other joint offsets can thus teach
+//! the next one, whose box may be elsewhere.
 
 use crate::identification::parameters::{Parameter, deviation_from};
 use crate::identification::search_space::SearchSpace;
@@ -12,15 +12,16 @@ use crate::identification::{KinematicModel, Model, Preset, TrainedNetwork};
 use crate::solvers::bpnn::{self, Network};
 use crate::solvers::pso::{self, Positions};
 
-/// Mean squared error, in half-widths of the search box, at which training ends. A network that answers every particle with the same
-/// point to the last bit leaves the swarm, which starts at rest, nothing to move with: what the network leaves of the particles'
-/// spread is the room in which the follow-up searches. The paper prints no number. With its preset anything from 1e-5 to 1e-2 does
-/// about equally well (all under 15 of 404 iterations); a network trained as far as 10,000 epochs go needs 44 to 85.
+/// Mean squared error, in half-widths of the search box, at which training ends. If the network gave exactly the same answer for every particle, the
+/// swarm, which starts at rest, could not move. The spread of the particles that the network leaves is the region in which the follow-up searches.
+/// The paper prints no number. With its preset, any value from 1e-5 to 1e-2 gives about the same result (all under 15 of 404 iterations); a network
+/// trained for 10,000 epochs needs 44 to 85.
 const TARGET_ERROR_PAPER: f64 = 1e-4;
-/// As [`TARGET_ERROR_PAPER`], for the default preset: smaller helps a robot that has not changed, larger one that has.
+/// As [`TARGET_ERROR_PAPER`], for the default preset. A smaller value is better for an unchanged robot, a larger one for a changed robot.
 const TARGET_ERROR_DEFAULT: f64 = 5e-6;
 
-/// Particles that the network learns from at most: the paper's swarm. More take longer and teach nothing new, for all have one answer.
+/// Maximum number of particles that the network learns from: the paper's swarm. More take longer and add no information, because all have the same
+/// answer.
 const MAX_SAMPLES: usize = 200;
 
 /// Trains the robot's network on a finished swarm: 200 particles, all with the same answer.
@@ -70,7 +71,7 @@ pub fn train(
         hidden_weights: network.hidden_weights,
         hidden_thresholds: network.hidden_thresholds,
         output_weights: network.output_weights,
-        // outputs are sums less thresholds
+        // outputs are sums minus thresholds
         output_thresholds: from_nominal(&network.output_thresholds, -1.0),
         model,
         preset,
@@ -86,7 +87,7 @@ pub fn train(
     }
 }
 
-/// Moves every particle to the network's prediction. Base and targets, of which the network knows nothing, stay where the particle has them.
+/// Moves every particle to the network's prediction. Base and targets are unknown to the network and stay as the particle has them.
 pub fn move_particles(
     space: &SearchSpace,
     nominal: &KinematicModel,
@@ -118,7 +119,7 @@ pub fn move_particles(
     }
 }
 
-/// How far the links in the middle of the box are from nominal, mm or rad, angles the short way round; zero for base and targets.
+/// Deviation of the links at the middle of the box from nominal, mm or rad, with angles within half a turn; zero for base and targets.
 pub fn links_from_nominal(space: &SearchSpace, nominal: &KinematicModel) -> Vec<f64> {
     let short =
         |angle: f64| angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
@@ -130,7 +131,7 @@ pub fn links_from_nominal(space: &SearchSpace, nominal: &KinematicModel) -> Vec<
     space.parameters.iter().map(from_nominal).collect()
 }
 
-/// True if the network speaks of exactly these link parameters, in this order.
+/// True if the network was trained on exactly these link parameters, in this order.
 pub fn fits(network: &TrainedNetwork, parameters: &[Parameter]) -> bool {
     let names = parameters
         .iter()
@@ -139,7 +140,7 @@ pub fn fits(network: &TrainedNetwork, parameters: &[Parameter]) -> bool {
     names.eq(network.parameter_names.iter().cloned())
 }
 
-/// The network's two layers, as the solver has them.
+/// The network's two layers in the solver's form.
 fn layers(network: &TrainedNetwork) -> Network {
     Network {
         n_inputs: network.parameter_names.len(),

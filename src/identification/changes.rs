@@ -1,10 +1,11 @@
-//! What two sessions of one robot say differently, and whether that is more than chance.
+//! Differences between two sessions of one robot, and whether they are significant.
 //!
-//! Compared are the most probable parameters of both, d = after − before. With a posterior covariance C and a prior covariance P, a session
-//! shows (I − C·P⁻¹) of what the parameters are, and noise. The variance of d is that of the noise of both, and (C₁ − C₂)·P⁻¹·(C₁ − C₂): what
-//! the robot is by its prior, the misfit of the model with it, is the same in both sessions, and only as far as they show it differently does it
-//! make a difference. First one joint test, dᵀ·V⁻¹·d against Fisher's F; only where it alarms are parameters named, by forward selection: the
-//! one that explains most, then the one that explains most of the rest, until the rest is within chance.
+//! The most probable parameters of both sessions are compared, d = after − before. With a posterior covariance C and a prior covariance P, a
+//! session's estimate contains the share (I − C·P⁻¹) of the true parameters, plus noise. The variance of d is the noise of both sessions plus (C₁ −
+//! C₂)·P⁻¹·(C₁ − C₂). The robot's deviation from its prior and the misfit of the model are the same in both sessions, so they contribute only where
+//! the sessions show them differently. First there is one joint test of dᵀ·V⁻¹·d against Fisher's F. Parameters are named only if this test is
+//! significant, by forward selection: first the one that explains most, then the one that explains most of the rest, until the rest is not
+//! significant.
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::{f_tail, t_half_width};
@@ -16,69 +17,69 @@ use crate::kinematics::reach_mm;
 use crate::solvers::orthonormal::orthonormal;
 use nalgebra::{DMatrix, DVector};
 
-/// Share of unchanged robots that are called changed.
+/// Significance level: share of unchanged robots that are called changed.
 pub const FALSE_ALARMS: f64 = 0.01;
-/// Less than this share of [`usual_error`] is no change, however exact the data. Two sessions are compared along derivatives, and those are not
+/// Changes below this share of [`usual_error`] do not count, however exact the data are: sessions are compared along derivatives, which are not
 /// exact.
 const RESOLUTION: f64 = 1e-3;
-/// Parameters whose effects on what both see have at least this cosine cannot be told apart.
+/// Parameters cannot be told apart if the cosine between their effects on what both sessions see is at least this.
 const SAME_EFFECT: f64 = 0.9999;
 /// See [`alike`].
 const IMPROBABLE: f64 = 3.0;
-/// What the chosen parameters leave of another one's effect, at least, for it to be a choice of its own: the sine to [`SAME_EFFECT`].
+/// Minimum part of a parameter's effect that the chosen parameters do not explain, for choosing it as well: the sine that belongs to [`SAME_EFFECT`].
 const OWN_EFFECT: f64 = 0.014;
-/// A parameter of which less than this share is seen is not named: what is said of it is said of others.
+/// A parameter is not named if less than this share of it is observable: its change is then that of other parameters.
 const HARDLY_SEEN: f64 = 0.05;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
 
-/// What one session says.
+/// The estimate of one session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
     /// The free parameters.
     pub parameters: Vec<Parameter>,
     /// The identified model.
     pub model: KinematicModel,
-    /// How far it may be off.
+    /// Its uncertainty.
     pub uncertainty: Uncertainty,
-    /// What the model leaves over of the session.
+    /// Noise of the session about the model.
     pub noise: Noise,
 }
 
-/// One thing that changed.
+/// One change.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// The parameters that it may be: one, or several that have the same effect on everything both sessions see.
+    /// The parameter that changed, or several that have the same effect on everything that both sessions see.
     pub parameters: Vec<Parameter>,
-    /// after − before of the first of them, mm or rad.
+    /// after − before of the first parameter, mm or rad.
     pub delta: f64,
     /// |delta| in units of its standard deviation.
     pub sigmas: f64,
 }
 
-/// One joint test, and the names where it alarms.
+/// One joint test, and the changes if it is significant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tested {
     /// dᵀ·V⁻¹·d.
     pub chi_square: f64,
-    /// Combinations that both sessions see.
+    /// Number of combinations that both sessions determine.
     pub n_combinations: usize,
-    /// Probability that an unchanged robot shows as much.
+    /// Probability that an unchanged robot gives at least this value.
     pub probability: f64,
-    /// What changed; empty where the test does not alarm.
+    /// What changed; empty if the test is not significant.
     pub changes: Vec<Change>,
 }
 
-/// The links, and apart from them the placement: base and targets.
+/// Comparison of the links, and separately of the placement: base and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// The robot itself.
     pub robot: Tested,
-    /// The base, where it is identified, and each target.
+    /// The base, if it is identified, and each target.
     pub placement: Vec<Tested>,
 }
 
-/// Compares two sessions of one robot. `None` where they have no combination of link parameters in common.
+/// Compares two sessions of one robot. `None` if no combination of link parameters is common to both.
 pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
     let robot = tested(
         before,
@@ -117,7 +118,7 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
     })
 }
 
-/// A parameter that both sessions identify, and where it stands in each.
+/// A parameter that both sessions identify, with its index in each.
 struct Common {
     parameter: Parameter,
     before: usize,
@@ -145,20 +146,20 @@ fn common(
     .collect()
 }
 
-/// The difference, whitened: noise of unit variance along every row.
+/// The difference, whitened to noise of unit variance in every row.
 struct Whitened {
     difference: DVector<f64>,
-    /// Of a change of each common parameter by its scale.
+    /// Effects of a change of each common parameter by its scale.
     effects: DMatrix<f64>,
-    /// Combinations that a session sees.
+    /// Number of combinations that are determined.
     n_combinations: usize,
-    /// One standard deviation of each common parameter in robots fresh from the factory, mm or rad.
+    /// Standard deviation of each common parameter of new robots, mm or rad.
     scale: Vec<f64>,
     /// Degrees of freedom of the estimated variance.
     freedom: f64,
 }
 
-/// Names what changed, given the whitened difference.
+/// Names what changed, from the whitened difference.
 type Naming = fn(&[Common], &Whitened) -> Vec<Change>;
 
 fn tested(
@@ -203,7 +204,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
     let at_before: Vec<usize> = common.iter().map(|c| c.before).collect();
     let at_after: Vec<usize> = common.iter().map(|c| c.after).collect();
     let (u, v) = (&before.uncertainty, &after.uncertainty);
-    // what both sessions know of before they measure: parameters by name, features where they are the same
+    // prior knowledge that both sessions share: parameters by name, and features if they are the same
     let known = Known::new(before, after);
     let rows = |of: DMatrix<f64>, at: &[usize]| {
         DMatrix::from_fn(at.len(), of.ncols(), |row, column| {
@@ -239,7 +240,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
         (moved + v.mean(c.after) - u.mean(c.before)) / scale
     });
     let difference = DMatrix::from_iterator(common.len(), 1, difference);
-    // Satterthwaite (1946): each part's share of the variance, averaged over the combinations
+    // Satterthwaite (1946): the share of each part in the variance, averaged over the combinations
     let n = n_combinations.max(1) as f64;
     let share = |part: &DMatrix<f64>| root.solve(part).trace() / n;
     let spread: f64 = [(&noise[0], u.freedom), (&noise[1], v.freedom)]
@@ -255,7 +256,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
     })
 }
 
-/// One standard deviation of a parameter of robots fresh from the factory; of the placement, as large as that of a link, mm or rad.
+/// Standard deviation of a parameter of new robots, mm or rad. For base and targets, that of a link parameter of the same unit is used.
 pub fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
     let of_link = match parameter {
         Parameter::Link(..) => parameter,
@@ -267,10 +268,10 @@ pub fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
     variable(of_link, reach_mm).width
 }
 
-/// Stands for a variance that is known.
+/// Degrees of freedom that stand for a known variance.
 const MOST_FREEDOM: f64 = 1e6;
 
-/// What two sessions know alike before they measure, by its index in each, with the standard deviation of its prior.
+/// Prior knowledge that two sessions share: its index in each session, and the standard deviation of the prior.
 struct Known {
     before: Vec<usize>,
     after: Vec<usize>,
@@ -300,7 +301,7 @@ impl Known {
         }
     }
 
-    /// C·P⁻¹·S: how an error of each prior, one standard deviation, moves the most probable values of a session.
+    /// C·P⁻¹·S: effect of an error of each prior, one standard deviation, on the most probable values of a session.
     fn pull(&self, of: &Uncertainty, at: &[usize]) -> DMatrix<f64> {
         let covariance = of.covariance();
         DMatrix::from_fn(covariance.nrows(), at.len(), |i, k| {
@@ -310,7 +311,7 @@ impl Known {
     }
 }
 
-/// Forward selection until the rest is within chance.
+/// Forward selection until the rest is not significant.
 fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
     let n = whitened.n_combinations;
     let mut chosen: Vec<usize> = Vec::new();
@@ -343,7 +344,7 @@ fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<Change> {
     together(common, whitened, &without_superfluous(whitened, chosen))
 }
 
-/// What was chosen early may be explained by what was chosen after it. It is left out again, the least first, while the rest stays within chance.
+/// Removes parameters that later choices have made superfluous, the least important first, as long as the rest stays insignificant.
 fn without_superfluous(whitened: &Whitened, mut chosen: Vec<usize>) -> Vec<usize> {
     let n = whitened.n_combinations;
     while chosen.len() > 1 {
@@ -368,20 +369,20 @@ fn without_superfluous(whitened: &Whitened, mut chosen: Vec<usize>) -> Vec<usize
     chosen
 }
 
-/// What some parameters leave of the difference.
+/// The part of the difference that the chosen parameters do not explain.
 fn left_over(whitened: &Whitened, chosen: &[usize]) -> DVector<f64> {
     let span = orthonormal(whitened.effects.select_columns(chosen));
     &whitened.difference - &span * span.tr_mul(&whitened.difference)
 }
 
-/// The chosen parameters fitted together to the whitened difference, those that changed most first.
+/// Fits the chosen parameters together to the whitened difference. The most significant change comes first.
 fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
     let effects = whitened.effects.select_columns(chosen);
     let square = effects.tr_mul(&effects);
     let Some(covariance) = pseudo_inverse(square.clone(), whitened.n_combinations) else {
         return vec![];
     };
-    // how much of each parameter is seen: 1, but for those in a combination that is not
+    // observable share of each parameter: 1, except in combinations that are not observable
     let seen = &covariance * square;
     let fitted = &covariance * effects.transpose() * &whitened.difference;
     let change = |(k, j): (usize, &usize)| Change {
@@ -405,8 +406,8 @@ fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Cha
     changes
 }
 
-/// The inverse on the span of the `rank` largest eigenvalues: where both sessions see fewer combinations than there are parameters, the
-/// smallest change that shows as much.
+/// Pseudo-inverse on the span of the `rank` largest eigenvalues. If both sessions determine fewer combinations than there are parameters, it gives
+/// the smallest change that explains the difference.
 fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
     let eigen = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS)?;
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
@@ -427,8 +428,8 @@ fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
     )
 }
 
-/// The parameters with the same effect on everything both sessions see, the most probable one first; without those that would have to change
-/// by [`IMPROBABLE`] times as many standard deviations.
+/// The parameters with the same effect on everything that both sessions see, the most probable one first. Parameters are left out if they would have
+/// to change by [`IMPROBABLE`] times as many standard deviations.
 fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
     let effects = &whitened.effects;
     let direction = effects.column(chosen).normalize();
@@ -448,17 +449,17 @@ fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
     all
 }
 
-/// Causes among some parameters, and what they leave.
+/// The likely causes among some parameters, and the unexplained rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Causes {
-    /// By forward selection, the largest in its own standard deviations first.
+    /// The causes by forward selection, the largest in units of its standard deviation first.
     pub changes: Vec<Change>,
-    /// Probability that chance leaves as much as they do not explain.
+    /// Probability that chance alone leaves a rest as large.
     pub leaves: f64,
 }
 
-/// Names what explains a whitened difference of unit variance: `effects` has a column for each parameter, what a change by its `scale` (mm or rad)
-/// does to every row; `freedom` are the degrees of freedom of the variance that whitened.
+/// Names the causes of a whitened difference of unit variance. `effects` has a column for each parameter: the effect on every row of a change by its
+/// `scale` (mm or rad). `freedom` is the degrees of freedom of the variance that was used for whitening.
 pub fn causes(
     parameters: &[Parameter],
     (difference, effects): (&DVector<f64>, &DMatrix<f64>),
@@ -492,7 +493,7 @@ pub fn causes(
     Causes { changes, leaves }
 }
 
-/// Every parameter for itself, where it stands out of chance with as many looked at.
+/// Tests every parameter separately, with a level that accounts for the number of tests.
 fn named_each(common: &[Common], whitened: &Whitened) -> Vec<Change> {
     let stands_out = t_half_width(1.0 - FALSE_ALARMS / common.len() as f64, whitened.freedom);
     let all: Vec<usize> = (0..common.len()).collect();

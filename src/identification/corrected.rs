@@ -1,4 +1,4 @@
-//! A robot with corrections, and where they hold.
+//! A robot with corrections, and the region in which they hold.
 
 use crate::identification::KinematicModel;
 use crate::kinematics::compliance::t_base_flange_corrected;
@@ -6,31 +6,31 @@ use crate::kinematics::rotation::{between, rotation_exp, rotation_log};
 use crate::kinematics::{Corrections, MeasuredRegion, Payload, t_base_flange};
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 
-/// A robot as measured, with what its links cannot say. Base, links and targets were identified together with the corrections and are not
-/// those of the links alone.
+/// A measured robot with corrections of effects that links cannot describe. Base, links and targets were identified together with the corrections and
+/// differ from those of the links alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedModel {
     /// Base, links and targets.
     pub model: KinematicModel,
-    /// What acts beside them.
+    /// Its corrections.
     pub corrections: Corrections,
-    /// Where it was measured.
+    /// The region of joint values in which it was measured.
     pub region: MeasuredRegion,
 }
 
-/// An identified robot: its links alone, and with corrections where some were kept.
+/// An identified robot: its links alone, and with corrections if some were kept.
 ///
-/// Where the robot was measured, the corrected model speaks; outside of that it fades into the links alone.
+/// The corrected model is used in the region where the robot was measured. Outside of that region it is blended into the links alone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdentifiedRobot {
-    /// Links alone, the best for a controller that knows nothing else.
+    /// Links alone: the best model for a controller without corrections.
     pub plain: KinematicModel,
     /// With corrections.
     pub corrected: Option<CorrectedModel>,
 }
 
 impl CorrectedModel {
-    /// Flange in the base frame of this model, wherever it was measured.
+    /// Flange in the base frame of this model, at any joint values.
     pub fn t_base_flange(&self, q_rad: &[f64]) -> IsometryMatrix3<f64> {
         t_base_flange_corrected(&self.model.links, &self.corrections, q_rad)
     }
@@ -46,7 +46,7 @@ impl CorrectedModel {
         flange.rotation * self.model.targets_mm[target] + flange.translation.vector
     }
 
-    /// How a target is turned in the measuring frame; `None` where it is not known how it is turned in the flange frame.
+    /// Rotation of a target in the measuring frame; `None` if its rotation in the flange frame is unknown.
     pub fn rotation(&self, q_rad: &[f64], target: usize) -> Option<Rotation3<f64>> {
         let of_target = self.model.target_rotations.get(target)?;
         Some(self.t_instrument_flange(q_rad).rotation * of_target)
@@ -62,7 +62,7 @@ impl IdentifiedRobot {
         }
     }
 
-    /// The same robot with this on its flange; with `None`, what it carried when it was identified.
+    /// The same robot with this payload on its flange. `None`: with the payload that it had when it was identified.
     pub fn carrying(mut self, payload: Option<Payload>) -> Self {
         if let (Some(corrected), Some(payload)) = (&mut self.corrected, payload) {
             corrected.corrections.compliance.payload = Some(payload);
@@ -70,26 +70,26 @@ impl IdentifiedRobot {
         self
     }
 
-    /// Base, links and targets that were identified with corrections where there are some, else the links alone.
+    /// Base, links and targets that were identified with corrections, if there are some; else those of the links alone.
     pub fn model(&self) -> &KinematicModel {
         self.corrected
             .as_ref()
             .map_or(&self.plain, |corrected| &corrected.model)
     }
 
-    /// Offset of a target in the flange frame of the links with corrections where there are some, else of the links alone, mm.
+    /// Offset of a target in the flange frame, mm: of the links with corrections if there are some, else of the links alone.
     pub fn target_mm(&self, target: usize) -> Vector3<f64> {
         self.model().targets_mm[target]
     }
 
-    /// How far corrections hold at a pose, 0 to 1; 0 where there are none.
+    /// Weight of the corrections at a pose, 0 to 1; 0 without corrections.
     pub fn weight(&self, q_rad: &[f64]) -> f64 {
         self.corrected
             .as_ref()
             .map_or(0.0, |corrected| corrected.region.weight(q_rad))
     }
 
-    /// True where there are corrections that do not hold fully.
+    /// True if there are corrections and their weight is below 1.
     pub fn is_extrapolated(&self, q_rad: &[f64]) -> bool {
         self.corrected
             .as_ref()
@@ -120,7 +120,7 @@ impl IdentifiedRobot {
         }
     }
 
-    /// How a target is turned in the measuring frame; `None` where it is not known how it is turned in the flange frame.
+    /// Rotation of a target in the measuring frame; `None` if its rotation in the flange frame is unknown.
     pub fn rotation(&self, q_rad: &[f64], target: usize) -> Option<Rotation3<f64>> {
         let plain = self.plain.rotation(q_rad, target)?;
         let weight = self.weight(q_rad);

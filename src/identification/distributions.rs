@@ -1,12 +1,12 @@
 //! Tails of Student's t, Fisher's F (central and noncentral) and chi-square, all from the regularised incomplete beta and gamma functions.
 
-/// Terms of a continued fraction or series at most; a hundred times what the arguments here need.
+/// Maximum number of terms of a continued fraction or series: a hundred times what the arguments here need.
 const MAX_TERMS: usize = 10_000;
 /// Relative change at which a continued fraction or series has converged.
 const CONVERGED: f64 = 1e-15;
-/// Stands for zero in a denominator (Lentz 1976).
+/// Replaces a zero denominator (Lentz 1976).
 const TINY: f64 = 1e-300;
-/// Halvings of an interval: more than a double has bits.
+/// Maximum number of bisections: more than a double has bits.
 const BISECTIONS: usize = 200;
 
 /// I_x(a, b), the regularised incomplete beta function (Abramowitz & Stegun 26.5.8, evaluated by Lentz's method).
@@ -94,11 +94,11 @@ pub fn chi_square_tail(value: f64, freedom: f64) -> f64 {
     upper_gamma(freedom / 2.0, value / 2.0)
 }
 
-/// Poisson weights this many standard deviations (and one more unit each) from their mean are left out of a noncentral tail.
+/// Poisson weights further than this number of standard deviations (and one more unit each) from their mean are left out of a noncentral tail.
 const POISSON_STDS: f64 = 9.0;
 
-/// Probability that F with (`numerator`, `denominator`) degrees of freedom and this noncentrality λ is above `value`: the mixture of central
-/// tails with Poisson weights of mean λ/2 (Johnson, Kotz & Balakrishnan 1995, eq. 30.10).
+/// Probability that F with (`numerator`, `denominator`) degrees of freedom and noncentrality λ is above `value`: the mixture of central tails with
+/// Poisson weights of mean λ/2 (Johnson, Kotz & Balakrishnan 1995, eq. 30.10).
 pub fn noncentral_f_tail(value: f64, numerator: f64, denominator: f64, noncentrality: f64) -> f64 {
     let mean = noncentrality.max(0.0) / 2.0;
     if mean == 0.0 {
@@ -131,7 +131,7 @@ pub fn chi_square_quantile(above: f64, freedom: f64) -> f64 {
     freedom * increasing(scaled, 1.0 - above)
 }
 
-/// The noncentrality with which a test of F with (`numerator`, `denominator`) degrees of freedom at this level alarms with probability `power`.
+/// The noncentrality at which an F test with (`numerator`, `denominator`) degrees of freedom at this level has the power `power`.
 pub fn noncentrality(level: f64, power: f64, numerator: f64, denominator: f64) -> f64 {
     let critical = f_quantile(level, numerator, denominator);
     increasing(
@@ -140,7 +140,7 @@ pub fn noncentrality(level: f64, power: f64, numerator: f64, denominator: f64) -
     )
 }
 
-/// Where a function that grows with its argument, from 0 on, reaches `value`.
+/// The argument (from 0 on) at which an increasing function reaches `value`.
 fn increasing(function: impl Fn(f64) -> f64, value: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     while function(high) < value && high < 1e12 {
@@ -185,7 +185,7 @@ pub fn t_half_width(confidence: f64, freedom: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Printed tables hold four figures.
+    /// Printed tables have four digits.
     const TABLE: f64 = 1e-3;
 
     #[test]
@@ -229,7 +229,7 @@ mod tests {
         assert!((f_tail(1.8307, 10.0, 1e7) / chi_square_tail(18.307, 10.0) - 1.0).abs() < 1e-4);
     }
 
-    /// Of a share that was counted in so many draws: four standard deviations.
+    /// Tolerance of a share that was counted in `n` draws: four standard deviations.
     fn by_chance(share: f64, n: usize) -> f64 {
         4.0 * (share * (1.0 - share) / n as f64).sqrt()
     }
@@ -246,7 +246,7 @@ mod tests {
         }
     }
 
-    /// The first oracle. With one numerator and very many denominator degrees of freedom, F is the square of a normal number.
+    /// The first oracle: with one numerator and very many denominator degrees of freedom, F is the square of a normal number.
     #[test]
     fn the_noncentral_tail_is_that_of_a_squared_normal_number() {
         for mean in [0.5_f64, 2.0, 4.0] {
@@ -259,14 +259,14 @@ mod tests {
                 "{mean}: {found} {expected}"
             );
         }
-        // z of 1 % on both sides and of 95 % on one
+        // two-sided quantile of 1 % and one-sided quantile of 95 %
         let lambda = noncentrality(0.01, 0.95, 1.0, 1e7);
         let z = 2.575_829_3_f64 + 1.644_853_6;
         let expected = z * z;
         assert!((lambda / expected - 1.0).abs() < 1e-4, "{lambda}");
     }
 
-    /// The second oracle: draws.
+    /// The second oracle: simulation.
     #[test]
     fn the_noncentral_tail_is_that_of_draws() {
         const DRAWS: usize = 20_000;

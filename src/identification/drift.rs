@@ -1,12 +1,12 @@
-//! Drift of the base (or of the instrument) while it was measured: all points move by a vector that grows with time.
+//! Drift of the base or of the instrument during the measurement: all points move by a vector that grows with time.
 //!
-//! Time runs from 0 at the first point to 1 at the last one, in measuring order. Three models are compared, by what they gain over their numbers
-//! [Schwarz 1978]: a ramp d·t; a warm-up d·(1 − exp(−t/τ)) over what it reaches at t = 1; and a random walk, a sum of the first functions of Brownian motion
-//! [Karhunen & Loève] whose variance is the most probable one. As with steps ([`steps`](crate::identification::steps)), all is done with
-//! the inverse of V = I + λ·Φ·Φᵀ of the robot's misfit. A drift is told where noise shows as much in fewer cases than [`FALSE_ALARMS`], and
-//! where it is larger than after the configurations have been put into random orders.
+//! Time runs from 0 at the first point to 1 at the last one, in measuring order. Three models are compared by their gain against their number of
+//! parameters [Schwarz 1978]: a ramp d·t; a warm-up d·(1 − exp(−t/τ)), relative to its value at t = 1; and a random walk, which is a sum of the first
+//! functions of Brownian motion [Karhunen & Loève] with its most probable variance. As for steps ([`steps`](crate::identification::steps)),
+//! everything is computed with the inverse of V = I + λ·Φ·Φᵀ of the robot's misfit. A drift is reported if noise shows as much with a probability
+//! below [`FALSE_ALARMS`], and if it is larger than after random permutations of the configurations.
 //!
-//! Poses that were visited several times say it by themselves, however wrong the robot is: only differences within a pose count.
+//! Poses that were visited several times show a drift without a model of the robot: only differences within a pose count.
 
 use crate::identification::distributions::{chi_square_tail, f_tail};
 use crate::identification::outliers::Linearised;
@@ -18,52 +18,52 @@ use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 use std::collections::BTreeMap;
 
-/// Probability of a drift where none is.
+/// Probability of reporting a drift if there is none.
 const FALSE_ALARMS: f64 = 0.002;
-/// Models and repeated poses: so many chances of a false alarm.
+/// Number of tests (models and repeated poses) that share the probability of a false alarm.
 const CHANCES: f64 = 4.0;
 /// Time constants of a warm-up that are tried, as shares of the session.
 const TIME_CONSTANTS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
-/// A ramp is the warm-up of a long time constant: another number than that one is counted for it.
+/// A ramp is the warm-up with this very long time constant. A ramp has one parameter less.
 const RAMP: f64 = 1e6;
-/// Functions of the random walk at most: each is half a period shorter. And points for each at least.
+/// Maximum number of functions of the random walk, each with a period shorter than the last, and minimum number of points per function.
 const WALK_FUNCTIONS: usize = 20;
 const POINTS_PER_FUNCTION: usize = 4;
-/// Points that are looked at, evenly taken.
+/// Maximum number of points that are used, evenly selected.
 const MOST_POINTS: usize = 3_000;
-/// Random orders at most, so many points times orders at most, and orders at least.
+/// Random orders: their maximum number, the maximum of points times orders, and their minimum number.
 const ORDERS: usize = 199;
 const ORDERED_POINTS: usize = 24_000;
 const FEWEST_ORDERS: usize = 39;
-/// A drift below this share of the noise of a coordinate is not worth a word, however many points show it.
+/// A drift below this share of the noise of a coordinate is not reported, however many points show it.
 const SMALLEST_EFFECT: f64 = 0.25;
-/// Degrees of freedom without which nothing is said.
+/// Minimum degrees of freedom for a conclusion.
 const FEWEST_FREE: f64 = 12.0;
 
-/// How something drifted.
+/// Course of a drift over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Course {
-    /// By as much in each part of the session.
+    /// The same in each part of the session.
     Steady,
     /// Fast at first, then slower.
     WarmUp {
-        /// Time after which 63 % of it is done, as a share of the session.
+        /// Time after which 63 % of the drift is done, as a share of the session.
         time_constant: f64,
     },
-    /// To and fro.
+    /// To and fro, as a random walk.
     Wandering,
 }
 
 /// A drift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drift {
-    /// How.
+    /// Its course over time.
     pub course: Course,
-    /// From the first point to the last one, of the measured positions in the measuring frame, mm.
+    /// Movement of the measured positions from the first point to the last one, in the measuring frame, mm.
     pub vector_mm: Vector3<f64>,
-    /// One standard deviation of that, along its own direction, mm.
+    /// Standard deviation of the movement along its own direction, mm.
     pub std_mm: f64,
-    /// Rows of poses that were visited several times, and by how much they moved; `None` where there are too few.
+    /// Number of rows of poses that were visited several times, and the movement that they show; `None` if there are too few.
     pub by_repeats_mm: Option<(usize, Vector3<f64>)>,
 }
 
@@ -79,7 +79,7 @@ pub struct Session<'a> {
     pub clusters: &'a [usize],
     /// Target of each point.
     pub targets: &'a [usize],
-    /// Asked between the random orders.
+    /// Asked between the random orders whether to go on.
     pub watch: &'a Watch<'a>,
 }
 
@@ -89,7 +89,7 @@ fn times(n: usize) -> Vec<f64> {
     (0..n).map(|i| i as f64 / last).collect()
 }
 
-/// Columns of a shift along each axis that grows as a function of time, 3·N × 3.
+/// Columns of a shift along each axis, as a function of time, 3·N × 3.
 fn shifts(roots: &[f64], times: &[f64], of_time: impl Fn(f64) -> f64) -> DMatrix<f64> {
     let mut columns = DMatrix::zeros(3 * roots.len(), 3);
     for (i, (root, t)) in roots.iter().zip(times).enumerate() {
@@ -99,7 +99,7 @@ fn shifts(roots: &[f64], times: &[f64], of_time: impl Fn(f64) -> f64) -> DMatrix
     columns
 }
 
-/// Share of a warm-up that is done, of what is done at t = 1.
+/// Share of a warm-up that is done at time t, relative to t = 1.
 fn done(t: f64, time_constant: f64) -> f64 {
     libm::expm1(-t / time_constant) / libm::expm1(-1.0 / time_constant)
 }
@@ -129,7 +129,8 @@ fn side_by_side(matrices: &[&DMatrix<f64>]) -> DMatrix<f64> {
     all
 }
 
-/// σ² of a random walk over that of noise beside the misfit, and how much more likely it makes the residuals: 2·log of the likelihoods' ratio.
+/// Most likely ratio of the variances of a random walk and of the noise, in addition to the misfit. Also its gain in likelihood: 2·log of the
+/// likelihoods' ratio.
 fn walk_ratio(
     linear: &Linearised,
     features: &DMatrix<f64>,
@@ -142,18 +143,18 @@ fn walk_ratio(
     kept_ratio(&y, &q, &whitener.whitened(walk))
 }
 
-/// What a change gains beside a drift.
+/// Gain of a change in addition to a drift.
 pub struct Beside {
-    /// mm², in units of the noise's variance times this.
+    /// Reduction of the whitened sum of squares by the change, mm².
     pub gain: f64,
-    /// Sum of squares that is left with it, mm².
+    /// Whitened sum of squares that is left with the change, mm².
     pub rest: f64,
-    /// Degrees of freedom of that.
+    /// Degrees of freedom of the rest.
     pub freedom: f64,
 }
 
-/// What the columns of a change gain beside a ramp, the warm-up that explains most, and a random walk as wide as it shows beside the change.
-/// `None` where nothing is left of them.
+/// Gain of the columns of a change in addition to a ramp, the best warm-up, and a random walk whose variance is estimated together with the change.
+/// `None` if nothing is left of the columns.
 pub fn beside_drift(
     linear: &Linearised,
     features: &DMatrix<f64>,
@@ -196,17 +197,17 @@ pub fn beside_drift(
     })
 }
 
-/// A model of drift that was fitted.
+/// A fitted model of drift.
 struct Fitted {
     course: Course,
     gain: Gain,
-    /// Probability that noise gains as much.
+    /// Probability that noise gives at least this gain.
     probability: f64,
-    /// Smaller is better [Schwarz 1978].
+    /// Schwarz's criterion; smaller is better [Schwarz 1978].
     criterion: f64,
 }
 
-/// The differences within poses that were visited several times.
+/// Drift from the differences within poses that were visited several times.
 struct ByRepeats {
     n_rows: usize,
     vector_mm: Vector3<f64>,
@@ -214,7 +215,7 @@ struct ByRepeats {
 }
 
 impl Session<'_> {
-    /// The drift of a session; `None` where none is told.
+    /// The drift of a session; `None` if none is significant.
     pub fn drift(&self) -> Option<Drift> {
         let n = self.roots.len();
         let every = n.div_ceil(MOST_POINTS).max(1);
@@ -280,7 +281,7 @@ impl Session<'_> {
         let likelier = of_walk.map_or(0.0, |(_, likelier)| likelier) / design;
         let wandering =
             rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelier + libm::log(rows);
-        // a variance is at its bound where nothing wanders [Self & Liang 1987]
+        // a variance is at its bound without a random walk [Self & Liang 1987]
         let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
         let repeats = self.by_repeats(&times);
         let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
@@ -308,7 +309,7 @@ impl Session<'_> {
         })
     }
 
-    /// How much more the sums of the residuals of one configuration vary than those of independent points; at least 1.
+    /// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1.
     fn design_effect(&self, problem: &Whitened) -> f64 {
         let n_clusters = self.clusters.iter().map(|c| c + 1).max().unwrap_or(0);
         let mut sums = vec![Vector3::zeros(); n_clusters];
@@ -319,7 +320,7 @@ impl Session<'_> {
         (of_sums / problem.residuals.norm_squared()).max(1.0)
     }
 
-    /// Larger than in random orders of the configurations.
+    /// True if the gain is larger than in random orders of the configurations.
     fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
         let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, cluster) in self.clusters.iter().enumerate() {
@@ -346,7 +347,7 @@ impl Session<'_> {
         })
     }
 
-    /// A ramp through the differences within poses that were visited several times, with the same target.
+    /// A ramp fitted to the differences within poses of the same target that were visited several times.
     fn by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
         let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
         for (i, key) in self.clusters.iter().zip(self.targets).enumerate() {

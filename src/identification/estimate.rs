@@ -1,8 +1,8 @@
-//! The most probable variables of a problem, given its rows and its priors (maximum a posteriori).
+//! Maximum a posteriori estimate of the variables of a problem, from its rows and its priors.
 //!
-//! Rows over the noise σ and coordinates over the widths of their priors are one least-squares problem. Nothing is cut off by rank and nothing is held:
-//! what the rows cannot tell apart, the priors settle. σ and the widths are found with it ([`crate::identification::evidence`]): least squares and
-//! noise take turns until neither changes.
+//! Rows divided by the noise σ, and coordinates divided by the widths of their priors, are one least-squares problem. There is no rank threshold, and
+//! nothing is held: the priors settle what the rows cannot tell apart. σ and the widths are estimated as well ([`crate::identification::evidence`]):
+//! least squares and the noise estimate alternate until neither changes.
 
 use crate::identification::KinematicModel;
 use crate::identification::evidence::{Evidence, Posterior, Triangle};
@@ -14,18 +14,18 @@ use nalgebra::{DMatrix, DVector};
 use std::cell::{Cell, RefCell};
 use std::ops::ControlFlow;
 
-/// σ begins at this share of the reach, far below the noise of any robot.
+/// Start value of σ as a share of the reach, far below the noise of any robot.
 const FIRST_SIGMA: f64 = 1e-6;
-/// Rounds of least squares and noise at most.
+/// Maximum number of rounds of least squares and noise.
 const ROUNDS: usize = 15;
-/// Relative change of σ and widths that ends them.
+/// The rounds end when σ and the widths change by less than this share.
 const FOUND: f64 = 1e-3;
-/// Least squares of a round ends where a step gains less than this share of the sum of squares: a thousandth of a standard deviation.
+/// Least squares of a round ends if a step gains less than this share of the sum of squares: a thousandth of a standard deviation.
 const SMALLEST_GAIN: f64 = 1e-10;
-/// ... or is shorter than this share of the coordinates.
+/// Least squares of a round also ends if a step is shorter than this share of the coordinates.
 const SMALLEST_STEP: f64 = 1e-10;
 
-/// What was found.
+/// Result of an estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
     /// The most probable model.
@@ -34,27 +34,27 @@ pub struct Estimate {
     pub x: Vec<f64>,
     /// Noise and widths.
     pub evidence: Evidence,
-    /// The linear problem there.
+    /// The linear problem at the solution.
     pub posterior: Posterior,
-    /// Sum of squares of rows and priors (those times σ²) at the start and after each step of least squares, the smallest so far, mm². σ and
-    /// the widths are those that were found: with them the estimate is the least there is.
+    /// Sum of squares of rows and priors (priors times σ²) at the start and after each step of least squares, the smallest so far, mm². σ and the
+    /// widths are the final ones, for which the estimate is the minimum.
     pub convergence_mm2: Vec<f64>,
-    /// Coordinates at the start and after each step, with the sum of squares of their rows, mm².
+    /// Coordinates at the start and after each step, each with the sum of squares of the rows, mm².
     steps: Vec<(Vec<f64>, f64)>,
-    /// Evaluations of the residuals.
+    /// Number of evaluations of the residuals.
     pub n_evaluations: usize,
     /// Why the last round ended.
     pub termination: Termination,
 }
 
-/// How a fit ended.
+/// A fit without its covariance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitSummary {
     /// The fitted model.
     pub model: KinematicModel,
-    /// Steps, over all rounds.
+    /// Number of steps, over all rounds.
     pub n_iterations: usize,
-    /// Evaluations of the residuals.
+    /// Number of evaluations of the residuals.
     pub n_evaluations: usize,
     /// Sum of squares at the start and after each step, mm²; never rises.
     pub convergence_mm2: Vec<f64>,
@@ -63,12 +63,12 @@ pub struct FitSummary {
 }
 
 impl Estimate {
-    /// Before the first round: noise and widths as given.
+    /// The state before the first round, with the given noise and widths.
     fn before(problem: &Problem<'_>, start: &[f64], evidence: Evidence) -> Self {
         Self {
             model: problem.model(start),
             x: start.to_vec(),
-            // before the rows are looked at, what the priors say
+            // before the rows are evaluated, the posterior is the prior
             posterior: Triangle::empty(start.len()).solve(start, &evidence),
             evidence,
             convergence_mm2: vec![],
@@ -78,7 +78,7 @@ impl Estimate {
         }
     }
 
-    /// With the curve for the noise and the widths that were found.
+    /// Computes the convergence curve with the final noise and widths.
     fn with_curve(mut self, problem: &Problem<'_>) -> Self {
         let mut least = f64::INFINITY;
         self.convergence_mm2.clear();
@@ -90,7 +90,7 @@ impl Estimate {
         self
     }
 
-    /// How the fit ended.
+    /// The summary of this estimate.
     pub fn into_summary(self) -> FitSummary {
         FitSummary {
             model: self.model,
@@ -102,7 +102,7 @@ impl Estimate {
     }
 }
 
-/// The rows of a problem, at once or in parts.
+/// The rows of a problem, evaluated at once or in parts.
 struct Rows<'a> {
     problem: &'a Problem<'a>,
     parts: Option<Parts<'a>>,
@@ -125,7 +125,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Rows that least squares is given: those of the problem, or those of its triangle and one for the rest.
+    /// Number of rows for least squares: those of the problem, or for a problem in parts those of its triangle and one for the rest.
     fn n(&self) -> usize {
         match &self.parts {
             Some(_) => self.problem.variables.len() + 1,
@@ -133,8 +133,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Of a problem in parts, the rows are those of the triangle: they have the same sum of squares, and the same derivatives of it. Where no
-    /// derivatives are asked for, that sum is all that is.
+    /// Evaluates the rows. For a problem in parts they are those of the triangle, with the same sum of squares and the same derivatives of it.
+    /// Without `jacobian`, only the sum is computed, as a single row.
     fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: Option<&mut DMatrix<f64>>) {
         let (Some(parts), p) = (&self.parts, x.len()) else {
             return self.problem.evaluate(x, residuals, jacobian);
@@ -153,7 +153,8 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// The estimate, from `start` on (coordinates), or the first that leaves no more than `stop_at_mm2`. The monitor is told sums of squares, mm².
+/// The estimate from `start` on (coordinates). It ends early if the sum of squares is at most `stop_at_mm2`. The monitor receives sums of squares,
+/// mm².
 pub fn estimate(
     problem: &Problem<'_>,
     start: &[f64],
@@ -163,7 +164,7 @@ pub fn estimate(
     let least_sigma_mm = problem.least_sigma_mm;
     let evidence = Evidence::first(problem, FIRST_SIGMA * problem.reach_mm);
     let mut found = Estimate::before(problem, start, evidence);
-    // between parts of the rows the monitor is told again where the search is
+    // between parts of the rows, the last iteration is reported to the monitor again
     let (monitor, told) = (RefCell::new(monitor), Cell::new(None));
     let ask = || {
         told.get()
@@ -195,12 +196,12 @@ pub fn estimate(
     found.with_curve(problem)
 }
 
-/// Least squares of the rows from `start` on. σ is far below the noise, so the priors settle only what the rows cannot tell apart.
+/// Least squares of the rows, beginning at `start`. σ is far below the noise, so that the priors settle only what the rows cannot tell apart.
 pub fn least_squares(problem: &Problem<'_>, start: &KinematicModel) -> KinematicModel {
     least_squares_while(problem, start, &Watch::nobody())
 }
 
-/// The same as long as somebody wants it.
+/// As [`least_squares`], until the watch stops.
 pub fn least_squares_while(
     problem: &Problem<'_>,
     start: &KinematicModel,
@@ -210,7 +211,7 @@ pub fn least_squares_while(
     most_probable(problem, start, &evidence, watch).model
 }
 
-/// The most probable model with noise and widths as they are, from `start` on.
+/// Maximum a posteriori model with given noise and widths, beginning at `start`.
 pub fn most_probable(
     problem: &Problem<'_>,
     start: &KinematicModel,
@@ -227,7 +228,7 @@ pub fn most_probable(
     found.with_curve(problem).into_summary()
 }
 
-/// What the priors add to the sum of squares of a model, mm²: σ²·Σ (x_j/w_j)².
+/// Cost of the priors at a model, mm²: σ²·Σ (x_j/w_j)².
 pub fn prior_cost_mm2(problem: &Problem<'_>, model: &KinematicModel, evidence: &Evidence) -> f64 {
     prior_sum_mm2(problem, &problem.coordinates(model), evidence)
 }
@@ -238,7 +239,7 @@ fn prior_sum_mm2(problem: &Problem<'_>, x: &[f64], evidence: &Evidence) -> f64 {
     evidence.sigma_mm * evidence.sigma_mm * squares
 }
 
-/// Noise, widths and posterior of the linear problem at a model, wherever the model comes from.
+/// Noise, widths and posterior of the linear problem at a given model, which need not be the estimate.
 pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, Posterior) {
     let x = problem.coordinates(model);
     let triangle = Rows::new(problem, &Watch::nobody()).triangle(&x);
@@ -249,7 +250,7 @@ pub fn evidence_at(problem: &Problem<'_>, model: &KinematicModel) -> (Evidence, 
     (evidence, posterior)
 }
 
-/// Least squares of rows and priors from what was found on, with noise and widths as they are.
+/// Least squares of rows and priors from the current coordinates on, with fixed noise and widths.
 fn descend(
     rows_of: &Rows<'_>,
     found: &mut Estimate,
@@ -259,7 +260,7 @@ fn descend(
     let problem = rows_of.problem;
     let (n_rows, widths) = (rows_of.n(), &found.evidence.widths);
     let sigma_mm = found.evidence.sigma_mm;
-    // what was evaluated since the last step: sum of squares that is minimised, coordinates, sum of squares of the rows
+    // evaluations since the last step: minimised sum of squares, coordinates, sum of squares of the rows
     let evaluated: RefCell<Vec<(f64, Vec<f64>, f64)>> = RefCell::default();
     let mut rows =
         |x: &[f64], residuals: &mut DVector<f64>, mut jacobian: Option<&mut DMatrix<f64>>| {
@@ -291,7 +292,7 @@ fn descend(
         let mut since = evaluated.borrow_mut();
         let here = since.iter().rposition(|(sum, ..)| *sum == i.cost);
         let here = here.map(|k| since.swap_remove(k));
-        // the first of a later round repeats the last of the round before
+        // the first iteration of a later round repeats the last of the round before
         if let Some((_, x, rows_mm2)) = here
             .as_ref()
             .filter(|_| i.iteration > 0 || steps.is_empty())

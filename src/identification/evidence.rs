@@ -1,16 +1,16 @@
-//! The noise and the widths of the priors, from the linear problem at a fit.
+//! Estimates the noise and the widths of the priors from the linear problem at a fit.
 //!
-//! With rows that are linear in the coordinates, the most probable noise σ and the most probable widths are a fixed point [MacKay 1992]:
+//! If the rows are linear in the coordinates, the most probable noise σ and the most probable widths are a fixed point [MacKay 1992]:
 //!
-//! - σ² is what the rows leave, over their number less the coordinates that they determine;
-//! - g², the factor by which the priors of a kind are wider than at first, is the mean square of its coordinates, over the number of those
-//!   that the rows determine; never below 1.
+//! - σ² is the sum of squares of the residuals, divided by the number of rows minus the number of coordinates that the rows determine;
+//! - g² is the factor by which the prior variances of a kind are larger than at first. It is the sum of squares of the kind's coordinates, divided by
+//!   the number of those that the rows determine, and never below 1.
 //!
-//! Errors of links have heavy tails: most are small, and a joint that was never mastered is off by a hundred times as much. Each number of a link therefore has
-//! Student's t distribution, as a normal one whose own variance is unknown: width² = g²·(ν + x²/g²)/(ν + 1), with x² the expected square of
-//! the coordinate [Liu & Rubin 1995].
+//! Errors of links have heavy tails: most are small, and a joint that was never mastered is off by a hundred times as much. Each number of a link
+//! therefore has Student's t distribution, written as a normal distribution with its own unknown variance: width² = g²·(ν + x²/g²)/(ν + 1), with x²
+//! the expected square of the coordinate [Liu & Rubin 1995].
 //!
-//! σ comes from below. At first it is far below the noise, so that the priors settle only what the rows cannot tell apart.
+//! σ starts far below the noise, so that at first the priors settle only what the rows cannot tell apart.
 
 use crate::identification::distributions::f_tail;
 use crate::identification::problem::{KINDS, Prior, Problem};
@@ -18,13 +18,13 @@ use crate::identification::variance::Spectrum;
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
-/// ν of Student's t distribution. Links of measured arms are predicted about equally well with 1 to 3, and worse by 3 % with normal priors.
+/// ν of Student's t distribution. With 1 to 3, links of measured arms are predicted about equally well; with normal priors 3 % worse.
 const TAILS: f64 = 2.0;
-/// Updates at most.
+/// Maximum number of updates.
 const UPDATES: usize = 100;
-/// Relative change of noise and widths that ends the updates.
+/// The updates end when noise and widths change by less than this share.
 const FOUND: f64 = 1e-4;
-/// The width of a kind is told by at least so many determined coordinates.
+/// Minimum number of determined coordinates for estimating the width of a kind.
 const TOLD_BY: f64 = 0.5;
 
 /// See [`Noise::is_more_than`].
@@ -35,23 +35,23 @@ const CHANCE: f64 = 1e-3;
 pub struct Evidence {
     /// σ, standard deviation of a row of weight 1, mm.
     pub sigma_mm: f64,
-    /// g, by how much the priors of each kind are wider than at first; at least 1. In the order of [`KINDS`].
+    /// g, the factor by which the priors of each kind are wider than at first; at least 1. In the order of [`KINDS`].
     pub widened: [f64; KINDS.len()],
-    /// One standard deviation of each coordinate before anything is measured.
+    /// Prior standard deviation of each coordinate.
     pub widths: Vec<f64>,
 }
 
-/// What a fit leaves over.
+/// Noise about a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Standard deviation of a coordinate of a point of weight 1, mm; the degrees of freedom that the fit takes are counted.
+    /// Standard deviation of a coordinate of a point of weight 1, mm. The degrees of freedom of the fit are taken into account.
     pub std_mm: f64,
-    /// Rows less the coordinates that they determine.
+    /// Number of rows minus the number of coordinates that they determine.
     pub freedom: f64,
 }
 
 impl Noise {
-    /// Of a fit with this posterior.
+    /// The noise of a fit with this posterior.
     pub fn of(problem: &Problem<'_>, evidence: &Evidence, posterior: &Posterior) -> Self {
         Self {
             std_mm: evidence.sigma_mm,
@@ -59,7 +59,7 @@ impl Noise {
         }
     }
 
-    /// True if two fits to samples of the same noise differ as much in fewer than one of a thousand cases.
+    /// True if the larger noise is significant: samples of the same noise differ as much in fewer than one of a thousand cases.
     pub fn is_more_than(&self, other: &Self) -> bool {
         let ratio = self.std_mm / other.std_mm;
         f_tail(ratio * ratio, self.freedom, other.freedom) < CHANCE
@@ -70,35 +70,35 @@ impl Noise {
 pub struct Triangle {
     /// R, p × p, upper triangle.
     r: DMatrix<f64>,
-    /// p.
+    /// Right side, p.
     right: Vec<f64>,
-    /// Where the coordinates are expected, p; and which of them have a flat prior.
+    /// Expected values of the coordinates, p, and which of them have a flat prior.
     expected: Vec<f64>,
     is_flat: Vec<bool>,
     rest: f64,
     n_rows: usize,
 }
 
-/// The linear problem, solved with some noise and widths.
+/// Solution of the linear problem for given noise and widths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Posterior {
-    /// From the fit to the solution, coordinates.
+    /// Step from the fit to the solution, in coordinates.
     pub step: Vec<f64>,
     /// Root of the covariance of the coordinates, p × p: covariance = root · rootᵀ.
     pub root: DMatrix<f64>,
-    /// How much of each coordinate the rows determine: 1 − posterior variance / prior variance. Of one with a flat prior, the width of the
-    /// variable stands for that of the prior: what is not known to within the reach is not determined.
+    /// Share of each coordinate that the rows determine: 1 − posterior variance / prior variance. For a flat prior, the variable's width replaces
+    /// that of the prior: a coordinate that is not known to within the reach is not determined.
     pub data_share: Vec<f64>,
-    /// How many coordinates the rows determine.
+    /// Number of coordinates that the rows determine.
     pub n_determined: f64,
 }
 
 impl Evidence {
-    /// Width of a flat prior, in units of the variable's width. Base and targets are anywhere; what no row sees of them alone, such as a shift
-    /// of both along an only axis, stays where it was first placed.
+    /// Width of a flat prior, in units of the variable's width. Base and targets may be anywhere. If no row determines a part of their position, such
+    /// as a common shift along a single axis, this part stays where it was first placed.
     pub const FLAT: f64 = 1e3;
 
-    /// Before anything is measured.
+    /// Noise and widths before anything is measured.
     pub fn first(problem: &Problem<'_>, sigma_mm: f64) -> Self {
         let width = |prior: Prior| match prior {
             Prior::OfKind(_) => 1.0,
@@ -112,13 +112,13 @@ impl Evidence {
         }
     }
 
-    /// True if noise and widths are the same as others but for a relative difference.
+    /// True if noise and widths equal those of `other` to within a relative difference.
     pub fn is_near(&self, other: &Self, difference: f64) -> bool {
         let near = |(a, b): (&f64, &f64)| (a - b).abs() <= difference * b;
         near((&self.sigma_mm, &other.sigma_mm)) && self.widths.iter().zip(&other.widths).all(near)
     }
 
-    /// The next one of the fixed point; the noise at least `least_sigma_mm`.
+    /// The next iterate of the fixed point. The noise is at least `least_sigma_mm`.
     fn updated(
         &self,
         at: &Triangle,
@@ -155,7 +155,7 @@ impl Evidence {
 }
 
 impl Posterior {
-    /// How far the fit is from the solution, in standard deviations: root mean square over the coordinates that the rows determine.
+    /// Distance of the fit from the solution, in standard deviations: root mean square over the coordinates that the rows determine.
     pub fn stds_from_fit(&self) -> f64 {
         let step = DVector::from_column_slice(&self.step);
         let whitened = self.root.solve_upper_triangular(&step);
@@ -166,7 +166,7 @@ impl Posterior {
 }
 
 impl Triangle {
-    /// No rows of `p` coordinates, all of them with flat priors.
+    /// A triangle without rows, for `p` coordinates, all with flat priors.
     pub fn empty(p: usize) -> Self {
         Self {
             r: DMatrix::zeros(p, p),
@@ -178,7 +178,7 @@ impl Triangle {
         }
     }
 
-    /// With more rows: each block has derivatives and residuals.
+    /// Appends rows. Each block has derivatives and residuals.
     pub fn append(&mut self, blocks: &[(DMatrix<f64>, Vec<f64>)]) {
         let p = self.right.len();
         let more: usize = blocks.iter().map(|(_, residuals)| residuals.len()).sum();
@@ -199,7 +199,7 @@ impl Triangle {
         self.n_rows += more;
     }
 
-    /// The first `n` coordinates alone; the others stay at the fit.
+    /// The triangle of the first `n` coordinates; the others stay at the fit.
     pub fn leading(&self, n: usize) -> Self {
         Self {
             r: self.r.view((0, 0), (n, n)).into_owned(),
@@ -211,7 +211,7 @@ impl Triangle {
         }
     }
 
-    /// Where the first coordinates of a problem are expected; the other ones are expected at 0.
+    /// Sets the expected values of the first coordinates from a problem. All others are expected at 0.
     pub fn expect(&mut self, problem: &Problem<'_>) {
         for (j, variable) in problem.variables.iter().enumerate() {
             self.expected[j] = problem.expected(j);
@@ -219,17 +219,18 @@ impl Triangle {
         }
     }
 
-    /// Coordinates.
+    /// Number of coordinates.
     pub fn n_coordinates(&self) -> usize {
         self.right.len()
     }
 
-    /// How noise of standard deviation σ moves a solution: C·Rᵀ/σ, p × p.
+    /// Effect of noise of standard deviation σ on a solution: C·Rᵀ/σ, p × p.
     pub fn by_noise(&self, posterior: &Posterior, sigma_mm: f64) -> DMatrix<f64> {
         &posterior.root * (posterior.root.transpose() * self.r.transpose()) / sigma_mm
     }
 
-    /// What tells the variance of the last coordinates, from `first` on: what the rows and the priors of all others leave of them.
+    /// Spectrum for estimating the variance of the last coordinates, from `first` on: the information that the rows and the priors of all other
+    /// coordinates leave.
     pub fn spectrum(&self, x: &[f64], evidence: &Evidence, first: usize) -> Option<Spectrum> {
         let p = self.right.len();
         let n = p + first;
@@ -245,7 +246,7 @@ impl Triangle {
             .view((first, first), (p - first, p - first))
             .upper_triangle();
         let rest = self.rest + right[p..].iter().map(|v| v * v).sum::<f64>();
-        // rows of priors are data, except of flat ones
+        // rows of priors count as data, except for flat priors
         let n_flat = self.is_flat[..first].iter().filter(|flat| **flat).count();
         let n_free = self.n_rows as f64 - n_flat as f64;
         Spectrum::new(
@@ -261,7 +262,7 @@ impl Triangle {
         (&self.r, &self.right, self.rest)
     }
 
-    /// The rows at a fit.
+    /// Reduces the rows at a fit to a triangle.
     pub fn at(problem: &Problem<'_>, x: &[f64]) -> Self {
         let (n_rows, p) = (problem.n_rows(), x.len());
         // with fewer rows than coordinates, rows of zeros are added
@@ -285,7 +286,8 @@ impl Triangle {
         }
     }
 
-    /// Solves the linear problem: least squares of the rows over σ and of the coordinates over the widths of their priors. `x` is the fit.
+    /// Solves the linear problem: least squares of the rows divided by σ, and of the coordinates divided by the widths of their priors. `x` is the
+    /// fit.
     pub fn solve(&self, x: &[f64], evidence: &Evidence) -> Posterior {
         let p = x.len();
         let (mut stacked, mut right) = (DMatrix::zeros(2 * p, p), vec![0.0; 2 * p]);
@@ -316,12 +318,12 @@ impl Triangle {
         }
     }
 
-    /// Noise that a solution leaves, mm.
+    /// Noise of the rows at a solution, mm.
     pub fn noise_mm(&self, posterior: &Posterior) -> f64 {
         (self.left(&posterior.step) / self.freedom(posterior)).sqrt()
     }
 
-    /// Rows less the coordinates that they determine, at least 1.
+    /// Number of rows minus the number of coordinates that they determine, at least 1.
     pub fn freedom(&self, posterior: &Posterior) -> f64 {
         (self.n_rows as f64 - posterior.n_determined).max(1.0)
     }
@@ -333,7 +335,7 @@ impl Triangle {
         self.rest + (0..p).map(|i| row(i) * row(i)).sum::<f64>()
     }
 
-    /// Noise and widths of the linear problem, from `evidence` on; the noise at least `least_sigma_mm`.
+    /// Noise and widths of the linear problem, beginning at `evidence`. The noise is at least `least_sigma_mm`.
     pub fn evidence(
         &self,
         problem: &Problem<'_>,

@@ -1,4 +1,4 @@
-//! Least squares on a search space.
+//! Least squares in a search space.
 
 use crate::identification::KinematicModel;
 use crate::identification::linearisation::Linearisation;
@@ -9,7 +9,7 @@ use crate::solvers::least_squares::{Iteration, Options, Summary, minimize};
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
-/// A least-squares fit: the model and how it was reached.
+/// A least-squares fit: the model and its summary.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
     /// The fitted model.
@@ -20,7 +20,7 @@ pub struct Fit {
     pub summary: Summary,
 }
 
-/// Levenberg-Marquardt with the analytic Jacobian from the space's reference.
+/// Levenberg-Marquardt with the analytic Jacobian, starting at the space's reference.
 pub fn fit_in_space(
     space: &SearchSpace,
     observations: &[Observation],
@@ -46,7 +46,7 @@ pub fn fit_in_space(
     }
 }
 
-/// Least squares on raw parameters from `start`, to the end, without a monitor: for base and targets, where all are seen.
+/// Least squares on raw parameters, from `start` to convergence, without a monitor. It is for base and targets, which are all observable.
 pub fn fit_least_squares(
     start: &KinematicModel,
     parameters: &[Parameter],

@@ -1,8 +1,8 @@
-//! How base and target are turned, in closed form from poses: R_measured = R_base · R_flange(q) · R_target, the rotation part of AX = ZB.
+//! Rotation of base and target in closed form from poses: R_measured = R_base · R_flange(q) · R_target, the rotation part of AX = ZB.
 //!
-//! With X = R_targetᵀ and Z = R_base, R_measured·X = Z·R_flange. Σ tr((R_measured·X)ᵀ·Z·R_flange) = vec(X)ᵀ·K·vec(Z) with
-//! K = Σ R_flangeᵀ ⊗ R_measuredᵀ; X and Z are the singular vectors of its largest singular value, projected onto the rotations
-//! [Shah 2013, Journal of Mechanisms and Robotics 5, 031007]. Three poses whose flanges are turned about two axes are enough.
+//! With X = R_targetᵀ and Z = R_base, R_measured·X = Z·R_flange. Σ tr((R_measured·X)ᵀ·Z·R_flange) = vec(X)ᵀ·K·vec(Z) with K = Σ R_flangeᵀ ⊗
+//! R_measuredᵀ. X and Z are the singular vectors of K's largest singular value, projected onto the rotations [Shah 2013, Journal of Mechanisms and
+//! Robotics 5, 031007]. Three poses whose flanges are rotated about two axes are enough.
 
 use crate::kinematics::rotation::nearest_rotation;
 use nalgebra::{Matrix3, Rotation3, SMatrix};
@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix};
 const SVD_ITERATIONS: usize = 10_000;
 
 /// (Z, Xᵀ): base in the measuring frame and target in the flange frame. Each pair is a flange in the base frame and its target in the measuring
-/// frame. `None` where the decomposition fails.
+/// frame. `None` if the decomposition fails.
 pub fn base_and_target_rotation(
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],
 ) -> Option<(Rotation3<f64>, Rotation3<f64>)> {
@@ -25,7 +25,7 @@ pub fn base_and_target_rotation(
     let (u, v_t) = (svd.u?, svd.v_t?);
     let x = Matrix3::from_iterator(u.column(largest).iter().copied());
     let z = Matrix3::from_iterator(v_t.row(largest).iter().copied());
-    // singular vectors come with either sign, both with the same
+    // the sign of the singular vectors is arbitrary, but the same for both
     let sign = z.determinant().signum();
     let (x, z) = (
         nearest_rotation(&(x * sign))?,
@@ -34,7 +34,7 @@ pub fn base_and_target_rotation(
     Some((z, x.inverse()))
 }
 
-/// How a target is turned in the flange frame, with the base's rotation given: the mean over its poses.
+/// Rotation of a target in the flange frame for a given rotation of the base: the mean over its poses.
 pub fn target_rotation(
     base: &Rotation3<f64>,
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],

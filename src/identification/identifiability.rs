@@ -1,27 +1,26 @@
-//! What the data can see: the singular values of the scaled identification Jacobian, its rank and its null space by name.
+//! What the data determine: singular values of the scaled identification Jacobian, its rank, and its null space by parameter names.
 
 use crate::identification::parameters::Parameter;
 use crate::solvers::orthonormal::{FEWEST_ROWS, triangle};
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
-/// A combination is seen if moving it by its prior scale displaces the measured points by at least this share of the reach, rms: 1 µm on an arm
-/// of 1.7 m, a tenth of what the best trackers resolve. Below it, data only add noise to it.
+/// A combination is observable if a change by its prior scale displaces the measured points by at least this share of the reach, rms: 1 µm on an arm
+/// of 1.7 m, a tenth of the resolution of the best trackers. Below it, the data only add noise to the combination.
 pub const VISIBLE_PER_REACH: f64 = 1e-3 / 1700.0;
-/// A parameter takes part in an unseen combination if its share is at least this (of the largest).
+/// A parameter belongs to an unobservable combination if its share is at least this (of the largest).
 const TAKES_PART: f64 = 1e-3;
-/// Priors say something of a combination if they are at most a thousand times wider than robots are by themselves, and the parameter has at
-/// least this part in it.
+/// Priors determine a combination if they are at most a thousand times wider than the usual errors of robots, and if their parameter has at least
+/// this share in it.
 const SAID: f64 = 1e-3;
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
-/// How far a length is expected to be off, as a share of the reach: 1 mm on an arm of 1.7 m (one standard deviation of a robot fresh from
-/// the factory).
+/// Expected error of a length as a share of the reach: 1 mm on an arm of 1.7 m (one standard deviation of a new robot).
 const LENGTH_PER_REACH: f64 = 1.0 / 1700.0;
-/// How far an angle is expected to be off, rad (0.3°).
+/// Expected error of an angle, rad (0.3°).
 pub const PRIOR_ANGLE_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
-/// Base and targets are expected to be off by so many times as much as a length of the links, after their first estimate.
+/// Ratio of the expected errors of base and target lengths, after their first estimate, to those of link lengths.
 pub const PLACEMENT_PER_LENGTH: f64 = 10.0;
 
 /// Prior scale of a parameter of an arm of this reach, mm or rad.
@@ -40,7 +39,7 @@ pub fn prior_scales(parameters: &[Parameter], reach_mm: f64) -> Vec<f64> {
     parameters.iter().map(scale).collect()
 }
 
-/// The scaled Jacobian taken apart: J·S = U·Σ·Vᵀ.
+/// Singular value decomposition of the scaled Jacobian: J·S = U·Σ·Vᵀ.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decomposition {
     /// Singular values, largest first, of J·S divided by sqrt(N points): rms displacement in mm per prior scale.
@@ -49,17 +48,17 @@ pub struct Decomposition {
     pub directions: DMatrix<f64>,
     /// S: the scale of each parameter.
     pub scale: Vec<f64>,
-    /// Singular value from which on a combination is seen, mm: [`VISIBLE_PER_REACH`].
+    /// Smallest singular value of an observable combination, mm: [`VISIBLE_PER_REACH`].
     pub visible_mm: f64,
 }
 
-/// Takes J·S / sqrt(N points) apart; its rows in any order.
+/// Decomposes J·S / sqrt(N points), with its rows in any order.
 pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64], visible_mm: f64) -> Decomposition {
     let p = scale.len();
     if scaled.nrows() < p {
         scaled = scaled.resize_vertically(p, 0.0);
     }
-    // R of J·S has its singular values and right vectors, at p × p
+    // R of the QR factorisation of J·S has the same singular values and right vectors, with size p × p
     let n_rows = scaled.nrows();
     if n_rows > FEWEST_ROWS {
         scaled = triangle(&scaled);
@@ -91,7 +90,7 @@ pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64], visible_mm: f64) -> De
     }
 }
 
-/// A singular vector's sign is arbitrary: make its largest entry positive, so that equal data give equal directions.
+/// Fixes the arbitrary signs of singular vectors: the largest entry becomes positive, so that equal data give equal directions.
 fn with_fixed_signs(mut directions: DMatrix<f64>) -> DMatrix<f64> {
     for mut column in directions.column_iter_mut() {
         if column[column.iamax()] < 0.0 {
@@ -102,7 +101,7 @@ fn with_fixed_signs(mut directions: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl Decomposition {
-    /// Combinations that the data see.
+    /// Number of combinations that the data determine.
     pub fn rank(&self) -> usize {
         self.singular_values
             .iter()
@@ -119,7 +118,7 @@ impl Decomposition {
             .count()
     }
 
-    /// Largest over smallest seen singular value.
+    /// Largest over smallest observable singular value.
     pub fn condition_number(&self) -> f64 {
         match self.rank() {
             0 => f64::INFINITY,
@@ -127,7 +126,7 @@ impl Decomposition {
         }
     }
 
-    /// O1 = (σ1 … σr)^(1/r) / sqrt(N) over the seen combinations (Borm & Menq 1991); our σ already carry the 1/sqrt(N).
+    /// O1 = (σ1 … σr)^(1/r) / sqrt(N) over the observable combinations (Borm & Menq 1991). The σ used here already contain 1/sqrt(N).
     pub fn observability_index_o1(&self) -> f64 {
         let rank = self.rank();
         if rank == 0 {
@@ -142,7 +141,7 @@ impl Decomposition {
         )
     }
 
-    /// S·V of the seen combinations, p × rank: deviation = this · coordinates.
+    /// S·V of the observable combinations, p × rank: deviation = this · coordinates.
     pub fn seen_directions(&self) -> DMatrix<f64> {
         let rank = self.rank();
         DMatrix::from_fn(self.scale.len(), rank, |row, k| {
@@ -150,7 +149,7 @@ impl Decomposition {
         })
     }
 
-    /// S·V of the combinations that the data do not see, p × (p − rank).
+    /// S·V of the unobservable combinations, p × (p − rank).
     pub fn unseen_directions(&self) -> DMatrix<f64> {
         let rank = self.rank();
         let p = self.scale.len();
@@ -159,14 +158,14 @@ impl Decomposition {
         })
     }
 
-    /// As [`Self::seen_directions`] and [`Self::unseen_directions`], with those of the unseen combinations put to the seen ones that priors
-    /// say something of. `stds` holds parameters and the standard deviations of their priors, mm or rad.
+    /// As [`Self::seen_directions`] and [`Self::unseen_directions`], but unobservable combinations that priors determine are moved to the first
+    /// group. `stds` has parameters and the standard deviations of their priors, mm or rad.
     pub fn directions_with_priors(&self, stds: &[(usize, f64)]) -> (DMatrix<f64>, DMatrix<f64>) {
         let (seen, unseen) = (self.seen_directions(), self.unseen_directions());
         if stds.is_empty() || unseen.ncols() == 0 {
             return (seen, unseen);
         }
-        // however narrow a prior, it says nothing of a combination in which its parameter has no part
+        // however narrow a prior is, it does not determine a combination that does not contain its parameter
         let said = |row: usize, k: usize| {
             unseen[(stds[row].0, k)]
                 / stds[row]
@@ -189,8 +188,8 @@ impl Decomposition {
         (known, turned.columns_range(n_said..).into_owned())
     }
 
-    /// The unseen combinations, each by the indices of the parameters that take part in it. The null space is brought to reduced
-    /// echelon form first, so that each combination names as few parameters as it can.
+    /// The unobservable combinations, each as the indices of its parameters. The null space is first reduced to echelon form, so that each
+    /// combination has as few parameters as possible.
     pub fn unseen_groups(&self) -> Vec<Vec<usize>> {
         let p = self.scale.len();
         let rank = self.rank();

@@ -14,8 +14,8 @@ use crate::kinematics::batch::{Along, InstructionSet, Lanes, Moved, OneRobot, Po
 use nalgebra::{DMatrix, Vector3};
 use std::borrow::Cow;
 
-/// The residuals of some observations as a function of a space's coordinates. Rows are in the order of [`PoseLanes`], and those of
-/// missing poses are zero: sums over all rows are those of `objective.rs`.
+/// The residuals of some observations as a function of a space's coordinates. Rows are in the order of [`PoseLanes`]. Rows of missing poses are zero,
+/// so that sums over all rows equal those of `objective.rs`.
 pub struct Linearisation<'a> {
     space: Cow<'a, SearchSpace>,
     poses: PoseLanes,
@@ -32,7 +32,7 @@ impl<'a> Linearisation<'a> {
         Self::prepare(Cow::Borrowed(space), observations)
     }
 
-    /// As [`Self::new`], with the space's parameters themselves for coordinates, mm or rad.
+    /// As [`Self::new`], with the space's parameters themselves as coordinates, mm or rad.
     pub fn of_parameters(
         space: &SearchSpace,
         observations: &[Observation],
@@ -62,7 +62,7 @@ impl<'a> Linearisation<'a> {
         }
     }
 
-    /// With another code path; the bits are the same.
+    /// Selects another code path; the results are the same to the last bit.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
         self.robot = self.robot.with_instructions(instructions);
         self
@@ -73,7 +73,7 @@ impl<'a> Linearisation<'a> {
         self.poses.n_rows()
     }
 
-    /// sqrt(weight) · (measured − predicted) at some coordinates.
+    /// sqrt(weight) · (measured − predicted) at the given coordinates.
     pub fn residuals(&mut self, coordinates: &[f64], residuals: &mut [f64]) {
         self.place(coordinates);
         self.robot.residuals(&self.poses, residuals);
@@ -113,7 +113,7 @@ impl<'a> Linearisation<'a> {
     }
 }
 
-/// The scaled identification Jacobian at a model, taken apart.
+/// Decomposition of the scaled identification Jacobian at a model.
 pub fn decomposition_at(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -127,8 +127,8 @@ pub fn decomposition_at(
     )
 }
 
-/// The identification Jacobian at a model: mm that points move for one scale of each parameter, over sqrt(N points). Of poses, the rotation rows
-/// too.
+/// The identification Jacobian at a model: displacement of points, mm, for one scale of each parameter, over sqrt(N points). For poses the rotation
+/// rows are included.
 pub fn scaled_jacobian_at(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -156,8 +156,8 @@ pub fn scaled_jacobian_at(
 }
 
 impl SearchSpace {
-    /// One coordinate per combination that the data see: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of
-    /// these coordinates is the parameters' box turned (a uniform cube's spread is the same in every direction).
+    /// A space with one coordinate per observable combination: deviation = S·V·coordinate, with J·S = U·Σ·Vᵀ at the reference. The box of these
+    /// coordinates is the rotated box of the parameters (a uniform cube has the same spread in every direction).
     pub fn singular(
         reference: KinematicModel,
         parameters: Vec<Parameter>,
@@ -173,7 +173,7 @@ impl SearchSpace {
         )
     }
 
-    /// As [`Self::singular`], of the points and the priors together: one coordinate per combination that either says something of.
+    /// As [`Self::singular`], from the points and the priors together: one coordinate per combination that either of them determines.
     pub fn singular_with_priors(
         reference: KinematicModel,
         parameters: Vec<Parameter>,

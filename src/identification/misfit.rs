@@ -1,6 +1,6 @@
-//! What the fitted parameters cannot say, as a random function of the joint values: joints that give under gravity, joints whose transmission is
-//! eccentric, and parameters of a larger model that are held. Nothing here is identified; it says how a robot errs where nobody has measured it,
-//! and by how much parameters that were fitted without it are wrong.
+//! Misfit: effects that the fitted parameters cannot describe, as a random function of the joint values. It covers joints that deflect under gravity,
+//! joints with eccentric transmissions, and held parameters of a larger model. Nothing is identified here. The misfit gives the robot's errors at
+//! poses that were not measured, and the resulting errors of the fitted parameters.
 
 use crate::identification::KinematicModel;
 use crate::identification::identifiability::{PRIOR_ANGLE_RAD, prior_scales};
@@ -10,7 +10,7 @@ use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::reach_mm;
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
 
-/// What a misfit is made of.
+/// The sources of a misfit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misfit {
     /// Directions of gravity, in the base frame.
@@ -20,8 +20,8 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// The features of some poses, one column each: those of [`features`], and what the held parameters do. A length counts as much as an angle as
-    /// their errors are to each other in robots fresh from the factory.
+    /// The features at some poses, one column each: those of [`features`], and the effects of the held parameters. Lengths and angles are scaled by
+    /// the ratio of their errors in new robots.
     pub fn features<'a>(
         &self,
         model: &KinematicModel,
@@ -55,7 +55,7 @@ impl Misfit {
 }
 
 impl Misfit {
-    /// As [`Self::features`], of how a measured pose is turned: its three rotation rows.
+    /// As [`Self::features`], for the three rotation rows of a measured pose.
     pub fn turns(&self, model: &KinematicModel, pose: &Observation) -> DMatrix<f64> {
         let n_of_joints = count(model.links.len(), self.gravity.len());
         let mut all = DMatrix::zeros(3, n_of_joints + self.held.len());
@@ -85,10 +85,10 @@ impl Misfit {
     }
 }
 
-/// The features of some poses: displacement of the target, mm, per rad of each feature, times sqrt(weight); 3·N × m.
+/// The features at some poses: displacement of the target, mm, per rad of each feature, times sqrt(weight); 3·N × m.
 ///
-/// Every joint turns by a sum of features: the moments about its axis of unit masses at each later link's origin and at the target,
-/// under each of `gravity` (divided by the arm's reach, so that a feature is at most about 1), and sine and cosine of its own value.
+/// Every joint rotates by a sum of features. These are the moments about its axis of unit masses at each later link's origin and at the target, under
+/// each direction of `gravity` (divided by the arm's reach, so that a feature is at most about 1), and the sine and cosine of the joint's own value.
 pub fn features<'a>(
     model: &KinematicModel,
     poses: impl ExactSizeIterator<Item = (&'a [f64], usize, f64)>,
@@ -108,7 +108,7 @@ pub fn features<'a>(
     all
 }
 
-/// Features of an arm: each joint has one per mass beyond it and direction of gravity, and two harmonics.
+/// Number of features of an arm: each joint has one per later mass and gravity direction, and two harmonics.
 fn count(n_links: usize, n_gravity: usize) -> usize {
     n_gravity * n_links * (n_links + 1) / 2 + 2 * n_links
 }
@@ -150,7 +150,7 @@ fn displacements(
     displacements
 }
 
-/// Turn of the flange per rad of each feature, in the measuring frame, in the order of [`features`].
+/// Rotation of the flange per rad of each feature, in the measuring frame, in the order of [`features`].
 fn turns_of_joints(
     model: &KinematicModel,
     q_rad: &[f64],
@@ -180,7 +180,7 @@ fn turns_of_joints(
     turns
 }
 
-/// The directions of gravity to reckon with, in the base frame: the mounting's, or any where it is not known.
+/// The directions of gravity in the base frame: that of the mounting, or three axes if it is unknown.
 pub fn gravity_directions(known: Option<&Vector3<f64>>) -> Vec<Vector3<f64>> {
     match known {
         Some(direction) => vec![*direction],

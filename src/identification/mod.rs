@@ -1,4 +1,4 @@
-//! From measured points to parameters: which, in which scale, at which cost, and by which search.
+//! Identification of parameters from measured points: parameters, scales, cost, and search methods.
 
 pub mod anchor;
 pub mod bpnn_pso;
@@ -40,22 +40,22 @@ pub use choices::{Model, Preset};
 use crate::kinematics::{Link, forward_kinematics, t_base_flange};
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 
-/// A robot as measured: where its base stands in the measuring frame, its links, and the targets it carries.
+/// A measured robot: base in the measuring frame, links, and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KinematicModel {
-    /// Base in the measuring frame, mm; identity where positions are given in the base frame.
+    /// Base in the measuring frame, mm; identity if positions are given in the base frame.
     pub t_instrument_base: IsometryMatrix3<f64>,
     /// Links 1..n.
     pub links: Vec<Link>,
     /// Target offsets in the flange frame, mm.
     pub targets_mm: Vec<Vector3<f64>>,
-    /// How each target is turned in the flange frame, where poses are measured; empty where positions alone are. A model without them predicts
-    /// positions, and of a measured pose only its position counts.
+    /// Rotation of each target in the flange frame, if poses are measured; empty if only positions are. A model without them predicts positions, and
+    /// only the position of a measured pose is used.
     pub target_rotations: Vec<Rotation3<f64>>,
 }
 
 impl KinematicModel {
-    /// Base at the measuring frame, targets at the flange.
+    /// A model with the base at the measuring frame and the targets at the flange.
     pub fn nominal(links: &[Link], n_targets: usize) -> Self {
         Self {
             t_instrument_base: IsometryMatrix3::identity(),
@@ -71,7 +71,7 @@ impl KinematicModel {
         self.t_instrument_base.rotation * p + self.t_instrument_base.translation.vector
     }
 
-    /// How a target is turned in the measuring frame; `None` where the model does not know how it is turned in the flange frame.
+    /// Rotation of a target in the measuring frame; `None` if the model has no rotation of the target in the flange frame.
     pub fn rotation(&self, q_rad: &[f64], target: usize) -> Option<Rotation3<f64>> {
         let of_target = self.target_rotations.get(target)?;
         let flange = t_base_flange(&self.links, q_rad);
@@ -79,8 +79,8 @@ impl KinematicModel {
     }
 }
 
-/// The network of [Gao 2018, section 3.2], kept per robot between calibrations. It speaks of link parameter
-/// deviations in physical units (mm, rad), never of base poses or search coordinates.
+/// The network of [Gao 2018, section 3.2], stored per robot between calibrations. Its inputs and outputs are deviations of link parameters in
+/// physical units (mm, rad), not base poses or search coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainedNetwork {
     /// Names of inputs and outputs, in order (`a_1`, `alpha_1`, …).
@@ -95,14 +95,14 @@ pub struct TrainedNetwork {
     pub output_weights: Vec<f64>,
     /// Output thresholds, n_outputs.
     pub output_thresholds: Vec<f64>,
-    /// The optimum it was trained on: deviations from nominal, mm or rad, in the order of the names.
+    /// The optimum that it was trained on: deviations from nominal, mm or rad, in the order of the names.
     pub answer: Vec<f64>,
     /// Mean squared training error, in scaled units.
     pub training_error: f64,
     /// Mean squared error on the held-out particles, in scaled units.
     pub validation_error: f64,
-    /// Model it belongs to.
+    /// Model that it belongs to.
     pub model: Model,
-    /// Preset it belongs to.
+    /// Preset that it belongs to.
     pub preset: Preset,
 }

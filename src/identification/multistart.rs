@@ -1,4 +1,4 @@
-//! A start for least squares where nominal kinematics are too far off: joints that were never mastered.
+//! Finds a start for least squares if the nominal kinematics are too far off, for example with joints that were never mastered.
 
 use crate::identification::KinematicModel;
 use crate::identification::estimate::least_squares;
@@ -9,42 +9,42 @@ use crate::kinematics::Link;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// Least squares has found the robot if half of the points fit to this share of its reach: five times what real arms leave, and far below
-/// what another valley of joint offsets does.
+/// Least squares has found the robot if half of the points fit to this share of its reach. This is five times the error of real arms, and far below
+/// the error of a wrong local minimum of joint offsets.
 const FOUND_PER_REACH: f64 = 1e-3;
-/// Starts with other joint offsets at most.
+/// Maximum number of starts with other joint offsets.
 const STARTS: usize = 40;
-/// Offsets of a start are drawn up to this to both sides, rad (90°).
+/// Offsets of a start are drawn up to this limit to both sides, rad (90°).
 const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
-/// Before a start is left, the part of the points that fit best is fitted alone, so often: outliers pull a fit away from where the
-/// others would hold it [Rousseeuw & Van Driessen 2006, concentration steps].
+/// Number of concentration steps before a start is given up. Each fits only the best-fitting points, because outliers pull a fit away from the
+/// solution of the others [Rousseeuw & Van Driessen 2006, concentration steps].
 const CONCENTRATIONS: usize = 3;
-/// The points that a concentration leaves out: one of so many.
+/// A concentration step leaves out one of this many points.
 const LEFT_OUT: usize = 4;
-/// Points that starts are compared on, evenly taken from all.
+/// Number of points that starts are compared on, evenly selected.
 const COMPARED_POINTS: usize = 60;
 
-/// Where least squares should begin, and what that rests on.
+/// The start for least squares, with the results of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BestStart {
     /// The start: nominal, or the end of the best of several searches.
     pub model: KinematicModel,
-    /// Median residual where least squares from nominal ended, mm, the points that fit worst left out where all of them are no fit.
+    /// Median residual at the end of least squares from nominal, mm. If the fit to all points is poor, the worst-fitting points are left out.
     pub from_nominal_mm: f64,
-    /// Whether it took leaving out the points that fit worst: outliers pull least squares away from where it should end.
+    /// True if the worst-fitting points had to be left out: outliers may have pulled least squares away from the solution.
     pub is_pulled_away: bool,
-    /// Median residual where least squares from what is remembered of the robot ended, mm; none if nominal was near enough.
+    /// Median residual at the end of least squares from the network's stored answer, mm; `None` if nominal was good enough.
     pub from_remembered_mm: Option<f64>,
     /// Median residual at the best end, mm.
     pub best_mm: f64,
     /// Starts with other offsets that were tried.
     pub n_starts: usize,
-    /// A median residual up to this is a fit, mm.
+    /// Largest median residual that counts as a fit, mm.
     pub found_mm: f64,
 }
 
-/// Runs least squares from nominal; if it ends far from the points, even from those that fit best, then from what is remembered of the robot,
-/// then from random joint offsets of up to 90°, each `placed` anew on the points, until one of them fits.
+/// Runs least squares from nominal. If it ends far from the points, even from those that fit best, it runs from the stored answer, then from random
+/// joint offsets of up to 90°, each `placed` anew on the points, until one of them fits.
 pub fn best_start(
     nominal: &KinematicModel,
     remembered: Option<&KinematicModel>,
@@ -67,7 +67,7 @@ pub fn best_start(
         let model = fitted(start, &compared);
         (median_mm(&model, &compared), model)
     };
-    // where the robot should be, whatever a few points say
+    // the solution without the influence of a few bad points
     let concentrated = |mut median: f64, mut model: KinematicModel| {
         for _ in 0..CONCENTRATIONS {
             if median <= found_mm {
@@ -103,7 +103,7 @@ pub fn best_start(
     }
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let is_offset = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
-    // without a free offset every start is the same
+    // without a free offset all starts are the same
     let n_starts = if parameters.iter().any(is_offset) {
         STARTS
     } else {
@@ -111,7 +111,7 @@ pub fn best_start(
     };
     while found.best_mm > found_mm && found.n_starts < n_starts {
         found.n_starts += 1;
-        // narrow first: most joints are off by little
+        // small offsets first: most joints are off by little
         let widest = WIDEST_RAD * found.n_starts as f64 / STARTS as f64;
         let mut links = nominal.links.clone();
         for parameter in parameters {
@@ -130,7 +130,7 @@ pub fn best_start(
     found
 }
 
-/// Some of the points that count, evenly from those of each target: however targets alternate in a file, each has its share.
+/// Points with nonzero weight, evenly selected from each target, so that every order of targets in a file gives each target its share.
 fn evenly_taken(observations: &[Observation], n_targets: usize) -> Vec<Observation> {
     let every = observations.len().div_ceil(COMPARED_POINTS).max(1);
     let of_target = |target| {
@@ -142,7 +142,7 @@ fn evenly_taken(observations: &[Observation], n_targets: usize) -> Vec<Observati
     (0..n_targets).flat_map(of_target).cloned().collect()
 }
 
-/// Points that fit best; of `left_out` points, the one that fits worst is left out.
+/// The best-fitting points. One of every `left_out` points is left out, those that fit worst.
 pub fn best_fitting(
     model: &KinematicModel,
     observations: &[Observation],

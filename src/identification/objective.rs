@@ -7,26 +7,26 @@ use crate::kinematics::{PositionJacobian, position_jacobian};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeSet;
 
-/// One measured pose, ready to fit: joint values in the model's convention, position in the measuring frame.
+/// One measured pose in the form for fitting: joint values in the model's convention, position in the measuring frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
     /// Joint values of the model, rad.
     pub q_rad: Vec<f64>,
     /// Measured position, mm.
     pub position_mm: Vector3<f64>,
-    /// Which target.
+    /// Index of the target.
     pub target: usize,
     /// Weight of the squared residual; 1 unless the points carry their own uncertainties.
     pub weight: f64,
-    /// W of the rows sqrt(weight) · W · (measured − predicted), where the position's noise differs from direction to direction: Wᵀ·W is
-    /// the inverse of its covariance times the mean of its three variances. `None` where all directions are alike, W = 1.
+    /// W of the rows sqrt(weight) · W · (measured − predicted), if the position's noise differs between directions. Wᵀ·W is the inverse of its
+    /// covariance times the mean of its three variances. `None` if all directions have the same noise, W = 1.
     pub whitening: Option<Matrix3<f64>>,
-    /// How the target was turned, of a pose.
+    /// Rotation of the target, for a pose.
     pub rotation: Option<MeasuredRotation>,
 }
 
 impl Observation {
-    /// The same without what it says of rotation.
+    /// The same observation without its rotation.
     pub fn position_alone(&self) -> Self {
         Self {
             rotation: None,
@@ -34,7 +34,7 @@ impl Observation {
         }
     }
 
-    /// The same with noise that is alike in all directions.
+    /// The same observation with isotropic noise.
     pub fn with_even_noise(&self) -> Self {
         Self {
             whitening: None,
@@ -50,14 +50,14 @@ impl Observation {
         }
     }
 
-    /// Rows that it has in a model: three of a position, six of a pose.
+    /// Number of rows in a model: three for a position, six for a pose.
     pub fn n_rows(&self, model: &KinematicModel) -> usize {
         let is_pose = self.rotation.is_some() && self.target < model.target_rotations.len();
         if is_pose { 6 } else { 3 }
     }
 }
 
-/// Targets of which poses are measured, in order.
+/// Targets with measured poses, in order.
 pub fn posed_targets(observations: &[Observation]) -> Vec<usize> {
     let posed = observations.iter().filter(|o| o.rotation.is_some());
     let targets: BTreeSet<usize> = posed.map(|o| o.target).collect();
@@ -72,7 +72,7 @@ pub fn residuals(model: &KinematicModel, observations: &[Observation]) -> Vec<Ve
         .collect()
 }
 
-/// How far a measured pose is turned from the predicted one, times the lengths by which rotation rows count, mm; `None` of a position.
+/// Rotation residual of a measured pose, times the length by which rotation rows are weighed, mm; `None` for a position.
 fn rotation_rows_mm(model: &KinematicModel, o: &Observation) -> Option<Vector3<f64>> {
     let measured = o.rotation.as_ref()?;
     let predicted = model.rotation(&o.q_rad, o.target)?;
@@ -86,8 +86,7 @@ pub fn squared_rows_mm2(model: &KinematicModel, o: &Observation) -> f64 {
     of_position + rotation_rows_mm(model, o).map_or(0.0, |rows| rows.norm_squared())
 }
 
-/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11], of whitened residuals where directions differ; of poses, that of the rotation rows
-/// included.
+/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11], with whitened residuals if directions differ. For poses it includes the rotation rows.
 pub fn cost(model: &KinematicModel, observations: &[Observation]) -> f64 {
     observations
         .iter()
@@ -108,10 +107,9 @@ pub fn weighted_residuals(model: &KinematicModel, observations: &[Observation]) 
     DVector::from_vec(rows)
 }
 
-/// The identification Jacobian: sqrt(weight) · W · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the
-/// residual is its negative. `base_rotation_rad` is the rotation vector by which `model`'s base differs from the reference that the
-/// deviations are counted from (zero at the reference). Of poses the rotation rows follow those of the position; their targets are turned as in
-/// the reference.
+/// The identification Jacobian: sqrt(weight) · W · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the residual
+/// is its negative. `base_rotation_rad` is the rotation vector between `model`'s base and the reference of the deviations (zero at the reference).
+/// For poses, the rotation rows follow those of the position; their targets have the reference's rotation.
 pub fn weighted_jacobian(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -157,7 +155,7 @@ pub fn weighted_jacobian(
     jacobian
 }
 
-/// ∂(predicted position)/∂(parameter) of one pose that sees `target`, mm per mm or rad. `turned` is the derivative by the base's rotation vector.
+/// ∂(predicted position)/∂(parameter) of one pose with `target`, mm per mm or rad. `turned` is the derivative by the base's rotation vector.
 pub fn derivative_by(
     parameter: &Parameter,
     at: &PositionJacobian,

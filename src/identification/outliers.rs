@@ -1,10 +1,10 @@
-//! Points that do not belong: found from the linear problem at a fit, without knowing how many there are.
+//! Outlier detection from the linear problem at a fit, with an unknown number of outliers.
 //!
-//! Least squares spreads an outlier over its neighbours, so its own residual does not show it. Two starts that do not do that (the
-//! fit of least absolute lengths, and deleting point after point by the residual it would have if it were not fitted) are each carried
-//! on by Tukey's biweight at the scale found there (an MM-estimate [Yohai 1987]). Of the two the one is kept whose best nine tenths
-//! scatter least (least trimmed squares [Rousseeuw 1984]). Points are then put in and out by the residual that each would have if it
-//! were not fitted, over its standard deviation, until nothing changes.
+//! Least squares spreads an outlier over its neighbours, so that its own residual does not show it. Two starts avoid this: the fit of least absolute
+//! lengths, and the deletion of points one after another by the residual that each would have if it were not fitted. Each start is continued by
+//! Tukey's biweight at the scale found there (an MM-estimate [Yohai 1987]). The result whose best nine tenths scatter least is kept (least trimmed
+//! squares [Rousseeuw 1984]). Points are then included and excluded until nothing changes. The criterion is the residual that each point would have
+//! if it were not fitted, over its standard deviation.
 
 use crate::identification::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
@@ -13,65 +13,65 @@ use crate::solvers::products::add_weighted_square;
 use crate::solvers::watch::Watch;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
 
-/// A point is an outlier from so many standard deviations of its predicted residual on: one in 10⁷ normal points.
+/// Minimum predicted residual of an outlier, in standard deviations: one in 10⁷ normal points.
 const OUTLIER_SIGMAS: f64 = 6.0;
-/// And if noise would show a residual as large in at most one of a thousand sets of this size.
+/// Significance level of an outlier: noise shows a residual as large in at most one of a thousand sets of this size.
 const FALSE_ALARMS: f64 = 1e-3;
-/// Iterations of each start and of the biweight; the weights settle in about ten.
+/// Number of iterations of each start and of the biweight; the weights converge in about ten.
 const REWEIGHTINGS: usize = 30;
-/// Times that points are put in and out.
+/// Maximum number of rounds in which points are included and excluded.
 const EXCHANGES: usize = 20;
-/// Points times rounds of deletions at most, and so many rounds at least: of up to a thousand points one is deleted at a time, of a hundred
-/// thousand a tenth of those that may be outliers.
+/// Limit of points times rounds of deletions, and minimum number of rounds. Up to a thousand points are deleted one at a time. Of a hundred thousand
+/// points, a tenth of the possible outliers is deleted at a time.
 const DELETION_WORK: usize = 100_000;
 const FEWEST_DELETIONS: usize = 10;
-/// Share of the points that may be outliers before the search gives up on them.
+/// Maximum share of the points that the search treats as outliers.
 const MOST_OUTLIERS: f64 = 0.1;
-/// Points between two questions whether to go on.
+/// Number of points between two questions whether to go on.
 const POINTS_AT_ONCE: usize = 5_000;
 /// Median of the length of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538_17;
-/// Residuals below this share of the reach tell nothing: a nanometre on an arm of 1.7 m, what files and iterations are rounded to.
+/// Residuals below this share of the reach carry no information: a nanometre on an arm of 1.7 m, the rounding of files and iterations.
 pub const ROUNDING_PER_REACH: f64 = 1e-6 / 1700.0;
 
-/// The linear problem at a fit: residuals, and an orthonormal basis of what the parameters can change. Three rows a point, weighted.
+/// The linear problem at a fit: residuals, and an orthonormal basis of the changes that parameters can make. Three rows per point, weighted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linearised {
     /// 3·N, mm.
     pub residuals: DVector<f64>,
     /// 3·N × r, orthonormal columns.
     pub basis: DMatrix<f64>,
-    /// Residuals below this tell nothing, mm.
+    /// Residuals below this carry no information, mm.
     pub rounding_mm: f64,
 }
 
-/// What does not belong.
+/// The detected outliers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outliers {
     /// Indices of the points, ascending.
     pub points: Vec<usize>,
-    /// The residual each of them has when it is not fitted, mm (times the root of its weight).
+    /// Residual of each outlier if it is not fitted, mm (times the root of its weight).
     pub sizes_mm: Vec<f64>,
-    /// Standard deviation of one coordinate of the others, mm.
+    /// Standard deviation of one coordinate of the other points, mm.
     pub scale_mm: f64,
 }
 
-/// A problem with what every weighted fit needs of each of its points, made once.
+/// A problem with the data that every weighted fit needs for each point, computed once.
 struct Blocks<'a> {
     of: &'a Linearised,
-    /// Qᵀ, r × 3·N: the numbers of a point stand together.
+    /// Qᵀ, r × 3·N: the entries of a point are contiguous.
     transposed: DMatrix<f64>,
     watch: &'a Watch<'a>,
 }
 
-/// Residuals of every point, and the factor of the normal matrix.
+/// Residuals of every point, and the Cholesky factor of the normal matrix.
 type Solved = (Vec<Vector3<f64>>, Cholesky<f64, Dyn>);
 
-/// A fit to some of the points, of the linear problem.
+/// A fit of the linear problem to the kept points.
 struct Kept {
     /// Residuals of all points.
     residuals: Vec<Vector3<f64>>,
-    /// Q_i·(Q_Kᵀ·Q_K)⁻¹·Q_iᵀ of all points.
+    /// Leverages Q_i·(Q_Kᵀ·Q_K)⁻¹·Q_iᵀ of all points.
     leverages: Vec<Matrix3<f64>>,
     /// σ², mm².
     variance: f64,
@@ -79,7 +79,7 @@ struct Kept {
 }
 
 impl Linearised {
-    /// From weighted residuals and the weighted derivatives along the seen combinations.
+    /// From weighted residuals and the weighted derivatives along the observable combinations.
     pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>, rounding_mm: f64) -> Self {
         let basis = orthonormal(derivatives);
         Self {
@@ -89,7 +89,7 @@ impl Linearised {
         }
     }
 
-    /// The problem of some of the points, one after another as named.
+    /// The problem of some of the points, in the given order.
     pub fn of(&self, points: &[usize]) -> Self {
         let row = |row: usize| 3 * points[row / 3] + row % 3;
         let basis = DMatrix::from_fn(3 * points.len(), self.basis.ncols(), |r, c| {
@@ -107,12 +107,12 @@ impl Linearised {
         self.residuals.len() / 3
     }
 
-    /// The points with weights 1 and more residuals than twice the combinations; fewer cannot tell which is an outlier.
+    /// True if there are enough residuals to tell outliers: more than 1.5 times the number of combinations, plus 6.
     fn is_overdetermined(&self) -> bool {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
 
-    /// σ of one coordinate from the median length, without the points that the fit goes through.
+    /// σ of one coordinate from the median length, without as many points as the fit can pass through exactly.
     fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
         let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
         lengths.sort_by(f64::total_cmp);
@@ -121,7 +121,7 @@ impl Linearised {
         (rest[rest.len() / 2] / MEDIAN_LENGTH).max(self.rounding_mm)
     }
 
-    /// The points that do not belong; none where there are too few to tell.
+    /// The outliers; none if there are too few points to tell.
     /// A coordinate's standard deviation counts as at least `least_scale_mm`.
     pub fn outliers(&self, least_scale_mm: f64, watch: &Watch<'_>) -> Option<Outliers> {
         let least_scale_mm = least_scale_mm.max(self.rounding_mm);
@@ -139,8 +139,8 @@ impl<'a> Blocks<'a> {
         }
     }
 
-    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix. `None` where it is singular, or once the watch
-    /// says no.
+    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix. `None` if the matrix is singular, or when the
+    /// watch stops.
     fn solve(&self, weights: &[f64]) -> Option<Solved> {
         let r = self.of.basis.ncols();
         let (mut square, mut weighted) = (vec![0.0; r * r], self.of.residuals.clone());
@@ -161,7 +161,7 @@ impl<'a> Blocks<'a> {
             true => square[r * row + column],
             false => 0.0,
         });
-        // reads the lower triangle alone
+        // uses only the lower triangle
         let factor = Cholesky::new(normal)?;
         let u = factor.solve(&side);
         let left = &self.of.residuals - &self.of.basis * u;
@@ -173,7 +173,7 @@ impl<'a> Blocks<'a> {
         ))
     }
 
-    /// Q_iᵀ of so many points at a time.
+    /// Q_iᵀ of `n_points` points at a time.
     fn blocks_of(&self, n_points: usize) -> impl Iterator<Item = DMatrixView<'_, f64>> {
         let n = self.of.n_points();
         let first = (0..n).step_by(n_points);
@@ -226,7 +226,7 @@ impl<'a> Blocks<'a> {
         Some(residuals)
     }
 
-    /// Deletes point after point, the most surprising first; of many points several at a time.
+    /// Deletes points, those with the largest predicted residual first; several at a time if there are many points.
     fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
         let n = self.of.n_points();
         let n_rounds = (DELETION_WORK / n).max(FEWEST_DELETIONS);
@@ -238,7 +238,7 @@ impl<'a> Blocks<'a> {
                 .filter(|i| kept[*i])
                 .map(|i| (i, fit.surprise(i, true)))
                 .collect();
-            // the last of equal ones first
+            // among equal ones the last comes first
             surprises.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
             surprises
                 .iter()
@@ -311,7 +311,7 @@ impl<'a> Blocks<'a> {
 }
 
 impl Kept {
-    /// Squared length of the residual that point i would have if it were not fitted, over its covariance for σ = 1, mm².
+    /// Squared length of the residual that point i would have if it were not fitted, weighted by its covariance for σ = 1, mm².
     fn surprise(&self, i: usize, is_kept: bool) -> f64 {
         let leverage = self.leverages[i];
         let covariance = if is_kept {
@@ -334,7 +334,7 @@ fn most_outliers(n_points: usize) -> usize {
     (MOST_OUTLIERS * n_points as f64).ceil() as usize
 }
 
-/// Sum of the smallest squares, without the share that may be an outlier.
+/// Sum of the smallest squares, without the share of points that may be outliers.
 fn trimmed(residuals: &[Vector3<f64>]) -> f64 {
     let mut squares: Vec<f64> = residuals.iter().map(Vector3::norm_squared).collect();
     squares.sort_by(f64::total_cmp);

@@ -1,7 +1,7 @@
-//! The only place of the core that starts threads: for swarms so large that one core would be the bottleneck of a job.
+//! The only place in the core that starts threads. It is used for swarms so large that one core would be the bottleneck of a job.
 //!
-//! What a thread computes does not depend on the others or on how many there are, and nothing is added across threads: the bits are the
-//! same on any number of cores. Threads end before the call returns.
+//! The result of a thread does not depend on the other threads or on their number, and nothing is summed across threads. The results are therefore
+//! the same to the last bit on any number of cores. Threads end before the call returns.
 
 use std::thread;
 
@@ -10,7 +10,7 @@ pub fn n_cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Does all of it, the first on this thread.
+/// Runs all work items in parallel, the first one on this thread.
 pub fn in_parallel<F: FnOnce() + Send>(mut work: impl Iterator<Item = F>) {
     let (first, second) = (work.next(), work.next());
     let on_this_thread = || first.into_iter().for_each(|first| first());

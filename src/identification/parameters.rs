@@ -1,4 +1,4 @@
-//! Which parameters a model has, what they are called, and how a vector of deviations changes a robot.
+//! The parameters of a model, their names, and the effect of a vector of deviations on a robot.
 
 use crate::identification::KinematicModel;
 use crate::kinematics::Link;
@@ -35,7 +35,7 @@ pub enum Parameter {
     BaseRotation(usize),
     /// Target offset along an axis of the flange frame.
     Target(usize, usize),
-    /// Rotation vector of a target about an axis of the flange frame, where its poses are measured.
+    /// Rotation vector of a target about an axis of the flange frame, if its poses are measured.
     TargetRotation(usize, usize),
 }
 
@@ -72,7 +72,7 @@ impl Parameter {
         )
     }
 
-    /// True for parameters of the robot itself, not of where it stands or what it carries.
+    /// True for parameters of the robot itself; false for those of base and targets.
     pub fn is_link(&self) -> bool {
         matches!(self, Self::Link(..))
     }
@@ -100,14 +100,13 @@ pub fn placement_parameters(n_targets: usize) -> Vec<Parameter> {
     base.chain((0..n_targets).flat_map(of_target)).collect()
 }
 
-/// How targets are turned whose poses are measured.
+/// Rotation parameters of targets whose poses are measured.
 pub fn target_rotation_parameters(targets: &[usize]) -> Vec<Parameter> {
     let of_target = |target: &usize| [0, 1, 2].map(|axis| Parameter::TargetRotation(*target, axis));
     targets.iter().flat_map(of_target).collect()
 }
 
-/// Base pose, all five numbers of every link, and targets. Positions cannot tell all of them apart: what they leave open is settled by the
-/// priors of the numbers.
+/// Base pose, all five numbers of every link, and targets. Positions cannot tell all of them apart; their priors settle the rest.
 pub fn complete_parameters(n_links: usize, n_targets: usize) -> Vec<Parameter> {
     let quantities = [
         Quantity::A,
@@ -129,7 +128,7 @@ pub fn is_parallel(link: &Link) -> bool {
     libm::sin(link.alpha_rad).abs() < PARALLEL_SINE
 }
 
-/// The reference with each parameter moved by its deviation.
+/// The reference with each parameter changed by its deviation.
 pub fn apply(
     reference: &KinematicModel,
     parameters: &[Parameter],
@@ -140,7 +139,7 @@ pub fn apply(
     model
 }
 
-/// As [`apply`], into a model of the same size, without allocating where positions alone are predicted.
+/// As [`apply`], into a model of the same size, without allocation if only positions are predicted.
 pub fn apply_into(
     reference: &KinematicModel,
     parameters: &[Parameter],
@@ -169,7 +168,7 @@ pub fn apply_into(
     model.t_instrument_base = moved_base(&reference.t_instrument_base, &translation, &rotation);
 }
 
-/// How far a parameter of a model is from that of a reference, mm or rad; of the base's turn: the rotation vector between the two.
+/// Deviation of a model's parameter from that of a reference, mm or rad. For rotations it is the rotation vector between the two.
 pub fn deviation_from(
     reference: &KinematicModel,
     model: &KinematicModel,
@@ -197,8 +196,8 @@ pub fn deviation_from(
     }
 }
 
-/// Gives a parameter of `to` the value that it has in `from`, to the last bit. A rotation vector of the base or of a target is no number of the
-/// model, and is left as it is.
+/// Copies a parameter's value from `from` to `to`, to the last bit. Rotation vectors of base and targets are not values of the model and are not
+/// copied.
 pub fn copy_parameter(parameter: &Parameter, from: &KinematicModel, to: &mut KinematicModel) {
     match *parameter {
         Parameter::Link(link, quantity) => {
@@ -249,7 +248,7 @@ fn turned(rotation: &Rotation3<f64>, turn: &Vector3<f64>) -> Rotation3<f64> {
     }
 }
 
-/// A parameter as the kernels know it. They predict positions, which no turn of a target moves.
+/// A parameter in the form of the kernels. They predict positions, which do not depend on the rotation of a target.
 pub fn moved(parameter: &Parameter) -> Moved {
     match *parameter {
         Parameter::Link(link, Quantity::A) => Moved::A(link),

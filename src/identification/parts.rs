@@ -1,15 +1,16 @@
-//! A large problem in parts: its rows are reduced some at a time, so that memory holds no matrix of all of them, and whoever waits can be heard in between.
+//! Splits a large problem into parts. Its rows are reduced part by part, so that no matrix of all rows is in memory, and cancellation is checked in
+//! between.
 
 use crate::identification::evidence::Triangle;
 use crate::identification::problem::Problem;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector};
 
-/// Blocks of a part: its derivatives by forty coordinates stay in a processor's cache.
+/// Number of blocks of a part. Its derivatives by forty coordinates fit into a processor's cache.
 const BLOCKS_AT_ONCE: usize = 200;
-/// A problem of no more blocks than these is one part: its matrix is small.
+/// Problems with at most this number of blocks stay in one part: their matrix is small.
 const FEWEST_BLOCKS: usize = 1_000;
-/// Parts between two questions whether to go on.
+/// Number of parts between two questions whether to go on.
 const PARTS_BETWEEN: usize = 10;
 
 /// A problem that is too large for one matrix, in parts.
@@ -30,7 +31,7 @@ impl<'a> Parts<'a> {
         })
     }
 
-    /// Sum of squares of all rows; infinite once the watch says no.
+    /// Sum of squares of all rows; infinite if the watch stops.
     pub fn sum_of_squares(&self, x: &[f64], watch: &Watch<'_>) -> f64 {
         let (mut sum, mut residuals) = (0.0, Vec::new());
         for (i, part) in self.parts.iter().enumerate() {
@@ -45,7 +46,7 @@ impl<'a> Parts<'a> {
         sum
     }
 
-    /// All rows as a triangle; of some of them once the watch says no.
+    /// All rows as a triangle; only some of them if the watch stops.
     pub fn triangle(&self, x: &[f64], watch: &Watch<'_>) -> Triangle {
         let mut triangle = Triangle::empty(self.n_coordinates);
         for (i, part) in self.parts.iter().enumerate() {

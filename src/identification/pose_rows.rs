@@ -1,20 +1,20 @@
-//! Rotation rows of a measured pose: rotation vector from where the model has the target to where it was measured, and its derivatives.
+//! Rotation rows of a measured pose: the rotation vector from the predicted to the measured target, and its derivatives.
 
 use crate::identification::parameters::{Parameter, Quantity, left_jacobian, rotation_log};
 use crate::kinematics::PositionJacobian;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// How the target of a pose was turned.
+/// Measured rotation of a pose's target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredRotation {
     /// The target in the measuring frame.
     pub rotation: Rotation3<f64>,
-    /// Length by which an angle counts beside the position: the standard deviation of a coordinate of the position over that of one of the
+    /// Length that converts an angle to the scale of positions: the standard deviation of a coordinate of the position over that of one of the
     /// rotation vector, mm/rad.
     pub mm_per_rad: f64,
 }
 
-/// w = log(R_predictedᵀ · R_measured): the turn from the predicted to the measured target, about axes of the target, rad.
+/// w = log(R_predictedᵀ · R_measured): the rotation from the predicted to the measured target, about axes of the target, rad.
 pub fn rotation_residual_rad(
     predicted: &Rotation3<f64>,
     measured: &MeasuredRotation,
@@ -22,7 +22,7 @@ pub fn rotation_residual_rad(
     rotation_log(&(predicted.inverse() * measured.rotation))
 }
 
-/// What turns a target: the axis of each parameter, in the measuring frame.
+/// Rotations of a target: the axis of each parameter, in the measuring frame.
 pub struct TurnedBy<'a> {
     at: &'a PositionJacobian,
     base: Matrix3<f64>,
@@ -31,7 +31,7 @@ pub struct TurnedBy<'a> {
 }
 
 impl<'a> TurnedBy<'a> {
-    /// `base` and `of_target` are the left Jacobians of the rotation vectors by which base and target are turned from the reference.
+    /// `base` and `of_target` are the left Jacobians of the rotation vectors of base and target relative to the reference.
     pub fn new(
         at: &'a PositionJacobian,
         base: Matrix3<f64>,
@@ -69,11 +69,11 @@ impl<'a> TurnedBy<'a> {
     }
 }
 
-/// From a small rotation δ of the prediction to the change of the prediction's rows: with w = log(E), E = R_predᵀ·R_meas,
-/// log(exp(−R_predᵀ·δ)·E) = w − J(w)⁻¹·R_predᵀ·δ, J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the negative.
+/// From a small rotation δ of the prediction to the change of the prediction's rows. With w = log(E), E = R_predᵀ·R_meas: log(exp(−R_predᵀ·δ)·E) = w
+/// − J(w)⁻¹·R_predᵀ·δ, J the left Jacobian [Chirikjian 2011, eq. 10.86]. The residual changes by the negative.
 pub fn rows_by_turn(predicted: &Rotation3<f64>, measured: &MeasuredRotation) -> Matrix3<f64> {
     let w = rotation_residual_rad(predicted, measured);
-    // singular at whole turns only, and w is at most half of one
+    // singular only at whole turns; w is at most half a turn
     let inverse = left_jacobian(&w)
         .try_inverse()
         .unwrap_or_else(Matrix3::identity);

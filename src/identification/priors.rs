@@ -1,21 +1,21 @@
-//! What is known of parameters before anything is measured: normal priors, and bounds.
+//! Prior knowledge of parameters: normal priors, and bounds.
 //!
 //! With σ the standard deviation of a coordinate of the points and δ a parameter's deviation from the reference, F gains Σ (σ/std)²·(δ − mean)²
-//! (maximum a posteriori for normal errors of both), and δ stays between its bounds. A prior and a point then count by what each is worth,
+//! (maximum a posteriori for normal errors of both), and δ stays between its bounds. Priors and points are thus weighed by their uncertainties,
 //! whatever the units.
 
 use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, apply, deviation_from};
 
-/// A parameter this near to a bound, as a share of the distance between what is known and what robots are, stands at it.
+/// A parameter is at a bound if its distance from it is at most this share of the prior's std plus the bound's size.
 const AT_BOUND: f64 = 1e-9;
 
-/// What is known of one parameter, counted from the reference, mm or rad.
+/// Prior of one parameter, relative to the reference, mm or rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Its index among the free parameters.
     pub parameter: usize,
-    /// Where it is expected.
+    /// Expected value.
     pub mean: f64,
     /// One standard deviation.
     pub std: f64,
@@ -25,10 +25,10 @@ pub struct Prior {
     pub max: f64,
 }
 
-/// The priors of a fit. The base's turn has none: it has no value that could be known before the instrument is set up.
+/// The priors of a fit. The base's rotation has none: it has no value that could be known before the instrument is set up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Priors {
-    /// One for each parameter of which something is known.
+    /// One for each parameter that has a prior.
     pub all: Vec<Prior>,
     /// σ, mm.
     pub scale_mm: f64,
@@ -43,7 +43,7 @@ pub struct PriorRow {
     pub parameter: usize,
     /// σ/std, mm per mm or rad.
     pub weight: f64,
-    /// Where the parameter is expected, as a deviation, mm or rad.
+    /// Expected deviation of the parameter, mm or rad.
     pub mean: f64,
 }
 
@@ -52,25 +52,25 @@ pub struct PriorRow {
 pub struct Limit {
     /// Index of the parameter.
     pub parameter: usize,
-    /// Smallest.
+    /// Lower bound.
     pub low: f64,
-    /// Largest.
+    /// Upper bound.
     pub high: f64,
 }
 
 impl Limit {
-    /// The nearest deviation that is allowed.
+    /// The nearest deviation within the bounds.
     pub fn within(&self, deviation: f64) -> f64 {
         deviation.max(self.low).min(self.high)
     }
 }
 
-/// Priors and bounds, counted from some model: its deviations are 0.
+/// Priors and bounds relative to a model, whose deviations are 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PriorRows {
     /// Priors.
     pub rows: Vec<PriorRow>,
-    /// Bounds, of those parameters that have any.
+    /// Bounds of the parameters that have any.
     pub limits: Vec<Limit>,
 }
 
@@ -82,14 +82,14 @@ impl PriorRows {
             .map(|row| row.weight * (row.mean - deviation[row.parameter]))
     }
 
-    /// What the priors add to F, mm².
+    /// Cost of the priors, mm².
     pub fn cost_mm2(&self, deviation: &[f64]) -> f64 {
         self.residuals(deviation).map(|r| r * r).sum()
     }
 }
 
 impl Priors {
-    /// Counted from `reference`; σ is not known yet.
+    /// Priors relative to `reference`, with σ not yet set.
     pub fn new(reference: &KinematicModel, parameters: &[Parameter], all: Vec<Prior>) -> Self {
         Self {
             all,
@@ -99,7 +99,7 @@ impl Priors {
         }
     }
 
-    /// How far each of them is from the reference in a model, mm or rad.
+    /// Deviation of each parameter with a prior from the reference in a model, mm or rad.
     fn deviations(&self, model: &KinematicModel) -> Vec<f64> {
         self.all
             .iter()
@@ -107,7 +107,7 @@ impl Priors {
             .collect()
     }
 
-    /// Priors and bounds, counted from a model.
+    /// Priors and bounds relative to a model.
     pub fn from(&self, model: &KinematicModel) -> PriorRows {
         let of = |(prior, at): (&Prior, f64)| {
             let row = PriorRow {
@@ -143,12 +143,12 @@ impl Priors {
             .collect()
     }
 
-    /// What the priors add to F of a model, mm².
+    /// Cost of the priors at a model, mm².
     pub fn cost_mm2(&self, model: &KinematicModel) -> f64 {
         self.from(model).cost_mm2(&vec![0.0; self.parameters.len()])
     }
 
-    /// The model with every parameter brought between its bounds.
+    /// The model with every parameter moved inside its bounds.
     pub fn within_bounds(&self, model: &KinematicModel) -> KinematicModel {
         self.moved(model, |limit| limit.within(0.0))
     }
@@ -166,8 +166,7 @@ impl Priors {
         }
     }
 
-    /// From one model, whose parameters are between their bounds, towards another, as far as the bounds allow; with the parameter whose
-    /// bound ends it.
+    /// Moves from a model inside the bounds towards another one, as far as the bounds allow. Also returns the parameter whose bound ended the step.
     pub fn towards(
         &self,
         from: &KinematicModel,
@@ -204,7 +203,7 @@ impl Priors {
         }
     }
 
-    /// The parameters of a model that stand at a bound: true at the upper one.
+    /// The parameters of a model that are at a bound; true for the upper bound.
     pub fn at_bounds(&self, model: &KinematicModel) -> Vec<(usize, bool)> {
         let at = |(prior, deviation): (&Prior, f64)| {
             let near = |bound: f64| {

@@ -1,9 +1,9 @@
 //! The least-squares problem that every estimate solves: variables with their priors, and blocks of rows that depend on them.
 //!
-//! Coordinate x_j is the deviation of variable j from the reference in units of its width, so that all coordinates are of the same
-//! size. A block holds the rows of one measurement and knows how many it has; nothing else counts rows. A row is
-//! sqrt(weight) · W · (measured − predicted), in mm, W whitening noise that differs from direction to direction; of a pose, three rows more: the rotation vector between the predicted and the measured target,
-//! times the length by which it counts. The priors are rows too, of which [`crate::identification::estimate`] takes care.
+//! Coordinate x_j is the deviation of variable j from the reference in units of its width, so that all coordinates are of similar size. A block has
+//! the rows of one measurement and knows their number; nothing else counts rows. A row is sqrt(weight) · W · (measured − predicted), in mm, where W
+//! whitens noise that differs between directions. A pose has three more rows: the rotation vector between the predicted and the measured target,
+//! times a length in mm/rad. The priors are rows too; [`crate::identification::estimate`] adds them.
 
 use crate::identification::KinematicModel;
 use crate::identification::objective::{Observation, derivative_by, posed_targets};
@@ -16,35 +16,35 @@ use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jac
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
 use std::ops::Range;
 
-/// How far a length of a link is off, as a share of the reach (one standard deviation): 0.5 mm on an arm of 1.7 m.
+/// Prior of a link's length as a share of the reach (one standard deviation): 0.5 mm on an arm of 1.7 m.
 const LENGTH_PER_REACH: f64 = 0.5 / 1700.0;
-/// How far an angle between two axes is off, rad (0.05°).
+/// Prior of an angle between two axes, rad (0.05°).
 const ANGLE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
-/// How far a joint offset is off, rad (0.3°): joints are mastered on the shop floor.
+/// Prior of a joint offset, rad (0.3°): joints are mastered on the shop floor.
 const OFFSET_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 
-/// How far a base that was measured in is off, mm (one standard deviation): a frame set up with probes and sweeps.
+/// Prior of the position of a measured base frame, mm (one standard deviation): a frame that was set up with probes and sweeps.
 pub const BASE_MM: f64 = 1.0;
-/// See [`BASE_MM`], rad (0.05°).
+/// Prior of the rotation of a measured base frame, rad (0.05°).
 pub const BASE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
-/// How far a length of a link is off, mm: positions are expected to scatter by as much.
+/// Usual error of a link's length, mm. It is also the expected scatter of positions.
 pub fn usual_length_mm(reach_mm: f64) -> f64 {
     LENGTH_PER_REACH * reach_mm
 }
 
-/// And how far an angle between two axes is, rad.
+/// Usual error of an angle between two axes, rad.
 pub const USUAL_ANGLE_RAD: f64 = ANGLE_RAD;
 
-/// Length by which an angle of a pose counts before its noise is known, mm/rad: lengths and angles are as uncertain as those of links.
+/// Length that converts a pose's angles to mm before its noise is known, mm/rad. Lengths and angles are assumed as uncertain as those of links.
 pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
     usual_length_mm(reach_mm) / ANGLE_RAD
 }
 
-/// σ is at least this share of the reach: a picometre on an arm of a metre, the last digit of any file.
+/// Minimum of σ as a share of the reach: a picometre on an arm of a metre, the last digit of any file.
 pub const LEAST_SIGMA: f64 = 1e-12;
 
-/// Numbers whose errors are alike, and whose priors therefore widen together.
+/// Kinds of variables. Variables of a kind have similar errors, and their priors are widened together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// a and d.
@@ -53,13 +53,13 @@ pub enum Kind {
     Angle,
     /// theta_offset.
     Offset,
-    /// Where a base stands that was measured in.
+    /// Position of a measured base frame.
     BasePosition,
-    /// How it is turned.
+    /// Rotation of a measured base frame.
     BaseRotation,
 }
 
-/// All kinds, in the order in which their widths are kept.
+/// All kinds, in the order in which their widths are stored.
 pub const KINDS: [Kind; 5] = [
     Kind::Length,
     Kind::Angle,
@@ -68,41 +68,41 @@ pub const KINDS: [Kind; 5] = [
     Kind::BaseRotation,
 ];
 
-/// What is known of a variable before anything is measured.
+/// Prior of a variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Prior {
-    /// Normal about the reference, one width wide; widened to what the deviations of its kind show.
+    /// Normal about the reference with a standard deviation of one width, widened to what the deviations of its kind show.
     OfKind(Kind),
-    /// Normal about `mean`, `std` wide, both in units of the width; never widened.
+    /// Normal about `mean` with the standard deviation `std`, both in units of the width; never widened.
     Stated {
         /// Expected coordinate.
         mean: f64,
         /// One standard deviation of the coordinate.
         std: f64,
     },
-    /// Nothing.
+    /// No prior knowledge.
     Flat,
 }
 
-/// One variable.
+/// A variable of the problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variable {
     /// The parameter that it moves.
     pub parameter: Parameter,
     /// Unit of the coordinate, mm or rad.
     pub width: f64,
-    /// What is known of it.
+    /// Its prior.
     pub prior: Prior,
 }
 
-/// Where base and targets are: the unknowns of a robot that is otherwise known.
+/// Placement of a robot: base and targets. These are the unknowns of a robot that is otherwise known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement {
     /// Base in the measuring frame, mm.
     pub t_instrument_base: IsometryMatrix3<f64>,
     /// Target offsets in the flange frame, mm.
     pub targets_mm: Vec<Vector3<f64>>,
-    /// How targets are turned in the flange frame; empty where positions alone are measured.
+    /// Rotations of targets in the flange frame; empty if only positions are measured.
     pub target_rotations: Vec<Rotation3<f64>>,
 }
 
@@ -111,27 +111,27 @@ pub struct Placement {
 struct Block<'a> {
     rows: Range<usize>,
     measured: &'a Observation,
-    /// Flange in the base frame where it is known; else the links tell.
+    /// Flange in the base frame, if it is known; otherwise it is computed from the links.
     flange: Option<&'a IsometryMatrix3<f64>>,
 }
 
 /// Variables and blocks.
 #[derive(Clone, Debug)]
 pub struct Problem<'a> {
-    /// What deviations are counted from: nominal links, base and targets where they were first placed.
+    /// Reference of the deviations: nominal links, base and targets as they were first placed.
     pub reference: KinematicModel,
     /// The variables.
     pub variables: Vec<Variable>,
     /// Radius of the workspace, mm.
     pub reach_mm: f64,
-    /// Least noise of a row of weight 1, mm: that of the file's resolution, or what the instrument states.
+    /// Minimum noise of a row of weight 1, mm: the file's resolution, or the instrument's stated noise.
     pub least_sigma_mm: f64,
     parameters: Vec<Parameter>,
     blocks: Vec<Block<'a>>,
 }
 
-/// Radius of the workspace, mm: the sum of the links' lengths; no less than half of the measured points are away from their middle, for a
-/// robot whose lengths are all in its targets.
+/// Radius of the workspace, mm: the sum of the links' lengths, but at least the median distance of the measured points from their centre, for a robot
+/// whose lengths are all in its targets.
 pub fn reach_mm<'a>(
     links: &[Link],
     observations: impl Iterator<Item = &'a Observation> + Clone,
@@ -143,13 +143,13 @@ pub fn reach_mm<'a>(
     of_links.max(of_points).max(f64::MIN_POSITIVE)
 }
 
-/// The middle one of some values, the upper of two; 0 of none.
+/// Median of some values, the upper one of two; 0 without values.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// A variable with the prior that it has by itself: links by their kind, base and targets flat.
+/// A variable with its own prior: links by their kind, base and targets flat.
 pub fn variable(parameter: Parameter, reach_mm: f64) -> Variable {
     let (width, prior) = match parameter {
         Parameter::Link(_, Quantity::A | Quantity::D) => {
@@ -179,7 +179,7 @@ impl Block<'_> {
         }
     }
 
-    /// The rows' residuals, and their derivatives by the coordinates where they are asked for.
+    /// Fills the rows' residuals and, if requested, their derivatives by the coordinates.
     fn fill(
         &self,
         problem: &Problem<'_>,
@@ -216,7 +216,7 @@ impl Block<'_> {
         }
     }
 
-    /// The rotation rows of a pose.
+    /// Fills the rotation rows of a pose.
     fn fill_rotation(
         &self,
         problem: &Problem<'_>,
@@ -259,7 +259,7 @@ struct At {
 }
 
 impl<'a> Problem<'a> {
-    /// Of the observations that have weight, with the priors that parameters have by themselves.
+    /// The problem of the observations with nonzero weight, with the parameters' own priors.
     pub fn new(
         reference: KinematicModel,
         parameters: &[Parameter],
@@ -272,7 +272,7 @@ impl<'a> Problem<'a> {
         )
     }
 
-    /// Base and targets alone, of a robot whose flange is known in its base frame at each observation.
+    /// The problem of base and targets alone, for a robot whose flange is known in its base frame at each observation.
     pub fn of_placement(
         start: Placement,
         flanges: &'a [IsometryMatrix3<f64>],
@@ -323,8 +323,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same with a base that is known to stand where the reference has it, but for 1 mm and 0.05° (one standard deviation). As with links, the
-    /// tails are heavy: a base frame that was set up badly is off by centimetres, and link 1 must not take that.
+    /// The same problem with a base that is known to be at the reference, with standard deviations of 1 mm and 0.05°. As for links, the tails are
+    /// heavy: a base frame that was set up badly is off by centimetres, and link 1 must not absorb that.
     pub fn with_known_base(mut self) -> Self {
         for variable in &mut self.variables {
             let (width, kind) = match variable.parameter {
@@ -337,7 +337,7 @@ impl<'a> Problem<'a> {
         self
     }
 
-    /// Takes away what is known of links by themselves: plain least squares, where what no row sees stays at the reference.
+    /// Removes the links' own priors. This gives plain least squares, in which unobservable combinations stay at the reference.
     pub fn without_own_priors(&mut self) {
         for variable in &mut self.variables {
             if variable.parameter.is_link() {
@@ -346,7 +346,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Takes away what is known of a parameter: in the paper's model the last d contains the reflector's height above the flange.
+    /// Makes a parameter's prior flat: in the paper's model the last d contains the reflector's height above the flange.
     pub fn free(&mut self, parameter: Parameter) {
         let found = self.variables.iter_mut().find(|v| v.parameter == parameter);
         if let Some(variable) = found {
@@ -354,7 +354,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// States what is known of a variable: its mean as a deviation from the reference, and one standard deviation, mm or rad.
+    /// States a normal prior of a variable: its mean as a deviation from the reference, and its standard deviation, mm or rad.
     pub fn state(&mut self, variable: usize, mean: f64, std: f64) {
         let variable = &mut self.variables[variable];
         variable.prior = Prior::Stated {
@@ -363,7 +363,7 @@ impl<'a> Problem<'a> {
         };
     }
 
-    /// Where a coordinate is expected before anything is measured.
+    /// Prior mean of a coordinate.
     pub fn expected(&self, variable: usize) -> f64 {
         match self.variables[variable].prior {
             Prior::Stated { mean, .. } => mean,
@@ -371,7 +371,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Blocks.
+    /// Number of blocks.
     pub fn n_blocks(&self) -> usize {
         self.blocks.len()
     }
@@ -381,7 +381,7 @@ impl<'a> Problem<'a> {
         self.blocks[block].rows.clone()
     }
 
-    /// The same with some of the blocks alone, one after another as named.
+    /// The same problem with only some of the blocks, in the given order.
     pub fn part(&self, blocks: impl Iterator<Item = usize>) -> Self {
         let mut n_rows = 0;
         let mut after_the_last = |i: usize| {
@@ -403,7 +403,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Rows of all blocks.
+    /// Number of rows of all blocks.
     pub fn n_rows(&self) -> usize {
         self.blocks.last().map_or(0, |block| block.rows.end)
     }
@@ -424,7 +424,7 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// Rows of a matrix, one per coordinate, in the units of the parameters, mm or rad.
+    /// Scales the rows of a matrix, one per coordinate, to the units of the parameters, mm or rad.
     pub fn in_units(&self, mut of_coordinates: DMatrix<f64>) -> DMatrix<f64> {
         for (mut row, variable) in of_coordinates.row_iter_mut().zip(&self.variables) {
             row *= variable.width;
@@ -432,7 +432,7 @@ impl<'a> Problem<'a> {
         of_coordinates
     }
 
-    /// The model at some coordinates.
+    /// The model at the given coordinates.
     pub fn model(&self, x: &[f64]) -> KinematicModel {
         self.at(x).model
     }
@@ -460,8 +460,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Residuals of all blocks, mm, in the first [`Self::n_rows`] rows; and their derivatives by the coordinates, of which the Jacobian
-    /// has one column each.
+    /// Fills the residuals of all blocks, mm, into the first [`Self::n_rows`] rows. If requested, also fills their derivatives by the coordinates,
+    /// one column of the Jacobian each.
     pub fn evaluate(
         &self,
         x: &[f64],

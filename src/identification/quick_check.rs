@@ -1,17 +1,17 @@
-//! Whether a few poses still fit an earlier estimate, and which change they could have seen.
+//! Tests whether a few poses still fit an earlier estimate, and which changes the poses can detect.
 //!
-//! `r = J·δ + Φ·u + B·b + E·c + e`, 3·N rows in mm, measured − predicted by the earlier estimate:
+//! The model is `r = J·δ + Φ·u + B·b + E·c + e`, 3·N rows in mm, measured − predicted by the earlier estimate:
 //!
-//! - δ and u, errors of the earlier parameters and what links cannot say: the root of their mean square error was kept with the estimate, D is what
-//!   its columns do to these points;
-//! - b, base and targets, nothing known of them, where they were placed anew;
-//! - e, white noise of a coordinate: that of the earlier session, or what the instrument states for the point, whichever is larger; and what the points
-//!   of one configuration share, as in the earlier session. Points of one configuration are never taken as independent;
-//! - c, a change since. An unchanged robot has c = 0.
+//! - δ and u: errors of the earlier parameters, and effects that links cannot describe. The root of their mean square error was stored with the
+//!   estimate; D is the effect of its columns on these points;
+//! - b: base and targets, without prior knowledge, if they were placed anew;
+//! - e: white noise of a coordinate, which is the larger of the earlier session's noise and the instrument's stated noise of the point; and the
+//!   errors that points of one configuration share, as in the earlier session. Points of one configuration are never treated as independent;
+//! - c: a change since then. An unchanged robot has c = 0.
 //!
 //! With V = D·Dᵀ + noise = L·Lᵀ and Q the orthonormal columns that span L⁻¹·B, z = (I − Q·Qᵀ)·L⁻¹·r has m = 3·N − rank Q dimensions. |z|²/m is
-//! compared with Fisher's F of m and ν degrees of freedom, ν those of the earlier session's noise. A change c shifts z by (I − Q·Qᵀ)·L⁻¹·E·c: the
-//! test alarms with the stated power where the square of that shift is the noncentrality of F that has this power.
+//! compared with Fisher's F of m and ν degrees of freedom, where ν belongs to the earlier session's noise. A change c shifts z by (I − Q·Qᵀ)·L⁻¹·E·c.
+//! The test has the stated power if the square of that shift is the noncentrality at which F has this power.
 
 use crate::identification::KinematicModel;
 use crate::identification::changes::{Causes, Estimate, FALSE_ALARMS, causes, usual_error};
@@ -21,71 +21,72 @@ use crate::identification::parameters::{Parameter, Quantity, placement_parameter
 use crate::kinematics::reach_mm;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Share of unchanged robots that the test calls changed.
+/// Significance level: share of unchanged robots that the test calls changed.
 pub const LEVEL: f64 = FALSE_ALARMS;
-/// Probability with which a change of the stated size is found.
+/// Power: probability with which a change of the stated size is detected.
 pub const POWER: f64 = 0.95;
-/// No robot returns to a pose, and no tracker measures it, to better than this share of the reach.
+/// Minimum noise as a share of the reach: neither robots nor trackers repeat a pose better.
 const FINEST: f64 = 1e-5;
-/// Directions of the placement below this share of the largest are not determined by the points.
+/// Directions of the placement with singular values below this share of the largest are not determined by the points.
 const PLACED: f64 = 1e-9;
-/// What the placement leaves of an effect, at least, for it to be seen: less is rounding. Of causes, a share of the largest effect of a usual error.
+/// Minimum share of an effect that the placement must leave; less is rounding. For causes it is a share of the largest effect of a usual error.
 const SEEN: f64 = 1e-6;
-/// A zero that would have to turn by more than this, rad, is not seen: the reflector hardly leaves its axis, and derivatives say nothing of such turns.
+/// Largest detectable rotation of a zero, rad. If more would be needed, the reflector hardly leaves the joint's axis, and the linearisation does not
+/// hold.
 const MOST_TURN_RAD: f64 = 0.1;
-/// Fewer degrees of freedom of the earlier noise decide nothing.
+/// Minimum degrees of freedom of the earlier noise for a decision.
 const FEWEST_FREEDOM: f64 = 5.0;
-/// Iterations of a decomposition at most.
+/// Iteration limit of a decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
-/// A few measured points, and what was known before them.
+/// A few measured points with the earlier estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct Poses<'a> {
     /// The earlier estimate.
     pub before: &'a Estimate,
     /// Its links, with base and targets as in the estimate, or as they were placed anew.
     pub model: &'a KinematicModel,
-    /// The points, without rotations; targets counted as in `model`.
+    /// The points without rotations; targets numbered as in `model`.
     pub observations: &'a [Observation],
-    /// The number of each point's configuration.
+    /// Configuration number of each point.
     pub configurations: &'a [usize],
-    /// What the instrument states for a coordinate of each point, mm; 0 where it states nothing.
+    /// Stated noise of a coordinate of each point, mm; 0 if nothing is stated.
     pub stated_std_mm: &'a [f64],
-    /// Whether base and targets were placed anew.
+    /// True if base and targets were placed anew.
     pub is_placed_anew: bool,
 }
 
-/// The smallest change of one kind that the test finds with probability [`POWER`].
+/// The smallest change of one kind that the test detects with probability [`POWER`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Detectable {
-    /// mm or rad; `None` where these poses do not show it: the placement takes up all of it, or the reflector hardly leaves the joint's axis.
+    /// The change, mm or rad. `None` if these poses do not show it: the placement absorbs it, or the reflector hardly leaves the joint's axis.
     pub change: Option<f64>,
-    /// How far that change moves the target, rms over these points, mm.
+    /// Displacement of the target by that change, rms over these points, mm.
     pub tool_mm: Option<f64>,
-    /// Where these poses do not show it: how far a turn of [`MOST_TURN_RAD`] moves the target, rms over these points, mm; 0 for shifts.
+    /// If these poses do not show the change: displacement of the target by a rotation of [`MOST_TURN_RAD`], rms over these points, mm; 0 for shifts.
     pub unseen_tool_mm: f64,
 }
 
-/// The test, and what it could have seen.
+/// The test, and the smallest changes that it can detect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checked {
     /// |z|².
     pub statistic: f64,
-    /// m: equations less the numbers that were placed.
+    /// m: number of equations minus the number of placed parameters.
     pub n_combinations: usize,
     /// ν.
     pub freedom: f64,
-    /// Probability that an unchanged robot shows as much.
+    /// Probability that an unchanged robot gives at least this statistic.
     pub probability: f64,
-    /// What the earlier estimate and its noise let expect of a point, 3-D, rms, mm.
+    /// Expected 3-D error of a point from the earlier estimate and its noise, rms, mm.
     pub expected_mm: f64,
-    /// Of each joint's zero.
+    /// Smallest detectable change of each joint's zero.
     pub joints: Vec<Detectable>,
-    /// Of a shift of the base in the direction in which it shows least.
+    /// Smallest detectable shift of the base, in the least visible direction.
     pub base: Detectable,
-    /// Of a shift of each target in the direction in which it shows least.
+    /// Smallest detectable shift of each target, in the least visible direction.
     pub targets: Vec<Detectable>,
-    /// Index of the configuration that has the largest part of the statistic.
+    /// Index of the configuration with the largest part of the statistic.
     pub largest_configuration: usize,
     whitened: Whitened,
 }
@@ -93,20 +94,20 @@ pub struct Checked {
 #[derive(Clone, Debug, PartialEq)]
 struct Whitened {
     difference: DVector<f64>,
-    /// Candidates for a cause, what each does to the rows, and how far it is usually off, mm or rad.
+    /// Possible causes, the effect of each on the rows, and its usual size, mm or rad.
     parameters: Vec<Parameter>,
     effects: DMatrix<f64>,
     scale: Vec<f64>,
 }
 
-/// Why nothing can be said.
+/// Why there is no test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Untestable {
-    /// Base and targets take up every equation.
+    /// Base and targets absorb every equation.
     NothingLeft,
-    /// The earlier session hardly tells its own noise.
+    /// The earlier session does not determine its own noise well enough.
     NoiseUnknown,
-    /// The covariance is not one.
+    /// The covariance is singular.
     Singular,
 }
 
@@ -191,12 +192,12 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
 }
 
 impl Checked {
-    /// What explains the difference, among the parameters for which `belongs` says yes.
+    /// The causes of the difference, among the parameters for which `belongs` returns true.
     pub fn causes(&self, belongs: impl Fn(&Parameter) -> bool) -> Causes {
         let all = &self.whitened;
         let effect = |k: usize| all.effects.column(k).norm();
         let largest = (0..all.parameters.len()).map(effect).fold(0.0, f64::max);
-        // what the placement takes up leaves rounding alone, which explains nothing
+        // effects that the placement absorbs leave only rounding, which explains nothing
         let is_seen = |k: usize| effect(k) > SEEN * largest;
         let chosen: Vec<usize> = (0..all.parameters.len())
             .filter(|k| belongs(&all.parameters[*k]) && is_seen(*k))
@@ -211,7 +212,7 @@ impl Checked {
     }
 }
 
-/// Numbers of the links; base and targets where they were not placed anew.
+/// Parameters of the links; also those of base and targets, if they were not placed anew.
 fn candidates(poses: &Poses<'_>, placement: &[Parameter]) -> Vec<Parameter> {
     let quantities = [
         Quantity::ThetaOffset,
@@ -285,7 +286,7 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
     covariance
 }
 
-/// Orthonormal columns that span what the placement can do to the points.
+/// Orthonormal columns that span the effects of the placement on the points.
 fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
     let mut scaled = placed.clone();
     for mut column in scaled.column_iter_mut() {
@@ -305,8 +306,8 @@ fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
     Ok(u.select_columns(&kept))
 }
 
-/// The change, in the direction in which it shows least, that shifts the rows by `shift`. `raw` is what a unit of each parameter does to the points,
-/// mm; `whole` the same whitened, and `left` what the placement leaves of that. A change of more than `most` is not seen.
+/// The change in the least visible direction that shifts the rows by `shift`. `raw` is the effect of a unit of each parameter on the points, mm;
+/// `whole` is the same whitened, and `left` is the part that the placement leaves. A change above `most` does not count as detectable.
 fn smallest(
     raw: &DMatrix<f64>,
     whole: &DMatrix<f64>,

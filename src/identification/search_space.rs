@@ -1,4 +1,4 @@
-//! The coordinates that a search runs in: raw parameters, or the singular directions of the scaled identification Jacobian.
+//! The coordinates of a search: raw parameters, or the singular directions of the scaled identification Jacobian.
 
 use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, apply_into};
@@ -6,10 +6,10 @@ use crate::identification::priors::PriorRows;
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// deviation = directions · coordinates, counted from the reference. In a search box every coordinate runs from −1 to 1.
+/// deviation = directions · coordinates, relative to the reference. In a search box every coordinate is between −1 and 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SearchSpace {
-    /// What deviations are counted from.
+    /// Reference of the deviations.
     pub reference: KinematicModel,
     /// The free parameters.
     pub parameters: Vec<Parameter>,
@@ -17,14 +17,14 @@ pub struct SearchSpace {
     directions: DMatrix<f64>,
     /// The scale of each parameter (half-width of the box), mm or rad.
     pub scale: Vec<f64>,
-    /// Each coordinate is one parameter.
+    /// True if each coordinate is one parameter.
     is_raw: bool,
-    /// What is known beforehand, counted from the reference.
+    /// Priors and bounds, relative to the reference.
     known: PriorRows,
 }
 
 impl SearchSpace {
-    /// One coordinate per parameter: deviation = scale · coordinate. The paper's search.
+    /// One coordinate per parameter: deviation = scale · coordinate. This is the paper's search.
     pub fn raw(reference: KinematicModel, parameters: Vec<Parameter>, scale: Vec<f64>) -> Self {
         let directions = DMatrix::from_diagonal(&DVector::from_column_slice(&scale));
         Self {
@@ -37,8 +37,7 @@ impl SearchSpace {
         }
     }
 
-    /// As [`Self::singular`], along directions that were found elsewhere, p × r: their columns, each parameter divided by its scale, are
-    /// orthonormal.
+    /// As [`Self::singular`], along given directions, p × r. Their columns are orthonormal after each parameter is divided by its scale.
     pub fn along(
         reference: KinematicModel,
         parameters: Vec<Parameter>,
@@ -55,12 +54,12 @@ impl SearchSpace {
         }
     }
 
-    /// With what is known beforehand: deviations beyond a limit stop at it, and pulls add to the cost.
+    /// The space with priors and bounds: deviations stop at a bound, and priors add to the cost.
     pub fn with_priors(self, known: PriorRows) -> Self {
         Self { known, ..self }
     }
 
-    /// What is known beforehand.
+    /// Priors and bounds.
     pub fn prior_rows(&self) -> &PriorRows {
         &self.known
     }
@@ -101,7 +100,7 @@ impl SearchSpace {
         }
     }
 
-    /// The coordinates whose deviation is nearest (in scaled parameters): Vᵀ·S⁻¹·deviation.
+    /// The coordinates with the nearest deviation (in scaled parameters): Vᵀ·S⁻¹·deviation.
     pub fn coordinates(&self, deviation: &[f64]) -> Vec<f64> {
         let scaled = |row: usize| deviation[row] / self.scale[row];
         if self.is_raw {
@@ -117,7 +116,7 @@ impl SearchSpace {
         self.directions.column_iter().map(along).collect()
     }
 
-    /// The model at some coordinates.
+    /// The model at the given coordinates.
     pub fn model(&self, coordinates: &[f64]) -> KinematicModel {
         let mut model = self.reference.clone();
         apply_into(
@@ -129,7 +128,7 @@ impl SearchSpace {
         model
     }
 
-    /// The rotation vector among some deviations: how far the base is turned from the reference.
+    /// The rotation vector of the base in some deviations, relative to the reference.
     pub fn base_rotation(&self, deviation: &[f64]) -> Vector3<f64> {
         let mut rotation = Vector3::zeros();
         for (parameter, value) in self.parameters.iter().zip(deviation) {

@@ -1,4 +1,4 @@
-//! Base pose and targets from nominal kinematics, with no starting guess from the user.
+//! Base pose and targets from nominal kinematics, without a starting guess from the user.
 
 use crate::identification::KinematicModel;
 use crate::identification::hand_eye::{base_and_target_rotation, target_rotation};
@@ -12,12 +12,12 @@ use nalgebra::{
 };
 use std::ops::ControlFlow;
 
-/// Observations of each target that the closed form takes at most; the least-squares fit after it takes all.
+/// Maximum number of observations of each target for the closed form. The least-squares fit after it uses all.
 const START_OBSERVATIONS: usize = 200;
 /// Iteration limit of a singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
-/// Base pose and target offsets that fit `observations` best with the links held.
+/// Base pose and target offsets that best fit `observations`, with the links held.
 pub fn fit_base_and_targets(
     links: &[Link],
     observations: &[Observation],
@@ -36,8 +36,8 @@ pub fn fit_base_and_targets(
     }
 }
 
-/// Target offsets that fit `observations` best with the links held and the base where the points are measured from: the mean of where
-/// each point is in the flange frame. A target without points is at the flange.
+/// Target offsets that best fit `observations`, with the links held and the base at the measuring frame: the mean of each target's points in the
+/// flange frame. A target without points is at the flange.
 pub fn fit_targets(
     links: &[Link],
     observations: &[Observation],
@@ -76,7 +76,7 @@ fn pairs_of(
         .collect()
 }
 
-/// How targets are turned with the base turned as given; none where no pose was measured.
+/// Rotations of targets for a given rotation of the base; empty if no pose was measured.
 fn target_rotations(
     flanges: &[IsometryMatrix3<f64>],
     observations: &[Observation],
@@ -92,7 +92,7 @@ fn target_rotations(
         .collect()
 }
 
-/// How the base is turned by the poses of the target that has most of them; `None` where there are none.
+/// Rotation of the base from the poses of the target with the most poses; `None` without poses.
 fn base_rotation_of_poses(
     flanges: &[IsometryMatrix3<f64>],
     observations: &[Observation],
@@ -104,11 +104,11 @@ fn base_rotation_of_poses(
     base_and_target_rotation(&pairs).map(|(base, _)| base)
 }
 
-/// Base pose and target offsets that fit `observations` best (least squares), of a robot whose flange is known in its base frame at each of them.
+/// Base pose and target offsets that best fit `observations` (least squares), for a robot whose flange is known in its base frame at each of them.
 ///
-/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations), from Kabsch's fit with the targets
-/// at the flange, and from the 24 rotations of the cube; of poses, from the closed form of their rotations first. Each is polished by least
-/// squares, and the lowest cost wins.
+/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations) and from Kabsch's fit with the targets at the
+/// flange; with poses, also from the closed form of their rotations. If none of them is good, also from the 24 rotations of the cube. Each start is
+/// refined by least squares, and the lowest cost wins.
 pub fn place(
     flanges: &[IsometryMatrix3<f64>],
     observations: &[Observation],
@@ -152,7 +152,7 @@ pub fn place(
     })
 }
 
-/// Least squares of a placement, and what it leaves, mm².
+/// Least squares of a placement. Returns its cost, mm², and the placement.
 fn polished(
     start: Placement,
     flanges: &[IsometryMatrix3<f64>],
@@ -177,7 +177,7 @@ fn polished(
     (fit.cost, placement)
 }
 
-/// Whether a placement leaves so little, compared with how far apart the points are, that it cannot be a wrong one.
+/// True if the cost of a placement is so small, relative to the spread of the points, that the placement cannot be wrong.
 fn is_good(cost_mm2: f64, observations: &[Observation]) -> bool {
     let n = observations.len().max(1) as f64;
     let centre = observations
@@ -192,8 +192,8 @@ fn is_good(cost_mm2: f64, observations: &[Observation]) -> bool {
     cost_mm2 <= GOOD * GOOD * spread_mm2
 }
 
-/// Base pose and targets in closed form, without polish: good to some millimetres where the data are right. With `is_base_known` the base
-/// is only shifted. `None` where the points are too few, or too much alike, to tell.
+/// Base pose and targets in closed form, without refinement: accurate to some millimetres if the data are right. With `is_base_known` the base is
+/// only shifted. `None` if there are too few points, or if they are too similar.
 pub fn align_in_closed_form(
     links: &[Link],
     observations: &[Observation],
@@ -222,17 +222,17 @@ pub fn align_in_closed_form(
     })
 }
 
-/// What base and target share, along axes that are all parallel, goes to the base: it counts so many times less than a target's offset. Were it
-/// parted evenly, a target could come to lie a metre off, and how much would depend on where the instrument stands.
+/// A shift along parallel axes, which base and target share, goes to the base: it is weighed less than a target's offset by this factor. If it were
+/// divided evenly, a target could be placed a metre off, depending on where the instrument stands.
 const BASE_FIRST: f64 = 100.0;
-/// Share of the largest singular value below which there is nothing but rounding.
+/// Singular values below this share of the largest are rounding.
 const SEEN: f64 = 1e-9;
 
-/// Nominal kinematics leave less than a hundredth of the points' spread, even with a joint that was not mastered. Where a closed form
-/// leaves more, it may be a wrong one, and the cube's rotations are tried as well.
+/// Nominal kinematics leave less than a hundredth of the points' spread, even with an unmastered joint. If a closed form leaves more, it may be
+/// wrong, and the cube's rotations are tried as well.
 const GOOD: f64 = 0.01;
 
-/// With the rotation given, base translation and targets are linear: measured = R·A + R·B·target + t.
+/// With a given rotation, base translation and targets are linear: measured = R·A + R·B·target + t.
 fn with_rotation(
     observations: &[Observation],
     flanges: &[IsometryMatrix3<f64>],
@@ -324,7 +324,7 @@ fn linear_rotation(
     nearest_rotation(&transposed.transpose())
 }
 
-/// Enough observations of each target to start from, evenly spread: the closed form makes a dense matrix of them.
+/// Evenly selected observations of each target for the closed form, which builds a dense matrix of them.
 fn thinned(
     observations: &[Observation],
     flanges: &[IsometryMatrix3<f64>],
@@ -372,7 +372,7 @@ fn kabsch_rotation(
     nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity)
 }
 
-/// The rigid motion that takes `from` to `to` best (Kabsch 1976).
+/// The rigid motion that best maps `from` to `to` (Kabsch 1976).
 pub fn rigid_motion(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> IsometryMatrix3<f64> {
     let n = from.len().max(1) as f64;
     let (centre_from, centre_to) = (

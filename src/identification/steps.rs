@@ -1,18 +1,18 @@
-//! Steps in the residuals along the measuring order: something moved while it was measured.
+//! Steps in the residuals along the measuring order: something moved during the measurement.
 //!
-//! If a target slips before the k-th point, all later residuals of that target gain R·δ, with R the flange's orientation and δ the shift in
-//! the flange frame; if the base (or the instrument) moves, all later residuals gain a rigid motion. With y the residuals of a
-//! least-squares fit, P the projection out of what its parameters can change and B the columns of such a change, the fit would improve by
-//! g = yᵀB·(BᵀPB)⁻¹·Bᵀy (the score test, which for a linear model is also the likelihood ratio). A robot errs as a smooth function of its
-//! joints, and a path through the workspace makes that look like steps: all this is done with the inverse of V = I + λ·Φ·Φᵀ, the features Φ of
-//! [`misfit`](crate::identification::misfit) having the share λ that the residuals give them. Four questions are put to the largest g:
+//! If a target slips before the k-th point, all later residuals of that target gain R·δ, with R the flange's orientation and δ the shift in the
+//! flange frame. If the base (or the instrument) moves, all later residuals gain a rigid motion. With y the residuals of a least-squares fit, P the
+//! projection out of the changes that its parameters can make, and B the columns of such a motion, the fit would improve by g = yᵀB·(BᵀPB)⁻¹·Bᵀy (the
+//! score test, which for a linear model is also the likelihood ratio). A robot's errors are a smooth function of its joints, and a path through the
+//! workspace makes them look like steps. Everything is therefore computed with the inverse of V = I + λ·Φ·Φᵀ. The features Φ are those of
+//! [`misfit`](crate::identification::misfit), and λ is their share in the residuals. The largest g has to pass four tests:
 //!
-//! - is F = (g/d) / (left/freedom) larger than noise makes it anywhere along the order (Bonferroni)? Points of one configuration may err
-//!   together: F is divided by how much more their sums vary than those of independent points;
-//! - is it larger than after the configurations have been put into random orders? That holds whatever the residuals' distribution;
-//! - have the points on the smaller side moved twice as far as all points scatter? What no feature says is no larger than that;
-//! - is it still there beside a drift of the base ([`drift`](crate::identification::drift)): a ramp, a warm-up, and a random walk as wide as the
-//!   residuals show it beside the step?
+//! - F = (g/d) / (left/freedom) is larger than noise makes it anywhere along the order (Bonferroni). Points of one configuration may err together: F
+//!   is divided by the ratio of the variation of their sums to that of independent points;
+//! - g is larger than after random permutations of the configurations. This holds for any distribution of the residuals;
+//! - the points on the smaller side have moved twice as far as all points scatter. Effects that no feature describes are not larger than that;
+//! - g is still significant beside a drift of the base ([`drift`](crate::identification::drift)): a ramp, a warm-up, and a random walk whose variance
+//!   is estimated together with the step.
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
@@ -26,34 +26,34 @@ use nalgebra::{Const, DMatrix, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3}
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 
-/// Probability of a step where none is, over the whole order and all kinds. A fifth of what is asked: there are several rounds, and
-/// residuals are not quite normal.
+/// Probability of reporting a step if there is none, over the whole order and all kinds. It is a fifth of the required value, because there are
+/// several rounds, and residuals are not quite normal.
 const FALSE_ALARMS: f64 = 0.002;
-/// Random orders at most; the step must stand out from every one of them.
+/// Maximum number of random orders. The step must be larger than in every one of them.
 const ORDERS: usize = 199;
-/// Points times orders at most, so that a large set costs no more than a small one; at least [`FEWEST_ORDERS`].
+/// Maximum of points times orders, so that a large set takes no longer than a small one; but at least [`FEWEST_ORDERS`].
 const ORDERED_POINTS: usize = 24_000;
-/// Random orders at least.
+/// Minimum number of random orders.
 const FEWEST_ORDERS: usize = 39;
-/// Gains that differ by a smaller share are of the same points.
+/// Gains whose relative difference is smaller belong to the same points.
 const SAME_GAIN: f64 = 1e-9;
-/// A change is tried if the fit leaves at least this share of it to be seen; below it is rounding.
+/// A change is tried if the fit leaves at least this share of it visible; less is rounding.
 const SEEN_SHARE: f64 = 1e-3;
-/// Mean square by which the points of the smaller side have moved, over the mean square of what is left: they have to have moved twice as
-/// far as points scatter. Simulated campaigns in which nothing moved reach 2.7, as do measured ones; a slip of 2 mm in noise of 0.3 mm 7.
+/// Minimum ratio of two mean squares: the motion of the points on the smaller side, and the residuals that are left. The points have to have moved
+/// twice as far as points scatter. Simulated and measured campaigns without motion reach 2.7; a slip of 2 mm in noise of 0.3 mm reaches 7.
 const SMALLEST_EFFECT: f64 = 4.0;
-/// Points on either side of a motion of the base: twelve coordinates for its six numbers. Three would leave three coordinates to tell it from
-/// outliers, which the noise of a lever arm may hide.
+/// Minimum number of points on either side of a motion of the base: twelve coordinates for its six parameters. With three points, only three
+/// coordinates would be left to tell it from outliers, and the noise of a lever arm may hide them.
 const FEWEST_BASE_POINTS: usize = 4;
-/// Points on either side of a slip of a target; one alone is a question of its own.
+/// Minimum number of points on either side of a slip of a target. A single point is treated separately.
 const FEWEST_TARGET_POINTS: usize = 2;
 
-/// What moved.
+/// The part that moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moved {
     /// One target on the flange.
     Target(usize),
-    /// All targets at once, each by a vector of its own: the tool was knocked.
+    /// All targets at once, each by its own vector: the tool was knocked.
     AllTargets,
     /// The base, or the instrument.
     Base,
@@ -62,43 +62,43 @@ pub enum Moved {
 /// A step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// What moved.
+    /// The part that moved.
     pub moved: Moved,
-    /// Index of the first point after it.
+    /// Index of the first point after the step.
     pub first: usize,
-    /// Points on its smaller side (of that target).
+    /// Number of points on its smaller side (of that target).
     pub n_minor: usize,
-    /// What each target moved by; empty where the base moved.
+    /// Shift of each target; empty if the base moved.
     pub of_targets: Vec<TargetShift>,
     /// Shift of the base in the measuring frame, mm.
     pub shift_mm: Vector3<f64>,
-    /// Turn of the base about [`Columns::centre`], in the measuring frame, rad.
+    /// Rotation of the base about [`Columns::centre`], in the measuring frame, rad.
     pub turn_rad: Vector3<f64>,
 }
 
-/// What one target moved by.
+/// Shift of one target in a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TargetShift {
     /// The target.
     pub target: usize,
     /// Index of its first point after the step.
     pub first: usize,
-    /// In the flange frame, mm.
+    /// Shift in the flange frame, mm.
     pub shift_mm: Vector3<f64>,
 }
 
-/// What a change of a target or of the base does to each point, weighted.
+/// Effects of a motion of a target or of the base on each point, weighted.
 pub struct Columns {
     target: Vec<Matrix3<f64>>,
     base: Vec<SMatrix<f64, 3, 6>>,
-    /// Point that the base turns about, mm, measuring frame.
+    /// Centre of the base's rotation, mm, measuring frame.
     pub centre: Vector3<f64>,
-    /// Unit of turning: rad per unit of a column.
+    /// Unit of rotation: rad per unit of a column.
     unit_rad: f64,
 }
 
 impl Columns {
-    /// At a fitted model.
+    /// The columns at a fitted model.
     pub fn new(model: &KinematicModel, observations: &[Observation]) -> Self {
         let n = observations.len().max(1) as f64;
         let centre = observations
@@ -138,17 +138,17 @@ impl Columns {
         }
     }
 
-    /// The columns of a motion of the base, 3 × 6: shift in mm, turn in units of `unit_rad`.
+    /// The columns of a motion of the base, 3 × 6: shift in mm, rotation in units of `unit_rad`.
     pub fn base(&self, point: usize) -> &SMatrix<f64, 3, 6> {
         &self.base[point]
     }
 
-    /// Length that a unit of turning moves a point at the points' radius by, mm.
+    /// Displacement by a unit of rotation at the points' radius, mm.
     pub fn size_mm(&self) -> f64 {
         1.0 / self.unit_rad
     }
 
-    /// Shift and turn (rad) of a solution along [`Self::base`].
+    /// Shift and rotation (rad) of a solution along [`Self::base`].
     pub fn motion(&self, x: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
         (
             Vector3::new(x[0], x[1], x[2]),
@@ -157,15 +157,15 @@ impl Columns {
     }
 }
 
-/// A campaign: what was measured when.
+/// A campaign: the points in measuring order, with their fit.
 pub struct Campaign<'a> {
-    /// The fit to the points of `order`, one after another as there.
+    /// The fit to the points of `order`, in the same order.
     pub linear: &'a Linearised,
-    /// The features of the misfit there.
+    /// The features of the misfit at these points.
     pub features: &'a DMatrix<f64>,
-    /// Both, whitened.
+    /// The whitened fit and features.
     pub problem: &'a Whitened,
-    /// For every point of the set.
+    /// Effects of motions, for every point of the set.
     pub columns: &'a Columns,
     /// The fitted points in measuring order.
     pub order: &'a [usize],
@@ -173,9 +173,9 @@ pub struct Campaign<'a> {
     pub targets: &'a [usize],
     /// Configuration of every point of the set.
     pub clusters: &'a [usize],
-    /// A coordinate's standard deviation is at least this, whatever the residuals say, mm.
+    /// Lower limit of a coordinate's standard deviation, mm.
     pub least_scale_mm: f64,
-    /// Asked between the random orders.
+    /// Asked between the random orders whether to go on.
     pub watch: &'a Watch<'a>,
 }
 
@@ -183,7 +183,7 @@ pub struct Campaign<'a> {
 #[derive(Clone, Debug)]
 struct Tried {
     moved: Moved,
-    /// Place in `order` of the first point after.
+    /// Index in `order` of the first point after the change.
     place: usize,
     n_minor: usize,
     gain: f64,
@@ -192,8 +192,8 @@ struct Tried {
 }
 
 impl Campaign<'_> {
-    /// The most significant step that passes all three questions. A single point at an end is returned like any other: whether it
-    /// slipped or is an outlier, one point does not say.
+    /// The most significant step that passes all four tests. A single point at an end is returned like any other step: one point cannot show whether
+    /// it slipped or is an outlier.
     pub fn step(&self) -> Option<Step> {
         let n = self.order.len();
         let left = self.problem.residuals.norm_squared();
@@ -205,7 +205,7 @@ impl Campaign<'_> {
         let tried = self.all_changes(&places);
         let n_tried = tried.len();
         let rows = 3.0 * n as f64;
-        // all kinds of a step: the better explanation for its number of unknowns [Schwarz 1978]
+        // of all kinds of steps, the one that explains most for its number of unknowns [Schwarz 1978]
         let criterion = |t: &Tried| {
             rows * libm::log((left - t.gain).max(f64::MIN_POSITIVE))
                 + t.n_numbers as f64 * libm::log(rows)
@@ -258,7 +258,7 @@ impl Campaign<'_> {
         })
     }
 
-    /// All targets at once, for up to four of them.
+    /// Tries changes of all targets at once, for up to four targets.
     fn changes_of_all_targets(&self, places: &[usize], tried: &mut Vec<Tried>) {
         match self.n_targets() {
             2 => self.changes_of_targets::<6>(places, tried),
@@ -312,8 +312,8 @@ impl Campaign<'_> {
         tried
     }
 
-    /// A change before each of the `members` (places in the order, in any order), in their order: with at least `fewest` of them on either
-    /// side, or with one alone where `lone` ones are asked for.
+    /// Tries a change before each of the `members` (indices into the order, in any order), following their order. Each side must have at least
+    /// `fewest` of them, or one alone if `lone` is true.
     fn changes<const D: usize>(
         &self,
         moved: Moved,
@@ -358,7 +358,7 @@ impl Campaign<'_> {
         }
     }
 
-    /// How much more the sums of the residuals of one configuration vary than those of independent points; at least 1.
+    /// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1.
     fn design_effect(&self) -> f64 {
         let n_clusters = self.clusters.iter().map(|c| c + 1).max().unwrap_or(0);
         let mut sums = vec![Vector3::zeros(); n_clusters];
@@ -369,7 +369,7 @@ impl Campaign<'_> {
         (of_sums / self.problem.residuals.norm_squared()).max(1.0)
     }
 
-    /// Whether it is there beside a drift of the base.
+    /// True if the step is significant in addition to a drift of the base.
     fn is_no_drift(&self, best: &Tried, n_tried: usize) -> bool {
         let roots: Vec<f64> = self
             .order
@@ -408,7 +408,7 @@ impl Campaign<'_> {
         f_tail(gain / n / variance, n, freedom) * n_tried as f64 <= FALSE_ALARMS
     }
 
-    /// Larger than every change of its kind in random orders of the configurations.
+    /// True if the gain is larger than that of every change of its kind in random orders of the configurations.
     fn stands_out(&self, best: &Tried) -> bool {
         let mut order: Vec<Vec<usize>> = Vec::new();
         let mut at = std::collections::BTreeMap::new();
@@ -430,7 +430,7 @@ impl Campaign<'_> {
             let places: Vec<usize> = order.iter().flatten().copied().collect();
             let mut tried = Vec::new();
             match best.moved {
-                // of one point alone, only where it stands in the order is random: any other could stand there
+                // for a single point only its position in the order is random, and any other point could be there
                 Moved::Target(_) if alone => return true,
                 Moved::Target(target) => {
                     let members: Vec<usize> = places
@@ -455,7 +455,7 @@ impl Campaign<'_> {
                     &mut tried,
                 ),
             }
-            // an order that parts the points alike gives the same gain, and says nothing
+            // an order that divides the points in the same way gives the same gain, and does not count
             tried
                 .iter()
                 .all(|t| t.gain <= best.gain * (1.0 + SAME_GAIN))

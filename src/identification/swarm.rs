@@ -1,4 +1,4 @@
-//! The swarm on a search space: F of all particles through the fast kernel.
+//! The swarm in a search space: F of all particles, computed by the fast kernel.
 
 use crate::identification::anchor::Anchor;
 use crate::identification::objective::Observation;
@@ -11,7 +11,7 @@ use crate::kinematics::batch::{
 use crate::solvers::pso::{self, Positions};
 use multiversion::multiversion;
 
-/// F of a swarm's particles, with everything prepared that does not change between iterations.
+/// F of a swarm's particles, with everything prepared that stays the same between iterations.
 pub struct SwarmCost<'a> {
     space: &'a SearchSpace,
     poses: PreparedPoses,
@@ -21,25 +21,24 @@ pub struct SwarmCost<'a> {
     lanes: Vec<SwarmLanes>,
 }
 
-/// Who looks at a lower bound before F is computed, and where that is anchored. What is looked at changes what is computed, not what is
-/// found.
+/// Tests a lower bound before F is computed, and keeps the anchor of this bound. The test changes which F are computed, but not the result.
 struct Screen {
     anchor: Anchor,
-    /// Evaluations since the anchor was looked after.
+    /// Number of evaluations since the anchor was last checked.
     n_evaluations: usize,
-    /// Evaluations to go without: most particles improved, or are too far from the anchor.
+    /// Number of evaluations to go without the bound: most particles improved, or are too far from the anchor.
     n_without: usize,
     coordinates: Vec<f64>,
     deviation: Vec<f64>,
 }
 
-/// The anchor is looked after once in so many evaluations.
+/// The anchor is checked once in this many evaluations.
 const LOOK_AFTER: usize = 8;
-/// It is moved to a particle that costs so much less than it does: what the bound loses grows with the square of the distance.
+/// It is moved to a particle whose cost is smaller by this factor, because the bound's loss grows with the square of the distance.
 const CLOSER_IN: f64 = 4.0;
-/// The bound, a tenth of F, is worth its time where it saves the F of at least this share of the particles,
+/// Minimum share of the particles whose F the bound saves. With fewer, the bound is not worth its time, a tenth of that of F.
 const WORTH_LOOKING: f64 = 0.2;
-/// and else is left out for so many evaluations.
+/// Number of evaluations without the bound if it saves too little.
 const WITHOUT: usize = 4;
 
 /// Eight particles at a time.
@@ -50,7 +49,7 @@ struct SwarmLanes {
     /// One per parameter.
     deviations: Vec<Lanes>,
     room: Vec<Lanes>,
-    /// Those whose F is needed, until they are eight.
+    /// Particles whose F is needed, collected until there are eight.
     waiting: Vec<Lanes>,
     particles: [usize; LANES],
     n_waiting: usize,
@@ -63,7 +62,7 @@ impl<'a> SwarmCost<'a> {
         Self::bounded(space, observations, None)
     }
 
-    /// With a loss that bounds what one pose adds.
+    /// As [`Self::new`], with a loss that bounds the cost of one pose.
     pub fn bounded(
         space: &'a SearchSpace,
         observations: &[Observation],
@@ -74,7 +73,7 @@ impl<'a> SwarmCost<'a> {
             lane_robots(space),
         );
         let elimination = Elimination::new(&robots, &poses);
-        // the lower bound is one of squares
+        // the lower bound holds for squares only
         let anchor = if bound.is_none() {
             Anchor::at_reference(space, observations)
         } else {
@@ -107,7 +106,7 @@ impl<'a> SwarmCost<'a> {
         }
     }
 
-    /// To be evaluated on so many threads where that is worth their start; the bits are the same.
+    /// Evaluates on several threads if there is enough work; the results are the same to the last bit.
     pub fn on_threads(mut self, n_threads: usize) -> Self {
         self.lanes.resize(n_threads.max(1), self.lanes[0].clone());
         self
@@ -119,15 +118,15 @@ impl<'a> SwarmCost<'a> {
         self.evaluate_below(positions, costs);
     }
 
-    /// How often so far a particle's F was needless: a lower bound of it was above the particle's bound.
+    /// Number of particles so far whose F was not needed: its lower bound exceeded the particle's bound.
     pub fn n_needless(&self) -> usize {
         self.n_needless
     }
 
-    /// F of every particle that is not above its bound, mm²; something above its bound for the others. `costs` holds the bounds.
+    /// F of every particle that is not above its bound, mm²; some value above its bound for the others. On entry, `costs` has the bounds.
     pub fn evaluate_below(&mut self, positions: &Positions, costs: &mut [f64]) {
         let (space, poses) = (self.space, &self.poses);
-        // nothing is above +∞
+        // no F exceeds +∞
         let screen = self
             .screen
             .as_mut()
@@ -163,7 +162,7 @@ impl<'a> SwarmCost<'a> {
 }
 
 impl Screen {
-    /// After an evaluation in which `n_out` were out.
+    /// Updates the screen after an evaluation in which `n_out` particles were screened out.
     fn look_after(
         &mut self,
         space: &SearchSpace,
@@ -192,7 +191,7 @@ impl Screen {
 }
 
 impl SwarmLanes {
-    /// The particles from `first` on, as many as there are costs.
+    /// Evaluates the particles from `first` on, as many as there are costs.
     fn evaluate(
         &mut self,
         space: &SearchSpace,
@@ -218,7 +217,7 @@ impl SwarmLanes {
         self.elimination.finish(poses, costs);
     }
 
-    /// Lets those wait whose F is needed.
+    /// Adds the particles whose F is needed to the waiting ones.
     fn screen(
         &mut self,
         lower_bound: &LowerBound,
@@ -256,10 +255,10 @@ impl SwarmLanes {
     }
 }
 
-/// Particles times poses from which on threads are started, for every iteration anew: about 2 ms of work, to some 20 µs for a thread.
+/// Threads are used if particles times poses is at least this, in every iteration: about 2 ms of work, compared with some 20 µs for a thread.
 const WORTH_A_THREAD: usize = 1_000_000;
 
-/// The measured poses as the kernel wants them.
+/// The measured poses in the form of the kernel.
 pub fn prepared_poses(space: &SearchSpace, observations: &[Observation]) -> PreparedPoses {
     let mut poses = PreparedPoses::new(space.reference.links.len());
     for o in observations {
@@ -268,7 +267,7 @@ pub fn prepared_poses(space: &SearchSpace, observations: &[Observation]) -> Prep
     poses
 }
 
-/// Eight robots at the space's reference, to be moved by its parameters.
+/// Eight robots at the space's reference, to be changed by its parameters.
 pub fn lane_robots(space: &SearchSpace) -> LaneRobots {
     let moved: Vec<Moved> = space.parameters.iter().map(moved).collect();
     let reference = &space.reference;
@@ -281,8 +280,7 @@ pub fn lane_robots(space: &SearchSpace) -> LaneRobots {
 }
 
 impl SearchSpace {
-    /// As [`SearchSpace::deviation`] for the eight particles from `first` on, to the same bits. A chunk that is not full repeats its
-    /// last particle.
+    /// As [`SearchSpace::deviation`] for the eight particles from `first` on, with the same bits. An incomplete chunk repeats its last particle.
     pub fn deviations_of_chunk(
         &self,
         positions: &Positions,
@@ -304,7 +302,7 @@ impl SearchSpace {
     }
 }
 
-/// Coordinate j of the eight particles from `first` on, where it lies; the last particle again where there are fewer.
+/// Calls `work` with coordinate j of the eight particles from `first` on, without copying. If there are fewer, the last particle is repeated.
 #[inline(always)]
 fn with_lanes(positions: &Positions, j: usize, first: usize, work: impl FnOnce(&[f64; LANES])) {
     let values = &positions.coordinate(j)[first..];
@@ -331,7 +329,7 @@ fn scale_coordinates(scale: &[f64], positions: &Positions, first: usize, deviati
     }
 }
 
-/// deviations = directions · z. Row by row: with the rows inside, the compiler gathers them, one lane after the other.
+/// deviations = directions · z, row by row. With the rows in the inner loop, the compiler would gather them one lane after the other.
 #[multiversion(targets("x86_64+avx512f+avx512vl+fma", "x86_64+avx2+fma"))]
 fn combine_coordinates(
     directions: &[f64],
@@ -353,7 +351,7 @@ fn combine_coordinates(
     }
 }
 
-/// Runs the swarm [Gao 2018, eq. 9, 10] on a search space; `move_particles` as in [`pso::minimize`].
+/// Runs the swarm [Gao 2018, eq. 9, 10] in a search space; `move_particles` as in [`pso::minimize`].
 pub fn run_swarm(
     space: &SearchSpace,
     observations: &[Observation],
@@ -364,7 +362,7 @@ pub fn run_swarm(
     run_bounded_swarm(space, observations, None, options, move_particles, monitor)
 }
 
-/// As [`run_swarm`], with a loss that bounds what one pose adds to the cost.
+/// As [`run_swarm`], with a loss that bounds the cost of one pose.
 pub fn run_bounded_swarm(
     space: &SearchSpace,
     observations: &[Observation],
@@ -383,7 +381,7 @@ pub fn run_bounded_swarm(
         if space.prior_rows().rows.is_empty() {
             return cost.evaluate_below(positions, costs);
         }
-        // the bounds are of F with the priors: to give up early by them is not exact
+        // the bounds are for F with the priors, so an early exit by F alone would not be exact
         cost.evaluate(positions, costs);
         for (particle, cost) in costs.iter_mut().enumerate() {
             *cost += space

@@ -1,19 +1,18 @@
-//! How far identified parameters, and the tool, may be from the truth.
+//! Uncertainty of the identified parameters, and of the tool.
 //!
-//! The identified robot is the most probable one among links alone. How wrong it may be is judged in a wider problem, linear about it:
+//! The identified robot is the maximum a posteriori estimate with links alone. Its errors are estimated in a wider problem, linearised about it:
 //!
 //! `residual = J·δ + Φ·u + c + e`
 //!
-//! - δ, deviations of the parameters from the identified ones, with the priors of the estimate;
-//! - u, what links cannot say: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm;
-//! - c, what all points of one configuration share, σc;
-//! - e, white noise of the instrument and of the robot's repeatability, σ. Where it differs from direction to direction, all rows are whitened
-//!   first.
+//! - δ: deviations of the parameters from the identified ones, with the priors of the estimate;
+//! - u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm;
+//! - c: the error that all points of one configuration share, σc;
+//! - e: white noise of the instrument and of the robot's repeatability, σ. If it differs between directions, all rows are whitened first.
 //!
-//! σ and σm are the most probable ones [MacKay 1992], σm with a half-Cauchy prior [Gelman 2006]; σc comes from an analysis of variance. The
-//! posterior of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is an error of it, and it counts as
-//! one standard deviation beside those of the covariance. With many poses, u is known and the error tends to the mean: it
-//! neither vanishes nor grows.
+//! σ and σm are the most probable ones [MacKay 1992], σm with a half-Cauchy prior [Gelman 2006]; σc comes from an analysis of variance. The posterior
+//! of δ and u has a mean and a covariance. The identified robot has δ = 0 and u = 0, so the mean is an error of it. The mean counts as one more
+//! standard deviation in addition to those of the covariance. With many poses, u is known and the error tends to the mean: it neither vanishes nor
+//! grows.
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::t_half_width;
@@ -25,34 +24,35 @@ pub use crate::identification::uncertainty_problem::Session;
 use crate::identification::uncertainty_problem::{Rows, Solved};
 use nalgebra::{DMatrix, Vector3};
 
-/// Errors of an identification, one standard deviation.
+/// Errors of an identification, as standard deviations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
     /// σ, mm: white noise of one coordinate of a point of weight 1.
     pub noise_std_mm: f64,
-    /// σc, mm: what points of one configuration share; 0 where it does not stand out.
+    /// σc, mm: error that points of one configuration share; 0 if it is not significant.
     pub configuration_std_mm: f64,
-    /// σm, rad per unit feature; 0 where it does not stand out.
+    /// σm, rad per unit feature; 0 if it is not significant.
     pub misfit_std_rad: f64,
-    /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none where σm is 0). Each column is
-    /// one standard deviation of an independent cause; the last one is the mean of the posterior.
+    /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none if σm is 0). Each column is one
+    /// standard deviation of an independent cause. The last column is the mean of the posterior.
     pub root: DMatrix<f64>,
-    /// How the noise alone moves the most probable values, (p + m) × k.
+    /// Effect of the noise alone on the most probable values, (p + m) × k.
     pub of_noise: DMatrix<f64>,
-    /// One standard deviation of the prior of each parameter and feature, mm or rad.
+    /// Prior standard deviation of each parameter and feature, mm or rad.
     pub prior_std: Vec<f64>,
-    /// What the features were made of.
+    /// The misfit that the features belong to.
     pub features: Misfit,
     /// Number of parameters, p.
     pub n_parameters: usize,
-    /// Rows less the coordinates that they determine; of the configurations' means where configurations share errors.
+    /// Degrees of freedom: number of rows minus the number of coordinates that they determine. If configurations share errors, the means of
+    /// configurations count instead of rows.
     pub freedom: f64,
-    /// How far the identified robot is from the minimum of its cost, in its own standard deviations (root mean square over the combinations that
-    /// the points determine): what is said here is said of that minimum.
+    /// Distance of the identified robot from the minimum of its cost, in its own standard deviations (root mean square over the combinations that the
+    /// points determine). The uncertainty holds at that minimum.
     pub stds_from_minimum: f64,
 }
 
-/// `None` where the equations cannot be solved.
+/// The uncertainty of a session's identification. `None` if the equations cannot be solved.
 pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let rows = Rows::new(&session);
     let columns = &rows.columns;
@@ -70,7 +70,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
         posterior,
         misfit_std_rad,
     } = solved;
-    // where stations stand is of no use to others
+    // the placements of stations are not needed outside
     let stations = columns.n_parameters..columns.without_features();
     let kept: Vec<usize> = (0..posterior.step.len())
         .filter(|j| !stations.contains(j))
@@ -112,12 +112,12 @@ impl Uncertainty {
         root * root.transpose()
     }
 
-    /// How far the most probable value of a parameter is from the identified one, mm or rad.
+    /// Difference between the most probable value of a parameter and the identified one, mm or rad.
     pub fn mean(&self, parameter: usize) -> f64 {
         self.root[(parameter, self.root.ncols() - 1)]
     }
 
-    /// By how much the most probable value of a parameter follows when another one changes by 1: an entry of I − C·P⁻¹.
+    /// Change of a parameter's most probable value if another parameter changes by 1: an entry of I − C·P⁻¹.
     pub fn shown(&self, parameter: usize, changed: usize) -> f64 {
         let root = self.root.columns(0, self.root.ncols() - 1);
         let covariance = root.row(parameter).dot(&root.row(changed));
@@ -131,17 +131,17 @@ impl Uncertainty {
         r.transpose()
     }
 
-    /// One standard deviation of a parameter, mm or rad.
+    /// Standard deviation of a parameter, mm or rad.
     pub fn std(&self, parameter: usize) -> f64 {
         self.root.row(parameter).norm()
     }
 
-    /// Half-width of the interval that holds the parameter with probability `confidence`, mm or rad.
+    /// Half-width of the interval that contains the parameter with probability `confidence`, mm or rad.
     pub fn half_width(&self, parameter: usize, confidence: f64) -> f64 {
         t_half_width(confidence, self.freedom) * self.std(parameter)
     }
 
-    /// One standard deviation (3-D: the root of the three variances' sum) of where `model` predicts a target, mm.
+    /// Standard deviation (3-D: the root of the sum of three variances) of the target position predicted by `model`, mm.
     pub fn position_std_mm(
         &self,
         model: &KinematicModel,
@@ -153,7 +153,7 @@ impl Uncertainty {
             .norm()
     }
 
-    /// Half-width, along each axis of the measuring frame, of the interval that holds where a target is with probability `confidence`, mm.
+    /// Half-width of the interval that contains the target position with probability `confidence`, along each axis of the measuring frame, mm.
     pub fn position_half_widths_mm(
         &self,
         model: &KinematicModel,
@@ -166,7 +166,7 @@ impl Uncertainty {
         [0, 1, 2].map(|axis| half * errors.row(axis).norm())
     }
 
-    /// What each cause moves a target by, mm: 3 × k, in the measuring frame.
+    /// Displacement of a target by each cause, mm: 3 × k, in the measuring frame.
     fn position_errors_mm(
         &self,
         model: &KinematicModel,

@@ -1,4 +1,4 @@
-//! The wider problem of [`uncertainty`](super::uncertainty): its rows, and their solution.
+//! The rows of the wider problem of [`uncertainty`](super::uncertainty), and their solution.
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
@@ -9,17 +9,17 @@ use crate::identification::problem::Problem;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Scale of the half-Cauchy prior of σm, rad: joints that turn by 0.3 mrad under the weight of an arm's end are usual.
+/// Scale of the half-Cauchy prior of σm, rad: joints usually rotate by 0.3 mrad under the weight of an arm's end.
 const USUAL_MISFIT_RAD: f64 = 3e-4;
-/// Searches of σm, each with the noise of the one before.
+/// Number of searches for σm, each with the noise of the previous one.
 const SEARCHES: usize = 3;
-/// What configurations share counts where chance would show as much in fewer cases than these.
+/// Significance level for errors that configurations share.
 const CHANCE: f64 = 0.05;
-/// σc²/σ² where the points of a configuration agree to the last bit.
+/// Maximum of σc²/σ², for points of a configuration that agree to the last bit.
 const MOST_SHARED: f64 = 1e6;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 1000;
-/// Points that are reduced to a triangle at once: memory does not grow with the points.
+/// Number of points that are reduced to a triangle at once, so that memory does not grow with the points.
 const POINTS_AT_ONCE: usize = 200;
 
 /// The points of a session at its fit.
@@ -28,16 +28,16 @@ pub struct Session<'a> {
     pub model: &'a KinematicModel,
     /// Its problem, with the priors of its parameters.
     pub problem: &'a Problem<'a>,
-    /// The problem's observations, every one with some weight. A pose is two of them, three rows each: its position without, then the same with
-    /// its rotation.
+    /// The problem's observations, all with nonzero weight. A pose is two observations with three rows each: its position without the rotation, then
+    /// the same with the rotation.
     pub observations: &'a [Observation],
-    /// The number of each observation's configuration.
+    /// Configuration number of each observation.
     pub configurations: &'a [usize],
-    /// The instrument's station of each observation, from 0; `None` for the one in whose frame the model stands.
+    /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
     pub stations: &'a [Option<usize>],
-    /// What links cannot say.
+    /// The misfit of the links.
     pub misfit: Misfit,
-    /// Asked between parts of the work; once it says no, the answer is of no use.
+    /// Asked between parts of the work whether to go on. After a stop the result is not valid.
     pub watch: &'a Watch<'a>,
 }
 
@@ -58,35 +58,35 @@ impl Columns {
     }
 }
 
-/// Where the three rows of an observation are: the block of its measurement, and the first of them there.
+/// Place of the three rows of an observation: the block of its measurement, and the first of the rows there.
 struct Place {
     block: usize,
     first: usize,
 }
 
-/// The rows of a session: the identified robot's coordinates, and the points of each configuration.
+/// The rows of a session, with the identified robot's coordinates and the points of each configuration.
 pub(super) struct Rows<'a> {
     session: &'a Session<'a>,
     pub(super) columns: Columns,
     x: Vec<f64>,
     points_of: Vec<Vec<usize>>,
-    /// Where each observation's rows are.
+    /// Place of each observation's rows.
     places: Vec<Place>,
 }
 
-/// How a station that is turned turns a pose that was measured from it, by its rotation rows; `None` of positions.
+/// Effect of a station's rotation on the rotation rows of a pose that was measured from it; `None` for positions.
 fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<f64>> {
     let measured = o.rotation.as_ref()?;
     let predicted = model.rotation(&o.q_rad, o.target)?;
     Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
 }
 
-/// How what the points of a configuration share enters their rows: rows = A·c, A = one block of 3 × 3 a point.
+/// Effect of the error that the points of a configuration share on their rows: rows = A·c, with one 3 × 3 block of A per point.
 enum Common {
-    /// A block is the square root of the point's weight times 1.
+    /// Isotropic noise: a block is the square root of the point's weight times 1.
     Alike { roots: Vec<f64>, weight: f64 },
-    /// Or that times what whitens the point's noise. Columns of `along`, 3·N × 3, are orthonormal and span those of A; `weights` are the
-    /// eigenvalues of AᵀA.
+    /// Noise that differs between directions: a block is in addition multiplied by the point's whitening matrix. Columns of `along`, 3·N × 3, are
+    /// orthonormal and span those of A; `weights` are the eigenvalues of AᵀA.
     Uneven {
         along: DMatrix<f64>,
         weights: Vector3<f64>,
@@ -94,7 +94,7 @@ enum Common {
 }
 
 impl Common {
-    /// Weight of the mean, of an axis.
+    /// Weight of the mean, per axis.
     fn weight(&self) -> f64 {
         match self {
             Self::Alike { weight, .. } => *weight,
@@ -102,7 +102,7 @@ impl Common {
         }
     }
 
-    /// Rows that take the three means of some rows: 3 × 3·N, orthonormal.
+    /// Rows that form the three means of some rows: 3 × 3·N, orthonormal.
     fn means(&self, n_rows: usize) -> DMatrix<f64> {
         match self {
             Self::Alike { roots, weight } => {
@@ -117,7 +117,7 @@ impl Common {
     }
 }
 
-/// What the points of several configurations share.
+/// Error that the points of configurations share.
 #[derive(Clone, Copy)]
 pub(super) struct Shared {
     /// σc²/σ².
@@ -214,7 +214,7 @@ impl<'a> Rows<'a> {
                     )
                     .copy_from(&-misfit.turns(model, o));
             }
-            // a station that stands elsewhere moves what was measured from it
+            // a displaced station moves what was measured from it
             if let Some(station) = stations[*point] {
                 let first = self.columns.n_parameters + 6 * station;
                 if let Some(turned) = turned_by_station(model, o) {
@@ -238,8 +238,8 @@ impl<'a> Rows<'a> {
         (matrix, residuals)
     }
 
-    /// As [`Self::of`] for the points of a configuration, with what they share whitened: along their mean, rows are divided by sqrt(1 + ρ·L), L
-    /// the sum of their weights.
+    /// As [`Self::of`] for the points of a configuration, with their shared error whitened: along their mean, rows are divided by sqrt(1 + ρ·L), with
+    /// L the sum of their weights.
     fn whitened(&self, points: &[usize], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
         let (mut matrix, mut residuals) = self.of(points);
         if ratio == 0.0 {
@@ -260,7 +260,7 @@ impl<'a> Rows<'a> {
                     }
                 }
             }
-            // V = 1 + ρ·A·Aᵀ, whose eigenvectors beside 1 are `along`
+            // V = 1 + ρ·A·Aᵀ has the eigenvectors `along`; all other eigenvalues are 1
             Common::Uneven { along, weights } => {
                 let less = weights.map(|weight| 1.0 - 1.0 / (1.0 + ratio * weight).sqrt());
                 for column in columns {
@@ -274,7 +274,7 @@ impl<'a> Rows<'a> {
         (matrix, residuals)
     }
 
-    /// How what some points share enters their rows.
+    /// Effect of the error that some points share on their rows.
     fn common(&self, points: &[usize]) -> Common {
         let all = self.session.observations;
         let root = |point: &usize| all[*point].weight.sqrt();
@@ -297,7 +297,7 @@ impl<'a> Rows<'a> {
             let weight = square.trace() / 3.0;
             return Common::Alike { roots, weight };
         };
-        // blocks are invertible, so that the eigenvalues are positive
+        // blocks are invertible, so the eigenvalues are positive
         let over = eigen.eigenvalues.map(|weight| 1.0 / weight.sqrt());
         let along = a * (eigen.eigenvectors * Matrix3::from_diagonal(&over));
         Common::Uneven {
@@ -326,7 +326,7 @@ impl<'a> Rows<'a> {
         triangle
     }
 
-    /// Analysis of variance of what is left: between the means of configurations, and within them.
+    /// Analysis of variance of the residuals: between the means of configurations, and within configurations.
     pub(super) fn shared(&self, solved: &Solved) -> Shared {
         let posterior = &solved.posterior;
         let n = posterior.step.len();
@@ -378,7 +378,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// The wider problem, solved.
+/// Solution of the wider problem.
 pub(super) struct Solved {
     pub(super) triangle: Triangle,
     pub(super) evidence: Evidence,
@@ -387,7 +387,7 @@ pub(super) struct Solved {
 }
 
 impl Rows<'_> {
-    /// The posterior, with σm and σ. `links` has the widths that the estimate of links alone has found.
+    /// The posterior, with σm and σ. `links` has the widths of the estimate of links alone.
     pub(super) fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
         let (columns, problem) = (&self.columns, self.session.problem);
         let least_mm = problem.least_sigma_mm;

@@ -1,20 +1,20 @@
-//! How large the misfit of a model is: σm², where residuals have the variance σ²·I + σm²·Φ·Φᵀ outside of what a fit can follow.
+//! Size of a model's misfit: σm², if the residuals have the variance σ²·I + σm²·Φ·Φᵀ outside the space that a fit can follow.
 //!
-//! The eigenvectors of ΦᵀΦ there split the residuals into independent ones, so that the likelihood of each ratio σm²/σ² is a sum. It is
-//! the restricted likelihood [Patterson & Thompson 1971].
+//! The eigenvectors of ΦᵀΦ in that space split the residuals into independent parts, so that the likelihood of each ratio σm²/σ² is a sum. It is the
+//! restricted likelihood (REML) [Patterson & Thompson 1971].
 
 use crate::solvers::products::{less_product, transposed_times};
 use nalgebra::{DMatrix, DVector};
 
-/// A misfit is kept if its likelihood ratio is above the square of this: the upper 5 % at the boundary (Self & Liang 1987).
+/// A misfit is kept if its likelihood ratio statistic exceeds the square of this: the upper 5 % at the boundary (Self & Liang 1987).
 const KEPT_ABOVE: f64 = 1.645;
-/// Ratios σm²/σ² that are tried, as powers of ten per unit feature of 1 mm: from invisible to all there is.
+/// Range of the ratios σm²/σ² that are tried, as powers of ten per unit feature of 1 mm: from invisible to dominant.
 const LOG10_RATIO: (f64, f64) = (-8.0, 12.0);
-/// Points of the grid over them.
+/// Number of grid points over this range.
 const GRID: usize = 81;
-/// Golden sections around the best of them: the bracket shrinks by 0.618 each.
+/// Number of golden-section steps around the best grid point; each shrinks the bracket by 0.618.
 const SECTIONS: usize = 40;
-/// Features below this share of the largest tell nothing.
+/// Features with eigenvalues below this share of the largest carry no information.
 const NEGLIGIBLE: f64 = 1e-12;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
@@ -28,8 +28,8 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Of residuals and features outside of what a fit can follow, with `n_free` degrees of freedom. `rest` is the sum of squares of further
-    /// residuals that do not depend on features.
+    /// Spectrum of residuals and features outside the space that a fit can follow, with `n_free` degrees of freedom. `rest` is the sum of squares of
+    /// further residuals that do not depend on features.
     pub fn new(
         residuals: &DVector<f64>,
         features: &DMatrix<f64>,
@@ -62,7 +62,7 @@ impl Spectrum {
         })
     }
 
-    /// σ² for a ratio σm²/σ².
+    /// Estimate of σ² for a given ratio σm²/σ².
     fn noise_variance(&self, ratio: f64) -> f64 {
         let along: f64 = self
             .squares
@@ -83,8 +83,8 @@ impl Spectrum {
         self.n_free * libm::log(self.noise_variance(ratio).max(f64::MIN_POSITIVE)) + volume
     }
 
-    /// The most probable σm beside noise of standard deviation σ, with a half-Cauchy prior of this scale [Gelman 2006]. It is 0 where white
-    /// noise alone would show as much in one of twenty cases.
+    /// The most probable σm for noise of standard deviation σ, with a half-Cauchy prior of scale `usual_std` [Gelman 2006]. It is 0 if it is not
+    /// significant at the 5 % level.
     pub fn most_probable(&self, usual_std: f64, noise_std: f64) -> f64 {
         let deviance = |ratio: f64| {
             let std = ratio.sqrt() * noise_std / usual_std;
@@ -98,7 +98,7 @@ impl Spectrum {
     }
 }
 
-/// The ratio of smallest deviance: a grid over its logarithm, then golden sections.
+/// The ratio with the smallest deviance: a grid over its logarithm, then golden-section search.
 fn smallest(deviance: impl Fn(f64) -> f64) -> f64 {
     let at = |log10: f64| deviance(libm::pow(10.0, log10));
     let step = (LOG10_RATIO.1 - LOG10_RATIO.0) / (GRID - 1) as f64;
@@ -120,7 +120,7 @@ fn smallest(deviance: impl Fn(f64) -> f64) -> f64 {
     libm::pow(10.0, 0.5 * (low + high))
 }
 
-/// As [`misfit_ratio`], 0 where white noise alone would show as much in one of twenty cases; with 2·log of the likelihoods' ratio.
+/// As [`misfit_ratio`], but 0 if it is not significant at the 5 % level. Also returns 2·log of the likelihood ratio.
 pub fn kept_ratio(
     residuals: &DVector<f64>,
     basis: &DMatrix<f64>,
@@ -138,8 +138,8 @@ pub fn kept_ratio(
     })
 }
 
-/// σm²/σ²: how much more than white noise the residuals of a fit follow the features of the misfit. `basis` spans what the fit can
-/// change, with orthonormal columns.
+/// σm²/σ²: variance of the residuals of a fit along the features of the misfit, relative to white noise. `basis` spans the changes that the fit can
+/// make, with orthonormal columns.
 pub fn misfit_ratio(
     residuals: &DVector<f64>,
     basis: &DMatrix<f64>,

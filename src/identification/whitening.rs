@@ -1,4 +1,4 @@
-//! The linear problem at a fit, where the errors of the points are not independent: robots err as a smooth function of their joints.
+//! The linear problem at a fit with correlated errors: a robot's errors are a smooth function of its joints.
 
 use crate::identification::outliers::Linearised;
 use crate::identification::variance::misfit_ratio;
@@ -7,7 +7,7 @@ use crate::solvers::products::{less_product, transposed_times};
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector};
 
-/// Features below this share of the largest tell nothing.
+/// Features with eigenvalues below this share of the largest carry no information.
 const NEGLIGIBLE: f64 = 1e-12;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
@@ -58,15 +58,15 @@ impl Whitener {
     }
 }
 
-/// The linear problem at a fit, with V^(-1/2) from the left where V = I + λ·Φ·Φᵀ.
+/// The linear problem at a fit, multiplied from the left by V^(-1/2), with V = I + λ·Φ·Φᵀ.
 pub struct Whitened {
-    /// V^(-1/2)·y, outside what the parameters can change; 3·N.
+    /// V^(-1/2)·y, projected out of the changes that parameters can make; 3·N.
     pub residuals: DVector<f64>,
-    /// V^(-1/2) times that: Bᵀ of it is the score of a change B.
+    /// V^(-1/2) times these residuals: its product with Bᵀ is the score of a change B.
     pub scores: DVector<f64>,
-    /// E, with BᵀB − BᵀE·EᵀB the square of what the parameters and V leave of B.
+    /// E, with BᵀB − BᵀE·EᵀB the normal matrix of the part of B that parameters and V leave.
     pub basis: DMatrix<f64>,
-    /// Combinations fitted.
+    /// Number of fitted combinations.
     pub n_fitted: usize,
 }
 
@@ -86,7 +86,7 @@ impl Whitened {
         })
     }
 
-    /// With a ratio λ that is known. `None` where it cannot be, or once the watch says no.
+    /// With a given ratio λ. `None` if the decomposition fails, or when the watch stops.
     pub fn with_ratio(
         linear: &Linearised,
         features: &DMatrix<f64>,
@@ -121,8 +121,8 @@ impl Whitened {
         })
     }
 
-    /// By how much the weighted sum of squares falls if some columns are fitted as well, and their coefficients with the inverse of their normal
-    /// matrix. `None` where the others leave nothing of them.
+    /// Reduction of the weighted sum of squares if some columns are fitted as well, with their coefficients and the inverse of their normal matrix.
+    /// `None` if the fitted parameters leave nothing of these columns.
     pub fn fitted(&self, columns: &DMatrix<f64>) -> Option<Gain> {
         let along = transposed_times(&self.basis, columns);
         let square = transposed_times(columns, columns) - along.tr_mul(&along);
@@ -137,11 +137,11 @@ impl Whitened {
     }
 }
 
-/// What further columns gain.
+/// Gain by further columns.
 pub struct Gain {
-    /// Fall of the sum of squares, mm².
+    /// Reduction of the sum of squares, mm².
     pub gain: f64,
-    /// Of the columns.
+    /// Coefficients of the columns.
     pub coefficients: DVector<f64>,
     /// Their covariance for σ = 1.
     pub inverse: DMatrix<f64>,

@@ -1,4 +1,4 @@
-//! How well a calibrated robot is known over its workspace.
+//! Uncertainty of a calibrated robot over its workspace.
 
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
@@ -8,9 +8,9 @@ use crate::kinematics::Robot;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Random configurations that stand for the workspace: their mean is known to about 2 %.
+/// Number of random configurations that represent the workspace: their mean is known to about 2 %.
 const N_CONFIGURATIONS: usize = 256;
-/// Seed of these configurations: the same for every robot and job, so that numbers can be compared.
+/// Seed of these configurations. It is the same for every robot and job, so that results can be compared.
 const SEED: u64 = 0;
 
 /// Predicted uncertainty of the tool's position over the workspace, one standard deviation, mm.
@@ -18,12 +18,12 @@ const SEED: u64 = 0;
 pub struct ToolUncertainty {
     /// Mean over configurations.
     pub mean_mm: f64,
-    /// Largest.
+    /// Largest value.
     pub max_mm: f64,
 }
 
-/// The tool's uncertainty at random configurations of the workspace: within the joint limits, where they are known; elsewhere over what
-/// was measured, and at least a quarter turn to both sides of its middle. The largest of the targets counts.
+/// The tool's uncertainty at random configurations of the workspace. A joint's range is its limits, if they are known. Otherwise it is the measured
+/// range, extended to at least a quarter turn to both sides of its middle. The target with the largest uncertainty counts.
 pub fn tool_uncertainty(
     robot: &Robot,
     model: &KinematicModel,
@@ -54,8 +54,8 @@ pub fn tool_uncertainty(
     }
 }
 
-/// Random configurations within the joint limits, rad, in the controller's convention; a quarter turn to both sides of 0 where a limit is
-/// unknown, and no more than a turn where it is wider.
+/// Random configurations within the joint limits, rad, in the controller's convention. Without a limit, the range is a quarter turn to both sides of
+/// 0. A range is at most one turn.
 pub fn random_configurations(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let ranges: Vec<(f64, f64)> = robot
@@ -73,7 +73,7 @@ pub fn random_configurations(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>
         .collect()
 }
 
-/// Limits, cut to half a turn to both sides of 0, or of their middle where 0 is outside.
+/// Limits, cut to half a turn to both sides of 0, or of their middle if 0 is outside.
 fn within_a_turn((low, high): (f64, f64)) -> (f64, f64) {
     let middle = if low <= 0.0 && high >= 0.0 {
         0.0
@@ -83,7 +83,7 @@ fn within_a_turn((low, high): (f64, f64)) -> (f64, f64) {
     (low.max(middle - PI), high.min(middle + PI))
 }
 
-/// Range of a joint, rad, in the model's convention. Limits are the controller's: with a joint map they are not used.
+/// Range of a joint, rad, in the model's convention. Limits are in the controller's convention, so they are not used with a joint map.
 fn range(robot: &Robot, observations: &[Observation], joint: usize) -> (f64, f64) {
     let limits = robot
         .joint_limits_rad

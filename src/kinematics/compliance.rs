@@ -1,11 +1,11 @@
-//! Forward kinematics with corrections, the readable form:
+//! Forward kinematics with corrections, in readable form:
 //!
 //! `T_base_flange = Trans(net(q)) · Rot(B ∘ M₀) · Π [Rx(α)·Dx(a)·Ry(β)·Rz(q + θ + h(q))·Dz(d)·Rot(K_i ∘ M_i)]`
 //!
-//! with the moments of gravity `M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g` about the origin of frame i, in its axes, and M₀ the
-//! same about the base's origin. Rot(w) is the rotation of a rotation vector, ∘ the product axis by axis, h the joint's harmonics, o_j and R_j
-//! origin and axes of frame j in the base frame. Moments are taken on the chain without corrections (what gives moves the masses by a
-//! thousandth) and with lengths in metres.
+//! with the moments of gravity `M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g` about the origin of frame i, in its axes, and M₀ the same about
+//! the base's origin. Rot(w) is the rotation of a rotation vector, ∘ the product axis by axis, h the joint's harmonics, o_j and R_j origin and axes
+//! of frame j in the base frame. Moments are computed on the chain without corrections (deflection moves the masses by a thousandth) and with lengths
+//! in metres.
 
 use crate::kinematics::corrections::{Compliance, Corrections};
 use crate::kinematics::forward::t_previous_link;
@@ -36,18 +36,18 @@ pub fn rigid_chain(links: &[Link], q_rad: &[f64]) -> Vec<IsometryMatrix3<f64>> {
     links.iter().zip(q_rad).map(&mut next).collect()
 }
 
-/// First moments of what gravity pulls at, in the axes of the base frame, mass units × metres.
+/// First moments of the masses under gravity, in the axes of the base frame, mass units × metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FirstMoments {
-    /// Of all masses about the base's origin.
+    /// First moment of all masses about the base's origin.
     pub base: Vector3<f64>,
-    /// Of the masses from each link outwards, about the origin of its frame.
+    /// First moment of the masses from each link outwards, about the origin of its frame.
     pub joints: Vec<Vector3<f64>>,
 }
 
-/// First moments at the frames of [`rigid_chain`].
+/// First moments for the frames of [`rigid_chain`].
 pub fn first_moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) -> FirstMoments {
-    // outboard mass, and its first moment about the base's origin, from the flange inwards
+    // mass from the flange inwards, and its first moment about the base's origin
     let (mut mass, mut about_base) = (0.0, Vector3::zeros());
     if let (Some(payload), Some(flange)) = (&compliance.payload, chain.last()) {
         mass = payload.mass_kg / compliance.mass_unit_kg;
@@ -83,7 +83,7 @@ pub fn moments(chain: &[IsometryMatrix3<f64>], compliance: &Compliance) -> Momen
     }
 }
 
-/// Flange in the base frame, corrections included; with none it is [`t_base_flange`](crate::kinematics::t_base_flange).
+/// Flange in the base frame, with corrections. Without any correction it equals [`t_base_flange`](crate::kinematics::t_base_flange).
 pub fn t_base_flange_corrected(
     links: &[Link],
     corrections: &Corrections,

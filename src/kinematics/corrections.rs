@@ -1,27 +1,27 @@
-//! What link parameters cannot say, as plain data: joints and a base that give under gravity, joints whose transmission is eccentric, and
-//! a network for the rest. How they act is in [`compliance`](crate::kinematics::compliance).
+//! Corrections of effects that link parameters cannot describe, as plain data: joints and a base that deflect under gravity, joints with eccentric
+//! transmissions, and a network for the rest. [`compliance`](crate::kinematics::compliance) applies them.
 
 use crate::kinematics::Mounting;
 use nalgebra::Vector3;
 
 /// Highest multiple of a joint value among its harmonics.
 pub const HARMONIC_ORDERS: usize = 2;
-/// Kilograms that one unit of mass stands for where a payload is given in kilograms and nothing else says how heavy the links are.
+/// Kilograms per unit of mass, for a payload that is given in kilograms while the weight of the links is not stated.
 pub const MASS_UNIT_KG: f64 = 10.0;
 
-/// Everything beyond links, for a robot of n links.
+/// All corrections in addition to the links, for a robot of n links.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Corrections {
-    /// What gives under gravity.
+    /// Deflection under gravity.
     pub compliance: Compliance,
-    /// Of each joint, by order: the k-th entry turns with (k + 1)·q.
+    /// Harmonics of each joint, by order: the k-th entry has the phase (k + 1)·q.
     pub harmonics: Vec<Vec<Harmonic>>,
-    /// What is left as a function of the joints.
+    /// Remaining displacement as a function of the joints.
     pub residual: Option<ResidualNetwork>,
 }
 
-/// Gravity, what it pulls at, and what gives. Moments are in units of mass times metres (gravity counts 1), so that only the product of
-/// masses and compliances has a meaning.
+/// Gravity, masses and compliances. Moments are in units of mass times metres (gravity counts 1), so that only the product of masses and compliances
+/// has a meaning.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compliance {
     /// Unit vector along gravity, in the base frame.
@@ -30,22 +30,22 @@ pub struct Compliance {
     pub masses: Vec<f64>,
     /// First moment c_j of each link's mass about the origin of its frame, in that frame: mass × metres.
     pub first_moments_m: Vec<Vector3<f64>>,
-    /// K_i: turn of each joint's frame about its x, y and z per unit moment about that axis, rad.
+    /// K_i: rotation of each joint's frame about its x, y and z per unit moment about that axis, rad.
     pub joints_rad: Vec<Vector3<f64>>,
-    /// B: turn of the base about x, y and z of the base frame per unit moment, rad.
+    /// B: rotation of the base about x, y and z of the base frame per unit moment, rad.
     pub base_rad: Vector3<f64>,
-    /// What the flange carries; `None` where it is the same as when the robot was identified, or unknown.
+    /// Payload on the flange; `None` if it is the same as at the identification, or unknown.
     pub payload: Option<Payload>,
     /// Kilograms per unit of mass.
     pub mass_unit_kg: f64,
 }
 
-/// What hangs on the flange.
+/// Payload on the flange.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Payload {
     /// Mass, kg.
     pub mass_kg: f64,
-    /// Its centre in the flange frame, mm.
+    /// Centre of mass in the flange frame, mm.
     pub centre_mm: Vector3<f64>,
 }
 
@@ -58,13 +58,13 @@ pub struct Harmonic {
     pub cos_rad: f64,
 }
 
-/// Joint values → displacement of the flange in the base frame: single hidden layer,
-/// y = scale · (W₂·tanh(W₁·x − T₁) − T₂) with x_j = (q_j − centre_j) / half_range_j.
+/// Network from joint values to the displacement of the flange in the base frame. It has a single hidden layer: y = scale · (W₂·tanh(W₁·x − T₁) − T₂)
+/// with x_j = (q_j − centre_j) / half_range_j.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResidualNetwork {
     /// Middle of each joint's input range, rad.
     pub centre_rad: Vec<f64>,
-    /// Half of it, rad.
+    /// Half of each joint's input range, rad.
     pub half_range_rad: Vec<f64>,
     /// W₁: n_hidden × n_joints, row-major.
     pub hidden_weights: Vec<f64>,
@@ -78,11 +78,11 @@ pub struct ResidualNetwork {
     pub scale_mm: f64,
 }
 
-/// First guess of where masses sit on an arm of n links: 1 at the elbow's frame, 1 at the wrist's, 0.5 at the flange's; links 3, 5 and 6 of
-/// a six-axis arm. Only their ratios matter much: compliance takes up the rest.
+/// First estimate of the masses on an arm of n links: 1 at the elbow's frame, 1 at the wrist's, 0.5 at the flange's; these are links 3, 5 and 6 of a
+/// six-axis arm. Mainly their ratios matter: the compliances absorb the rest.
 pub fn usual_masses(n_links: usize) -> Vec<f64> {
     let mut masses = vec![0.0; n_links];
-    // a seventh axis sits in the upper arm: the elbow is one frame further out
+    // a seventh axis is in the upper arm, so the elbow is one frame further out
     let elbow = if n_links > 6 { 3 } else { 2.min(n_links - 1) };
     masses[elbow] += 1.0;
     masses[n_links.saturating_sub(2)] += 1.0;
@@ -91,7 +91,7 @@ pub fn usual_masses(n_links: usize) -> Vec<f64> {
 }
 
 impl Corrections {
-    /// None at all: the robot is its links.
+    /// No corrections: the robot is described by its links.
     pub fn none(n_links: usize, mounting: &Mounting) -> Self {
         Self {
             compliance: Compliance {
@@ -108,7 +108,7 @@ impl Corrections {
         }
     }
 
-    /// What the harmonics add to the value of a joint, rad.
+    /// Sum of the harmonics that is added to a joint's value, rad.
     pub fn harmonic_rad(&self, joint: usize, q_rad: f64) -> f64 {
         self.harmonics[joint]
             .iter()
@@ -121,7 +121,7 @@ impl Corrections {
 }
 
 impl ResidualNetwork {
-    /// Displacement of the flange, and with it of every target, in the base frame, mm.
+    /// Displacement of the flange, and so of every target, in the base frame, mm.
     pub fn displacement_mm(&self, q_rad: &[f64]) -> Vector3<f64> {
         let n_inputs = self.centre_rad.len();
         let inputs: Vec<f64> = q_rad

@@ -45,7 +45,7 @@ pub fn t_base_flange(links: &[Link], q_rad: &[f64]) -> IsometryMatrix3<f64> {
         })
 }
 
-/// Position of a target that sits at `p_flange_target_mm` in the flange frame, in the base frame, mm.
+/// Position of a target in the base frame, mm; `p_flange_target_mm` is its position in the flange frame.
 pub fn forward_kinematics(
     links: &[Link],
     q_rad: &[f64],

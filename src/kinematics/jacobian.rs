@@ -1,7 +1,7 @@
-//! The analytic identification Jacobian: how a target's position moves with every kinematic parameter.
+//! The analytic identification Jacobian: derivatives of a target's position with respect to every kinematic parameter.
 //!
-//! Each parameter is a screw about or along an axis that the chain has at that place, so its column is the axis
-//! itself (lengths) or axis × lever arm (angles); see Craig, Introduction to Robotics, ch. 5, for the pattern.
+//! Each parameter is a screw about or along an axis of the chain at that place. Its column is the axis itself (lengths) or axis × lever arm (angles);
+//! see Craig, Introduction to Robotics, ch. 5, for the pattern.
 
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::Link;
@@ -20,7 +20,7 @@ pub struct LinkColumns {
     pub theta_offset: Vector3<f64>,
     /// ∂p/∂beta, mm/rad.
     pub beta: Vector3<f64>,
-    /// The axis about which beta turns. Those of alpha and theta_offset are `a` and `d`.
+    /// Axis of beta. Those of alpha and theta_offset are `a` and `d`.
     pub beta_axis: Vector3<f64>,
 }
 
@@ -63,7 +63,7 @@ pub fn position_jacobian(
     }
 }
 
-/// As [`position_jacobian`], of a robot whose flange is known in the measuring frame: there are no links to derive by.
+/// As [`position_jacobian`], for a robot whose flange is known in the measuring frame. There are no derivatives by links.
 pub fn placement_jacobian(
     t_instrument_base: &IsometryMatrix3<f64>,
     t_instrument_flange: &IsometryMatrix3<f64>,

@@ -1,5 +1,5 @@
-//! The robot's geometry: modified Denavit-Hartenberg (Craig) links, forward kinematics and its derivatives; and what
-//! links cannot say: compliance under gravity, harmonics of the joints, a residual network.
+//! The robot's geometry: modified Denavit-Hartenberg (Craig) links, forward kinematics and its derivatives. Also the corrections of effects that
+//! links cannot describe: compliance under gravity, harmonics of the joints, a residual network.
 
 pub mod batch;
 pub mod compliance;

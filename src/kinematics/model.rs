@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-/// Most links a robot may have; more than any industrial arm on a track with a wrist extension.
+/// Maximum number of links of a robot: more than any industrial arm on a track with a wrist extension has.
 pub const MAX_LINKS: usize = 12;
 
 /// One link in modified Denavit-Hartenberg form (Craig), with Hayati's second tilt beta:
@@ -21,14 +21,14 @@ pub struct Link {
     pub beta_rad: f64,
 }
 
-/// From the controller's joint values to the model's: `q_model = coupling · (sign ∘ q_controller) + offset`.
+/// Conversion of the controller's joint values to the model's: `q_model = coupling · (sign ∘ q_controller) + offset`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointMap {
     /// +1 or -1 for each joint.
     pub sign: Vec<f64>,
     /// Added last, rad.
     pub offset_rad: Vec<f64>,
-    /// n × n, invertible; identity where joints are not coupled.
+    /// n × n, invertible; the identity if joints are not coupled.
     pub coupling: DMatrix<f64>,
 }
 
@@ -54,12 +54,12 @@ impl JointMap {
     }
 }
 
-/// How the robot stands: the direction of gravity in the base frame.
+/// Mounting of the robot: the direction of gravity in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mounting {
     /// Unit vector along gravity, in the base frame.
     pub gravity_in_base: Vector3<f64>,
-    /// How well that direction is known, rad (one standard deviation).
+    /// Uncertainty of that direction, rad (one standard deviation).
     pub std_rad: f64,
 }
 
@@ -68,19 +68,19 @@ pub struct Mounting {
 pub struct Robot {
     /// Links 1..n in order, base to flange.
     pub links: Vec<Link>,
-    /// Lower and upper limit of each joint, rad, where known.
+    /// Lower and upper limit of each joint, rad, if known.
     pub joint_limits_rad: Vec<Option<(f64, f64)>>,
-    /// The controller's joint convention, where it differs from the model's.
+    /// The controller's joint convention, if it differs from the model's.
     pub joint_map: Option<JointMap>,
-    /// Gravity in the base frame, where known.
+    /// Gravity in the base frame, if known.
     pub mounting: Option<Mounting>,
 }
 
-/// Reach of the arm of which comments say what a share of the reach is in millimetres.
+/// Reach for which comments convert a share of the reach to millimetres.
 pub const USUAL_REACH_MM: f64 = 1700.0;
 
-/// Length of an arm along its links, mm: sum of |a| + |d|. The unit of every length that decides something. An arm without lengths, as of axes that
-/// meet in a point, has all of its reach in tool and targets, which the links do not tell: it counts as [`USUAL_REACH_MM`].
+/// Length of an arm along its links, mm: sum of |a| + |d|. It is the unit of every length that is a threshold. An arm without lengths, for example
+/// one whose axes meet in a point, has all of its reach in tool and targets, which the links do not contain. Its reach counts as [`USUAL_REACH_MM`].
 pub fn reach_mm(links: &[Link]) -> f64 {
     match links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum() {
         0.0 => USUAL_REACH_MM,
@@ -89,7 +89,7 @@ pub fn reach_mm(links: &[Link]) -> f64 {
 }
 
 impl Robot {
-    /// The model's joint values for the controller's, rad: through the joint map where there is one.
+    /// The model's joint values for the controller's, rad, through the joint map if there is one.
     pub fn q_model_rad(&self, q_controller_rad: &[f64]) -> Vec<f64> {
         match &self.joint_map {
             Some(map) => map.to_model(q_controller_rad),

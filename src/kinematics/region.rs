@@ -1,17 +1,18 @@
-//! Where a robot was measured, in its joint space: what was learnt there is not to be trusted far from it.
+//! The region of joint space in which a robot was measured. Corrections that were identified there are not reliable far from it.
 
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
-/// A joint may leave its measured range by this share of it and still count as measured: the outermost of twenty random poses leave a
-/// twentieth free at either end, and physics does not end at the last pose.
+/// A joint may leave its measured range by this share of the range and still count as measured. The outermost of twenty random poses leave a
+/// twentieth free at either end, and the physics stays the same just beyond the last pose.
 const MARGIN: f64 = 0.2;
-/// And by at least this, rad (2°).
+/// Minimum of this margin, rad (2°).
 const LEAST_MARGIN_RAD: f64 = 0.035;
-/// Combinations of joints count as measured up to this multiple of the largest squared (Mahalanobis) distance of a measured pose from
-/// the others: random poses of the same kind stay below.
+/// Combinations of joints count as measured up to this multiple of the largest squared (Mahalanobis) distance of a measured pose from the others.
+/// Random poses of the same kind stay below it.
 const FARTHER: f64 = 1.5;
-/// A pose that the others do not reach at all has a leverage of 1; above this the distance from the others is not told apart from it.
+/// Upper limit of the leverage. A pose that the others do not determine at all has leverage 1; near that, its distance from the others cannot be
+/// computed.
 const HIGHEST_LEVERAGE: f64 = 0.8;
 
 /// The joint values at which a robot was measured.
@@ -25,12 +26,12 @@ pub struct MeasuredRegion {
     pub mean_rad: Vec<f64>,
     /// Lower triangle L, row by row, of the Cholesky factor L·Lᵀ of the joints' covariance, rad.
     pub spread_rad: Vec<f64>,
-    /// Largest squared distance |L⁻¹·(q − mean)|² at which a pose would have been measured: of the measured poses, each from the others.
+    /// Largest squared distance |L⁻¹·(q − mean)|² of a measured pose, each computed from the other poses.
     pub farthest: f64,
 }
 
 impl MeasuredRegion {
-    /// Of some poses (rows of joint values, rad), at least one.
+    /// The region of some poses (rows of joint values, rad), at least one.
     pub fn of<'a>(poses: impl Iterator<Item = &'a [f64]> + Clone, n_joints: usize) -> Self {
         let n = poses.clone().count().max(1) as f64;
         let (mut lowest_rad, mut highest_rad, mut mean_rad) = (
@@ -45,7 +46,7 @@ impl MeasuredRegion {
                 mean_rad[j] += q[j] / n;
             }
         }
-        // a joint that hardly moves is bounded by its range; here it counts as if it had moved by the margin
+        // a joint that hardly moves is limited by its range; here it counts as if it had moved by the margin
         let mut covariance =
             DMatrix::from_diagonal_element(n_joints, n_joints, LEAST_MARGIN_RAD * LEAST_MARGIN_RAD);
         for q in poses.clone() {
@@ -67,7 +68,7 @@ impl MeasuredRegion {
             spread_rad,
             farthest: 0.0,
         };
-        // d² of a pose from the mean and covariance of the others is about d²/(1 − leverage)²
+        // d² of a pose from the mean and covariance of the other poses is about d²/(1 − leverage)²
         let from_others = |distance: f64| {
             let left = 1.0 - ((1.0 + distance) / n).min(HIGHEST_LEVERAGE);
             distance / (left * left)
@@ -78,8 +79,7 @@ impl MeasuredRegion {
         region
     }
 
-    /// How far corrections hold at a pose: 1 where the robot was measured, 0 far from it, and smoothly between. Whole turns of a joint make
-    /// no difference.
+    /// Weight of the corrections at a pose: 1 inside the region, 0 far from it, and smooth in between. Whole turns of a joint make no difference.
     pub fn weight(&self, q_rad: &[f64]) -> f64 {
         let turned: Vec<f64> = (0..q_rad.len())
             .map(|j| self.nearest_turn(j, q_rad[j]))
@@ -99,7 +99,7 @@ impl MeasuredRegion {
         1.0 - t * t * (3.0 - 2.0 * t)
     }
 
-    /// True where corrections hold less than fully.
+    /// True if the weight of the corrections is below 1.
     pub fn is_extrapolated(&self, q_rad: &[f64]) -> bool {
         self.weight(q_rad) < 1.0
     }
@@ -108,7 +108,7 @@ impl MeasuredRegion {
         (MARGIN * (self.highest_rad[joint] - self.lowest_rad[joint])).max(LEAST_MARGIN_RAD)
     }
 
-    /// The joint value, by whole turns nearest to the middle of the measured range.
+    /// The joint value, shifted by whole turns to be nearest to the middle of the measured range.
     fn nearest_turn(&self, joint: usize, q_rad: f64) -> f64 {
         let middle = 0.5 * (self.lowest_rad[joint] + self.highest_rad[joint]);
         q_rad - TAU * ((q_rad - middle) / TAU).round()

@@ -2,7 +2,7 @@
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
-/// Rotation of a rotation vector (Rodrigues' formula).
+/// Rotation for a rotation vector (Rodrigues' formula).
 pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
     let angle = w.norm();
     let k = w.cross_matrix();
@@ -17,7 +17,7 @@ pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(Matrix3::identity() + k * a + k * k * b)
 }
 
-/// Rotation vector of a rotation, the inverse of [`rotation_exp`] below half a turn.
+/// Rotation vector of a rotation: the inverse of [`rotation_exp`] below half a turn.
 pub fn rotation_log(rotation: &Rotation3<f64>) -> Vector3<f64> {
     let m = rotation.matrix();
     let twice_sine = Vector3::new(
@@ -60,7 +60,7 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     ))
 }
 
-/// The pose a part `share` (0 to 1) of the way from one pose to another: along the straight line, and about the axis of the turn.
+/// The pose at the share `share` (0 to 1) of the path from one pose to another: along the straight line, and about the axis of the relative rotation.
 pub fn between(
     from: &IsometryMatrix3<f64>,
     to: &IsometryMatrix3<f64>,
@@ -75,7 +75,7 @@ pub fn between(
     )
 }
 
-/// Below this the series of the formulas above is exact to rounding (its next term is angle⁴/1920 < 1e-16 relative).
+/// Below this angle the series of the formulas above is exact to rounding (its next term is angle⁴/1920 < 1e-16 relative).
 const SMALL_ANGLE_RAD: f64 = 1e-3;
 /// Iteration limit of a singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;

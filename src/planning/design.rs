@@ -1,22 +1,22 @@
-//! The exchange: which candidates make tr(M⁻¹·W) small, M the information of those chosen and W that of the workspace.
+//! Exchange algorithm: selects candidates that minimise tr(M⁻¹·W), with M the information of the selected ones and W that of the workspace.
 
 use nalgebra::{DMatrix, Matrix3};
 
-/// Candidates side by side in one vector register or two.
+/// Number of candidates side by side in one or two vector registers.
 const LANES: usize = 8;
-/// Passes of exchanges at most.
+/// Maximum number of passes of exchanges.
 const MAX_PASSES: usize = 6;
-/// After the first choice, exchanges look only at this many of the candidates that would help most.
+/// After the first selection, exchanges consider only this number of the most useful candidates.
 const N_PROMISING: usize = 2_000;
-/// With no more rows than parameters and these, a pose that is taken out leaves some parameters to their priors: the covariance then grows by
-/// so many orders of magnitude that an update of it is rounding, and it is computed anew.
+/// A selection is tight if it has fewer rows than parameters plus this number. If a pose is then removed, only priors determine some parameters. The
+/// covariance grows by so many orders of magnitude that an update of it is only rounding, and it is computed anew.
 const SPARE_ROWS: usize = 12;
-/// An exchange that lowers the criterion by less than this share is none.
+/// Minimum relative decrease of the criterion for an exchange.
 const GAIN: f64 = 1e-9;
 
 type Lanes = [f64; LANES];
 
-/// Eight candidates: their rows, column by column, and two symmetric 3 × 3 matrices each (00, 10, 11, 20, 21, 22).
+/// Eight candidates: their rows, column by column, and two packed symmetric 3 × 3 matrices each (00, 10, 11, 20, 21, 22).
 #[derive(Clone, Debug)]
 struct Block {
     /// p entries of 3 rows.
@@ -27,7 +27,7 @@ struct Block {
     worth: [Lanes; 6],
 }
 
-/// Candidates, those chosen, and A = M⁻¹.
+/// The candidates, the selected ones, and A = M⁻¹.
 #[derive(Debug)]
 pub struct Design {
     candidates: DMatrix<f64>,
@@ -40,11 +40,11 @@ pub struct Design {
     chosen: Vec<usize>,
 }
 
-/// Places in the packed symmetric matrices.
+/// Indices of the packed symmetric matrices.
 const PACKED: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
 
 impl Design {
-    /// Nothing chosen yet. `rows` holds three rows per candidate, `prior` is the information there is already, `interest` W.
+    /// A design with nothing selected. `rows` has three rows per candidate, `prior` is the prior information, `interest` is W.
     pub fn new(rows: DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
         let n = prior.nrows();
         let covariance = inverse(prior.clone()).unwrap_or_else(|| DMatrix::identity(n, n));
@@ -62,8 +62,8 @@ impl Design {
         design
     }
 
-    /// Chooses `n` candidates; their numbers. Where there are hardly more rows than parameters, more are chosen first, and those that are missed
-    /// least left out: one after the other, the first few would go to what only priors hold together.
+    /// Selects `n` candidates and returns their indices. If there are hardly more rows than parameters, more are selected first, and those that are
+    /// missed least are then removed. Adding one after the other would spend the first candidates on parameters that only priors determine.
     pub fn choose(mut self, n: usize) -> Vec<usize> {
         let n = n.min(self.candidates.nrows() / 3);
         let is_tight = 3 * n < self.covariance.nrows() + SPARE_ROWS;
@@ -109,7 +109,7 @@ impl Design {
                 };
                 let keep = best == old || after >= before * (1.0 - GAIN);
                 self.change(if keep { old } else { best }, true);
-                // the newcomer stands last: put it into the slot
+                // move the new candidate from the last place to the slot
                 let last = self.chosen.len() - 1;
                 self.chosen[slot..=last].rotate_right(1);
                 is_better |= !keep;
@@ -120,7 +120,7 @@ impl Design {
         }
     }
 
-    /// Leaves out the one without which the criterion is least.
+    /// Removes the candidate without which the criterion is smallest.
     fn leave_one_out(&mut self) {
         let without = |slot: usize| {
             let others = self
@@ -143,7 +143,7 @@ impl Design {
         self.covariance.dot(&self.interest)
     }
 
-    /// The criterion from what is chosen, and one candidate more, alone: where an update would be rounding.
+    /// The criterion computed directly from the selected candidates and optionally one more, for cases in which an update would be only rounding.
     fn exact_criterion(&self, more: Option<usize>) -> f64 {
         let covariance = inverse(self.information(self.chosen.iter().copied().chain(more)));
         covariance.map_or(f64::INFINITY, |covariance| covariance.dot(&self.interest))
@@ -153,7 +153,7 @@ impl Design {
         self.candidates.rows(3 * candidate, 3).into_owned()
     }
 
-    /// The candidate whose addition lowers the criterion most, by how much: tr((I + J·A·Jᵀ)⁻¹·J·A·W·A·Jᵀ).
+    /// The candidate that lowers the criterion most, and the decrease: tr((I + J·A·Jᵀ)⁻¹·J·A·W·A·Jᵀ).
     fn best(&self) -> Option<(usize, f64)> {
         let mut best: Option<(usize, f64)> = None;
         for (at, gain) in self.gains().into_iter().enumerate() {
@@ -176,7 +176,7 @@ impl Design {
         (0..self.members.len()).map(gain).collect()
     }
 
-    /// Adds a candidate to those chosen, or takes it out: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
+    /// Adds or removes a candidate: A' = A − U·C·Uᵀ with U = A·Jᵀ, C = (I + J·U)⁻¹, or −(I − J·U)⁻¹.
     fn change(&mut self, candidate: usize, is_added: bool) {
         if is_added {
             self.chosen.push(candidate);
@@ -204,7 +204,7 @@ impl Design {
         self.covariance -= &u * dynamic * u.transpose();
     }
 
-    /// Leaves the candidates that would help most, and those chosen.
+    /// Keeps only the most useful candidates and the selected ones.
     fn keep_promising(&mut self) {
         let gains = self.gains();
         let mut order: Vec<usize> = (0..self.members.len()).collect();
@@ -221,7 +221,7 @@ impl Design {
         self.rebuild();
     }
 
-    /// The covariance from what is chosen alone.
+    /// Recomputes the covariance from the selected candidates.
     fn refresh(&mut self) {
         if let Some(covariance) = inverse(self.information(self.chosen.iter().copied())) {
             self.covariance = covariance;
@@ -247,7 +247,7 @@ impl Design {
     }
 }
 
-/// M⁻¹; none of a matrix that is not positive.
+/// M⁻¹; `None` if the matrix is not positive definite.
 fn inverse(information: DMatrix<f64>) -> Option<DMatrix<f64>> {
     information.cholesky().map(|root| root.inverse())
 }
@@ -308,7 +308,7 @@ fn unpacked(packed: &[Lanes; 6], lane: usize) -> Matrix3<f64> {
 }
 
 impl Block {
-    /// With E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ loses E·C·Eᵀ, and J·A·W·A·Jᵀ becomes itself − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
+    /// With E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ decreases by E·C·Eᵀ, and J·A·W·A·Jᵀ changes by − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
     fn update(&mut self, u: &DMatrix<f64>, v: &DMatrix<f64>, c: &Matrix3<f64>, s: &Matrix3<f64>) {
         let (e, f) = (self.times(u), self.times(v));
         let csc = c * s * c;

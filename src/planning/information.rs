@@ -1,4 +1,4 @@
-//! What configurations tell of the parameters, and how well the tool is known then. Parameters are in units of their prior scale.
+//! Information of configurations about the parameters, and the resulting uncertainty of the tool. Parameters are in units of their prior scale.
 
 use crate::identification::KinematicModel;
 use crate::identification::identifiability::prior_scales;
@@ -9,7 +9,7 @@ use crate::kinematics::reach_mm;
 use crate::planning::request::{PlanRequest, nominal, parameters};
 use nalgebra::{DMatrix, Vector3};
 
-/// The reflector on the nominal robot, and the parameters that decide where it is.
+/// The reflector on the nominal robot, and the parameters of its position.
 #[derive(Debug)]
 pub struct Tool {
     /// The nominal robot.
@@ -32,7 +32,7 @@ impl Tool {
         self.parameters.len()
     }
 
-    /// A point that would be measured.
+    /// A point of a possible measurement.
     pub fn observation(&self, q_rad: &[f64], target: usize) -> Observation {
         Observation {
             q_rad: q_rad.to_vec(),
@@ -97,7 +97,7 @@ fn scaled_rows(
     rows
 }
 
-/// What an earlier session tells of the links. Its base and targets may have been elsewhere: they are taken out (Schur complement).
+/// Information of an earlier session about the links. Its base and targets may have been different, so they are eliminated (Schur complement).
 pub fn of_measured(request: &PlanRequest<'_>, tool: &Tool, points: &[Observation]) -> DMatrix<f64> {
     let n_targets = points.iter().map(|o| o.target + 1).max().unwrap_or(0);
     let parameters = parameters(request.robot, request.model, n_targets);

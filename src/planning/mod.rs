@@ -1,4 +1,4 @@
-//! Which poses to measure next.
+//! Planning of the poses to be measured next.
 
 mod design;
 mod information;
@@ -17,11 +17,11 @@ use design::Design;
 use information::{Tool, of_measured};
 use nalgebra::{DMatrix, Vector3};
 
-/// Configurations that stand for the workspace; others than those of the candidates.
+/// Number of configurations that represent the workspace. They differ from the candidates.
 const N_WORKSPACE: usize = 256;
-/// Their seed: the same for every plan, so that plans can be compared.
+/// Seed of these configurations. It is the same for every plan, so that plans can be compared.
 const WORKSPACE_SEED: u64 = 0;
-/// Random configurations that are tried for each candidate that is wanted.
+/// Number of random configurations that are tried for each required candidate.
 const TRIES: usize = 20;
 
 /// One configuration of a plan.
@@ -29,41 +29,41 @@ const TRIES: usize = 20;
 pub struct Planned {
     /// The controller's joint values, rad.
     pub q_controller_rad: Vec<f64>,
-    /// Which configuration of the plan it repeats.
+    /// Index of the configuration in the plan that it repeats.
     pub repeats: Option<usize>,
 }
 
 /// A plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// In the order in which they should be measured.
+    /// The configurations in the order in which they should be measured.
     pub configurations: Vec<Planned>,
     /// O1 of the planned configurations (Borm & Menq 1991).
     pub observability_index_o1: f64,
-    /// Predicted uncertainty of the tool over the workspace, with what was measured already and the plan.
+    /// Predicted uncertainty of the tool over the workspace, from earlier measurements and the plan.
     pub predicted: ToolUncertainty,
-    /// The same with the first of the random candidates in the plan's place.
+    /// The same, with the first random candidates instead of the plan.
     pub predicted_random: ToolUncertainty,
 }
 
-/// Too little room.
+/// Too few configurations are allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "only {found} of {tried} random configurations within the joint limits keep the tool in its boxes and clear of the obstacles; \
      {wanted} are wanted: widen the boxes, or plan fewer configurations"
 )]
 pub struct TooLittleRoom {
-    /// That keep to it.
+    /// Number of allowed configurations.
     pub found: usize,
-    /// That were tried.
+    /// Number of configurations that were tried.
     pub tried: usize,
-    /// That were wanted.
+    /// Number of configurations that are required.
     pub wanted: usize,
 }
 
-/// Chooses configurations that make the mean variance of the tool over the workspace small (I-optimal design): one after the other the best
-/// of all candidates, then each exchanged for a better one while that helps (Fedorov 1972), with rank-3 updates of the covariance.
-/// Parameters have the priors of a robot fresh from the factory.
+/// Selects configurations that minimise the mean variance of the tool over the workspace (I-optimal design). The best of all candidates is added one
+/// after the other. Then each is exchanged for a better one as long as that helps (Fedorov 1972), with rank-3 updates of the covariance. Parameters
+/// have the priors of a new robot.
 ///
 /// # Errors
 /// [`TooLittleRoom`].
@@ -120,14 +120,14 @@ pub fn plan(request: &PlanRequest<'_>) -> Result<Plan, TooLittleRoom> {
     })
 }
 
-/// Random configurations that keep to the room, the controller's joint values, rad.
+/// Random configurations that are allowed, the controller's joint values, rad.
 struct Candidates {
     q: Vec<Vec<f64>>,
-    /// Those that were drawn evenly.
+    /// Indices of those that were drawn uniformly.
     even: Vec<usize>,
 }
 
-/// One half drawn evenly, the other towards the limits, where parameters show most.
+/// Half of the candidates are drawn uniformly, the others towards the limits, where parameters have the largest effect.
 fn candidates(request: &PlanRequest<'_>) -> Result<Candidates, TooLittleRoom> {
     let wanted = request.n_configurations;
     let n = request.n_candidates.max(wanted);

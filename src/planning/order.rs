@@ -1,10 +1,10 @@
-//! An order of configurations with short moves.
+//! Orders configurations for short moves.
 
-/// Passes of exchanges at most.
+/// Maximum number of passes of exchanges.
 const MAX_PASSES: usize = 20;
 
-/// The chosen candidates so that the largest joint moves little from one to the next: the nearest one first, then segments turned round
-/// while that shortens the way (2-opt; Croes 1958).
+/// Orders the selected candidates so that the largest joint motion from one to the next is small. It first takes the nearest one each time. Then it
+/// reverses segments as long as that shortens the path (2-opt; Croes 1958).
 pub fn short_moves(chosen: Vec<usize>, candidates: &[Vec<f64>]) -> Vec<usize> {
     let way = |a: usize, b: usize| {
         candidates[a]

@@ -1,33 +1,33 @@
-//! Where the robot may go while it is measured.
+//! The region in which the robot may move during the measurement.
 
 use crate::kinematics::Robot;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Boxes to stay in and obstacles to stay out of, in the base frame.
+/// Allowed boxes and forbidden obstacles, in the base frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Room {
-    /// The target is in one of these (lowest and highest corner, mm); anywhere where there is none.
+    /// The target has to be in one of these boxes (lowest and highest corner, mm). Without boxes it may be anywhere.
     pub boxes_mm: Vec<(Vector3<f64>, Vector3<f64>)>,
-    /// Nothing goes below this, mm.
+    /// No checked point may be below this, mm.
     pub floor_z_mm: Option<f64>,
-    /// Nothing goes into this.
+    /// No checked point may be inside this.
     pub base_cylinder: Option<BaseCylinder>,
 }
 
 /// The robot's own foot: an upright cylinder about the base's z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BaseCylinder {
-    /// mm.
+    /// Radius, mm.
     pub radius_mm: f64,
     /// Its top, mm above the base's origin.
     pub height_mm: f64,
 }
 
 impl Room {
-    /// Whether the target is in a box, and target, flange, wrist and elbow (the origins of link 3 and of those after it) are clear of floor
-    /// and foot. The bodies between these points are not looked at.
+    /// True if the target is in a box, and if target, flange, wrist and elbow (the origins of link 3 and of those after it) are clear of floor and
+    /// foot. The bodies between these points are not checked.
     pub fn holds(&self, robot: &Robot, q_controller_rad: &[f64], target_mm: &Vector3<f64>) -> bool {
         let mut t = IsometryMatrix3::identity();
         for (i, (link, q)) in robot
@@ -57,7 +57,7 @@ impl Room {
     }
 }
 
-/// The same draw, pushed towards the joint limits (the arc sine distribution).
+/// The same draw, shifted towards the joint limits (arcsine distribution).
 pub fn towards_limits(robot: &Robot, q: Vec<f64>) -> Vec<f64> {
     let pushed = |(q, limits): (f64, &Option<(f64, f64)>)| {
         let (low, high) = limits.map_or((-FRAC_PI_2, FRAC_PI_2), |(low, high)| {

@@ -1,26 +1,26 @@
 //! Losses of a residual's length, for M-estimates [Huber 1964; Beaton & Tukey 1974].
 //!
-//! `s` is the length of a residual vector of three components, divided by the standard deviation of one component; ρ is scaled so that every
-//! loss is s² near 0. The minimum of Σ ρ(s) is reached by least squares with the weights w(s) = ρ′(s) / 2s, repeated until they no longer
-//! change (iteratively reweighted least squares [Holland & Welsch 1977]).
+//! `s` is the length of a residual vector of three components, divided by the standard deviation of one component. ρ is scaled so that every loss is
+//! s² near 0. The minimum of Σ ρ(s) is found by least squares with the weights w(s) = ρ′(s) / 2s, repeated until they no longer change (iteratively
+//! reweighted least squares [Holland & Welsch 1977]).
 
-/// Huber's k at which the estimate of a location in three dimensions keeps 95 % of least squares' efficiency on normal errors: the
-/// solution of (E[⅔·ψ/s + ⅓·ψ′])² = 0.95 · E[ψ²]/3 with ψ(s) = w(s)·s and s² chi-square of three degrees of freedom.
+/// Huber's k for 95 % efficiency, relative to least squares on normal errors, of the estimate of a location in three dimensions. It is the solution
+/// of (E[⅔·ψ/s + ⅓·ψ′])² = 0.95 · E[ψ²]/3 with ψ(s) = w(s)·s and s² chi-square with three degrees of freedom.
 pub const HUBER_K_95: f64 = 1.627_95;
-/// Tukey's c for the same.
+/// Tukey's c for the same efficiency.
 pub const TUKEY_C_95: f64 = 5.490_25;
 
-/// How the length of a residual counts.
+/// Loss of a residual's length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Loss {
     /// s².
     Squares,
-    /// s² up to k, then its tangent: a point pulls with a bounded force.
+    /// s² up to k, then its tangent: the influence of a point is bounded.
     Huber {
         /// Where the tangent begins.
         k: f64,
     },
-    /// Tukey's biweight: beyond c a point does not pull at all.
+    /// Tukey's biweight: beyond c a point has no influence.
     Tukey {
         /// Where the loss becomes flat.
         c: f64,
@@ -56,7 +56,7 @@ impl Loss {
         }
     }
 
-    /// Mean slope of the pull ψ(e) = w(|e|)·e along the three axes, e of length s and of any direction: ⅔·ψ/s + ⅓·ψ′.
+    /// Mean slope of the influence ψ(e) = w(|e|)·e along the three axes, for e of length s in any direction: ⅔·ψ/s + ⅓·ψ′.
     pub fn mean_slope(self, s: f64) -> f64 {
         match self {
             Self::Squares => 1.0,
@@ -83,7 +83,7 @@ mod tests {
     ];
     /// Width of the strips of the integrals and of the central differences.
     const STEP: f64 = 1e-3;
-    /// What strips of that width leave of an integral or a derivative, with room for the kinks.
+    /// Error of such an integral or derivative, with a margin for the kinks.
     const NUMERIC: f64 = 1e-5;
 
     #[test]

@@ -1,4 +1,4 @@
-//! Optimisers over plain vectors. They have never heard of a robot.
+//! Optimisers over plain vectors, independent of robots.
 
 pub mod bpnn;
 pub mod least_squares;

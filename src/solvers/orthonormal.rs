@@ -1,17 +1,18 @@
-//! Orthonormal columns that span those of a matrix.
+//! Orthonormal basis of the column space of a matrix.
 
 use super::qr::{add_scaled, triangularise};
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
-/// A matrix of no more rows is reduced at once.
+/// A matrix with at most this number of rows is reduced at once.
 pub const FEWEST_ROWS: usize = 6_000;
-/// Rows that are reduced at a time: they stay in a processor's cache.
+/// Number of rows that are reduced at a time: they fit into a processor's cache.
 const ROWS_AT_ONCE: usize = 600;
-/// The second pass makes the columns orthonormal to rounding [Yamamoto 2015, Cholesky QR 2, with Householder's triangle for Cholesky's].
+/// Number of passes. The second one makes the columns orthonormal to rounding [Yamamoto 2015, Cholesky QR 2, with Householder's triangle instead of
+/// Cholesky's].
 const PASSES: usize = 2;
 
-/// Q of A = Q·R, rows × columns. Of a tall matrix R comes from blocks of rows, and Q is A·R⁻¹.
+/// Q of A = Q·R, rows × columns. For a tall matrix, R is computed from blocks of rows, and Q is A·R⁻¹.
 pub fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
     if matrix.nrows() <= FEWEST_ROWS || matrix.ncols() == 0 {
         return matrix.qr().q();
@@ -24,7 +25,7 @@ pub fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
     matrix
 }
 
-/// R of a tall matrix, columns × columns, some rows at a time.
+/// R of a tall matrix, columns × columns, computed some rows at a time.
 pub fn triangle(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     let p = matrix.ncols();
     let mut r = DMatrix::zeros(p, p);
@@ -41,7 +42,7 @@ pub fn triangle(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     r
 }
 
-/// A <- A·R⁻¹, both column-major; a column of which nothing is left becomes zero.
+/// A <- A·R⁻¹, both column-major. A column becomes zero if the others leave nothing of it.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn divide(a: &mut [f64], n_rows: usize, r: &[f64]) {
     let p = a.len() / n_rows;
@@ -61,8 +62,8 @@ fn divide(a: &mut [f64], n_rows: usize, r: &[f64]) {
 mod tests {
     use super::*;
 
-    /// Some hundred roundings of the method, and those of an inner product of `rows` terms, by which the test looks: at most one each [Higham 2002,
-    /// eq. 3.5].
+    /// Bound of the rounding errors: some hundred of the method, and those of the test's inner products of `rows` terms, at most one per term [Higham
+    /// 2002, eq. 3.5].
     fn rounding(rows: usize) -> f64 {
         (500 + rows) as f64 * f64::EPSILON
     }
@@ -70,7 +71,7 @@ mod tests {
     #[test]
     fn a_tall_matrix_gets_orthonormal_columns_that_span_its_own() {
         for rows in [50, FEWEST_ROWS + 1, 3 * FEWEST_ROWS + 7] {
-            // columns that differ by little, and in size by a million
+            // columns that are nearly parallel, and differ in size by a million
             let a = DMatrix::from_fn(rows, 9, |i, j| {
                 let (x, scale) = (i as f64 / rows as f64, libm::pow(10.0, j as f64 - 4.0));
                 scale * (libm::sin(3.0 * x + 0.3 * j as f64) + 0.1 * libm::sin((7 * i + j) as f64))

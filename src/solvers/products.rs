@@ -1,10 +1,10 @@
-//! Products of dense matrices on the widest instructions there are; the bits are the same on all.
+//! Products of dense matrices with the widest instructions of the CPU; the results are the same on all CPUs, to the last bit.
 
 use super::qr::{add_scaled, dot};
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
-/// Rows of a factor that are used together: of a hundred columns they stay in a processor's cache.
+/// Number of rows of a factor that are used together. With a hundred columns they fit into a processor's cache.
 const ROWS_AT_ONCE: usize = 480;
 
 /// Aᵀ·B.
@@ -30,7 +30,7 @@ pub fn less_product(c: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMa
     rest
 }
 
-/// `square` <- `square` + weight·Σ xᵀ·x over some rows x, its lower triangle alone: `square` is n × n, row-major, `rows` one row after another.
+/// `square` <- `square` + weight·Σ xᵀ·x over some rows x, lower triangle only. `square` is n × n, row-major; `rows` has one row after another.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 pub fn add_weighted_square(weight: f64, rows: &[f64], n: usize, square: &mut [f64]) {
     for x in rows.chunks_exact(n) {

@@ -1,8 +1,8 @@
-//! Householder triangularisation of small dense systems, column-major, with the right-hand side carried along.
+//! Householder triangularisation of small dense systems, column-major, applied to the right-hand side as well.
 
 use multiversion::multiversion;
 
-/// Partial sums of a dot product: fixed, so that the bits do not depend on the CPU.
+/// Number of partial sums of a dot product. It is fixed, so that the results do not depend on the CPU.
 const LANES: usize = 8;
 
 /// Σ a_i b_i, in eight interleaved partial sums.
@@ -31,8 +31,8 @@ pub(super) fn add_scaled(factor: f64, x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// Makes `tail` the Householder vector v that maps it to (diagonal, 0, …, 0); gives the diagonal and 2 / vᵀv, or
-/// `None` where the tail is all zero.
+/// Replaces `tail` by the Householder vector v that maps it to (diagonal, 0, …, 0). Returns the diagonal and 2 / vᵀv, or `None` if the tail is all
+/// zero.
 #[inline(always)]
 pub(super) fn householder(tail: &mut [f64]) -> Option<(f64, f64)> {
     let norm = dot(tail, tail).sqrt();
@@ -44,8 +44,8 @@ pub(super) fn householder(tail: &mut [f64]) -> Option<(f64, f64)> {
     Some((diagonal, -1.0 / (diagonal * tail[0])))
 }
 
-/// Replaces `matrix` (rows × columns, rows ≥ columns, column-major) by R in its upper triangle, what is below being
-/// of no use, and `rhs` by Qᵀ · rhs.
+/// Replaces the upper triangle of `matrix` (rows × columns, rows ≥ columns, column-major) by R, and `rhs` by Qᵀ · rhs. The part below the diagonal is
+/// not valid afterwards.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 pub fn triangularise(matrix: &mut [f64], n_rows: usize, rhs: &mut [f64]) {
     let n_columns = matrix.len() / n_rows;
@@ -80,7 +80,7 @@ pub fn squares(x: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Twenty roundings of numbers of order one.
+    /// Twenty rounding errors of numbers of order one.
     const ROUNDING: f64 = 1e-14;
 
     #[test]

@@ -1,19 +1,19 @@
-//! Seeded random numbers in bulk: eight xoshiro256+ generators side by side, so that one vector instruction steps
-//! all of them. The number of lanes is fixed: the numbers never depend on the CPU.
+//! Seeded random numbers in bulk: eight xoshiro256+ generators side by side, so that one vector instruction advances all of them. The number of lanes
+//! is fixed, so the numbers never depend on the CPU.
 //!
-//! xoshiro256+ [Blackman, Vigna: Scrambled linear pseudorandom number generators, ACM TOMS 47(4), 2021, section 5] is
-//! made for floating-point numbers: only its lowest bits are weak, and those are dropped.
+//! xoshiro256+ [Blackman, Vigna: Scrambled linear pseudorandom number generators, ACM TOMS 47(4), 2021, section 5] is made for floating-point
+//! numbers: only its lowest bits are weak, and those are not used.
 
 use multiversion::{multiversion, target::target_cfg_f};
 use rand::rngs::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
 
-/// Generators side by side: one AVX-512 register of 64-bit words, two of AVX2.
+/// Number of generators: one AVX-512 register of 64-bit words, two of AVX2.
 pub const LANES: usize = 8;
 
-/// A ChaCha8 generator for everything that is drawn outside hot loops. `stream` separates the uses of one seed.
+/// A ChaCha8 generator for all random numbers outside of hot loops. `stream` separates the uses of one seed.
 ///
-/// The key is spelled out here rather than taken from `seed_from_u64`, whose expansion may change between releases.
+/// The key is built here instead of by `seed_from_u64`, whose expansion may change between releases.
 pub fn chacha8(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut key = [0_u8; 32];
     key[..8].copy_from_slice(&seed.to_le_bytes());
@@ -23,8 +23,9 @@ pub fn chacha8(seed: u64, stream: u64) -> ChaCha8Rng {
 
 /// The 53 upper bits as a number in [0, 1).
 ///
-/// The upper 21 and the lower 32 of them become the last bits of a number from 2³¹ on, whose unit in the last place is 2⁻²¹, and of one from 1/2
-/// on, where it is 2⁻⁵³. Every operation is exact, and a vector instruction also where there is none that converts 64-bit integers.
+/// The upper 21 of these bits become the last bits of a number from 2³¹ on, whose unit in the last place is 2⁻²¹. The lower 32 become the last bits
+/// of a number from 1/2 on, whose unit is 2⁻⁵³. Every operation is exact. All of them have vector instructions, even on CPUs without a vector
+/// conversion of 64-bit integers.
 #[inline(always)]
 pub fn unit_interval(bits: u64) -> f64 {
     const TWO_POW_31: f64 = 2_147_483_648.0;
@@ -43,7 +44,7 @@ pub struct LaneRandom {
 impl LaneRandom {
     /// The generator of a seed. `stream` separates the uses of one seed (first positions, updates, …).
     ///
-    /// Each lane's 256 bits come from ChaCha8: streams that overlap within any run have probability below 2⁻¹⁸⁰.
+    /// Each lane's 256 bits come from ChaCha8. The probability that streams overlap within any run is below 2⁻¹⁸⁰.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut source = chacha8(seed, stream);
         let mut state = [[0; LANES]; 4];
@@ -55,20 +56,19 @@ impl LaneRandom {
         Self { state }
     }
 
-    /// Generators with the given states, `state[word][lane]`. A lane must not be all zero: it would stay there.
+    /// Generators with the given states, `state[word][lane]`. A lane must not be all zero, because it would stay zero.
     pub fn from_state(state: [[u64; LANES]; 4]) -> Self {
         Self { state }
     }
 
-    /// Fills `numbers` with draws from [0, 1): number i is from lane i mod 8. A last, partial block of eight uses up
-    /// a whole block.
+    /// Fills `numbers` with draws from [0, 1): number i is from lane i mod 8. An incomplete last block of eight uses up a whole block.
     pub fn fill(&mut self, numbers: &mut [f64]) {
         fill(&mut self.state, numbers);
     }
 }
 
-/// Left and right shift that make a rotation. The compiler does not learn that they do: where there is no vector rotation, it would take
-/// the eight lanes apart for it.
+/// Left and right shift that form a rotation. They are hidden from the compiler: on CPUs without a vector rotation, it would process the eight lanes
+/// one by one.
 const ROTATION: (u32, u32) = (45, 64 - 45);
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
@@ -91,14 +91,14 @@ fn fill(state: &mut [[u64; LANES]; 4], numbers: &mut [f64]) {
     }
 }
 
-/// As [`unit_interval`], to the same bits, for vectors that convert 64-bit integers.
+/// As [`unit_interval`], with the same bits, for CPUs with vector conversion of 64-bit integers.
 #[inline(always)]
 fn bits_divided(bits: u64) -> f64 {
     const TWO_POW_53: f64 = 9_007_199_254_740_992.0;
     (bits >> 11) as f64 / TWO_POW_53
 }
 
-/// With what makes a number of bits, and what rotates a word.
+/// Fills `numbers`; `how` converts bits to a number and rotates a word.
 #[inline(always)]
 fn fill_with(
     state: &mut [[u64; LANES]; 4],

@@ -1,16 +1,16 @@
-//! Whether a long computation should go on.
+//! Cancellation of long computations.
 
 use std::cell::Cell;
 
-/// Asks between parts of a computation whether it should go on. Once the answer is no, it stays no. Loops then end early, and what they return
-/// is of no use: whoever started them asks [`Watch::was_stopped`] before anything is done with it.
+/// Asks between parts of a computation whether it should go on. After the first no, the answer stays no. Loops then end early, and their results are
+/// not valid: the caller has to check [`Watch::was_stopped`] before using them.
 pub struct Watch<'a> {
     ask: Option<&'a dyn Fn() -> bool>,
     is_over: Cell<bool>,
 }
 
 impl<'a> Watch<'a> {
-    /// Of somebody who answers whether to go on.
+    /// A watch that calls `ask`.
     pub fn new(ask: &'a dyn Fn() -> bool) -> Self {
         Self {
             ask: Some(ask),
@@ -18,7 +18,7 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Of a computation that nobody stops.
+    /// A watch for a computation that is never stopped.
     pub fn nobody() -> Self {
         Self {
             ask: None,
@@ -34,7 +34,7 @@ impl<'a> Watch<'a> {
         !self.is_over.get()
     }
 
-    /// Whether somebody said no; asks nobody.
+    /// True if an answer was no; does not ask again.
     pub fn was_stopped(&self) -> bool {
         self.is_over.get()
     }

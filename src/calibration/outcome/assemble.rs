@@ -1,4 +1,4 @@
-//! From an identified model to the report: errors before and after, parameters with their uncertainty, remarks.
+//! Builds the report from an identified model: errors before and after, parameters with their uncertainty, warnings.
 
 use crate::calibration::Error;
 use crate::calibration::outcome::delivery::{as_delivered, corrected_as_delivered, delivered};
@@ -41,7 +41,7 @@ use crate::measurement::{Frame, Subset};
 use crate::solvers::watch::Watch;
 use std::collections::BTreeSet;
 
-/// Another set to verify on, laid out for the robot that was identified; `None` where the points are of the fit's own set.
+/// The separate verification set, prepared for the identified robot. `None` if the verify points belong to the identified set.
 pub fn verify_layout<'a>(
     request: &'a CalibrationRequest,
     model: &KinematicModel,
@@ -57,7 +57,7 @@ pub fn verify_layout<'a>(
     }
 }
 
-/// Corrections after the veto of the points to verify, and what is said of it.
+/// Corrections after the veto by the verify points, and the warning about the veto.
 pub fn vetoed(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -85,7 +85,7 @@ pub fn vetoed(
     Ok((Some(found), warning))
 }
 
-/// Errors of a model on the verify points; another set to verify on is laid out already.
+/// Errors of a model on the verify points. `layout` is the separate verification set, if there is one.
 pub fn verify_errors(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -97,7 +97,7 @@ pub fn verify_errors(
     }
 }
 
-/// Why nothing is stated of a swarm that was stopped.
+/// Reason for stating no uncertainty if the method ended at its iteration limit and no refinement followed.
 const UNFINISHED: &str = "the method did not converge: it ended at its limit of iterations, and nothing refined its answer. Ask for \
                           `refine: true`, or for method auto";
 
@@ -107,19 +107,19 @@ pub struct Answer<'a> {
     pub method: Method,
     /// Why that method.
     pub method_reason: String,
-    /// Its answer.
+    /// The model that it found.
     pub found: Found,
-    /// The other methods.
+    /// Results of the other methods.
     pub comparison: Vec<MethodComparison>,
     /// The network trained on the run.
     pub network: Option<TrainedNetwork>,
-    /// Corrections after the veto of the verify points, where they were searched.
+    /// Corrections after the veto by the verify points; `None` if none were searched.
     pub corrections: Option<corrections::Found>,
-    /// The fit to all points; `None` if the parameters that were verified are delivered.
+    /// The fit to all points; `None` if the verified parameters themselves are delivered.
     pub delivered: Option<&'a Final<'a>>,
 }
 
-/// Told where the robot was identified in the base frame, and the set to verify on has its base placed anew.
+/// Warning if the robot was identified in the base frame, but the base was placed anew for the verification set.
 fn base_not_checked(request: &CalibrationRequest, layout: &Layout<'_>) -> Option<Warning> {
     (request.set.frame == Frame::Base && layout.is_placed_anew).then(|| Warning {
         code: BASE_NOT_CHECKED,
@@ -130,7 +130,7 @@ fn base_not_checked(request: &CalibrationRequest, layout: &Layout<'_>) -> Option
     })
 }
 
-/// The report of a finished calibration. `layout` is that of another set to verify on.
+/// Builds the report of a finished calibration. `layout` is the separate verification set, if there is one.
 pub fn report(
     problem: &Problem<'_>,
     answer: Answer<'_>,
@@ -145,7 +145,7 @@ pub fn report(
     } = answer;
     let request = problem.request;
     let model = &found.model;
-    // in the frame of the fit
+    // expressed in the frame of the fit
     let robot = corrections.as_ref().map(|c| IdentifiedRobot {
         plain: delivered(problem, model),
         corrected: c.corrected.clone(),
@@ -186,7 +186,7 @@ pub fn report(
     for row in problem.screening.rows_left_out() {
         per_point[row].is_outlier = true;
     }
-    // errors are those of the fit that was verified, all else is said of the delivered one
+    // errors are those of the verified fit; everything else describes the delivered fit
     let (delivered_problem, delivered_model) = match final_fit {
         Some(last) => (&last.problem, &last.model),
         None => (problem, model),
@@ -290,7 +290,7 @@ pub fn report(
         with_found_misfit(of_links, &identify)
     });
     let mut not_determined = None;
-    // no least squares came to its end: the answer is on the way to a minimum, and the weakest combinations are the furthest from it
+    // No least-squares fit has converged. The answer has not reached a minimum, and the weakest parameter combinations are furthest from it.
     let is_unfinished = found.termination == "iteration_limit"
         && (answer.method == Method::LeastSquares || !problem.settings.refine);
     let why_not_stated = match misfit {

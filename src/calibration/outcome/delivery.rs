@@ -1,4 +1,4 @@
-//! The identified robot as the cell gets it. With sweeps the fit runs on d of the last link with z_t in it.
+//! The identified robot as delivered to the cell. With sweeps, the fit uses d of the last link with z_t merged into it.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Model;
@@ -7,7 +7,7 @@ use crate::identification::corrected::CorrectedModel;
 use crate::measurement::Frame;
 use nalgebra::IsometryMatrix3;
 
-/// Links, base and targets as the cell gets them: with sweeps, z_t is taken out of d of the last link again and becomes the target.
+/// Links, base and targets as delivered to the cell. With sweeps, z_t is removed from d of the last link and becomes the target.
 pub fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
     let delivered = delivered(problem, model);
     KinematicModel {
@@ -16,7 +16,7 @@ pub fn as_delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicM
     }
 }
 
-/// Links and base of a robot with corrections as the cell gets them.
+/// Links and base of a robot with corrections, as delivered to the cell.
 pub fn corrected_as_delivered(problem: &Problem<'_>, corrected: &CorrectedModel) -> CorrectedModel {
     let mut corrected = corrected.clone();
     corrected.model.t_instrument_base =
@@ -35,7 +35,7 @@ fn base_as_delivered(problem: &Problem<'_>, fitted: &IsometryMatrix3<f64>) -> Is
     }
 }
 
-/// The model with z_t of the sweeps taken out of the last link and put into the targets, in the frame of the fit: positions stay.
+/// The model with z_t of the sweeps moved from the last link to the targets, in the frame of the fit. Predicted positions do not change.
 pub fn delivered(problem: &Problem<'_>, model: &KinematicModel) -> KinematicModel {
     let mut model = model.clone();
     if let (Model::Paper, Some(frames)) = (problem.request.model(), &problem.request.frames) {

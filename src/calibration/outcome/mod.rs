@@ -1,4 +1,4 @@
-//! From an answer to the report.
+//! Builds the report from the identified model.
 
 pub mod assemble;
 pub mod delivery;

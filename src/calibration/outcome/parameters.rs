@@ -1,4 +1,4 @@
-//! The parameters of a report: values, uncertainties, and what the points can see of them.
+//! The parameters of a report: values, uncertainties, and how far the points determine them.
 
 use crate::calibration::preparation::equations::model_rank;
 use crate::calibration::preparation::stated_priors;
@@ -11,7 +11,7 @@ use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, Quantity, deviation_from};
 use crate::identification::uncertainty::Uncertainty;
 
-/// Probability with which a parameter's stated interval holds the truth.
+/// Coverage probability of a parameter's stated interval.
 const CONFIDENCE: f64 = 0.95;
 
 /// Nominal and identified value of each free parameter, in mm and degrees.
@@ -67,8 +67,8 @@ pub fn parameters(
     problem.parameters.iter().enumerate().map(outcome).collect()
 }
 
-/// For each parameter: true if its uncertainty can be stated: the points determine it, or the request states a prior, and no bound ended its
-/// fit.
+/// For each parameter: true if its uncertainty can be stated. The points must determine the parameter or the request must state a prior for it, and
+/// the fit must not have ended at a bound.
 fn stated(problem: &Problem<'_>, model: &KinematicModel, identifiable: &[bool]) -> Vec<bool> {
     let Some(known) = &problem.priors else {
         return identifiable.to_vec();
@@ -82,8 +82,8 @@ fn stated(problem: &Problem<'_>, model: &KinematicModel, identifiable: &[bool]) 
 }
 
 impl Problem<'_> {
-    /// A parameter's value as the report has it, mm or rad: the base's turn from its first estimate, and d of the last link without the
-    /// tool that sweeps merged into it.
+    /// Value of a parameter as reported, mm or rad. Rotations of base and targets are relative to their first estimate. d of the last link is without
+    /// the tool length that sweeps merged into it.
     pub fn reported(&self, model: &KinematicModel, parameter: &Parameter) -> f64 {
         let last_d = Parameter::Link(model.links.len() - 1, Quantity::D);
         match parameter {

@@ -1,4 +1,4 @@
-//! How sure the answer is, as far as that can be said: an uncertainty that is not true is not stated, and the report says why.
+//! Uncertainty of the answer. If no valid uncertainty can be computed, none is stated, and the report says why.
 
 use crate::calibration::preparation::equations::n_equations;
 use crate::calibration::problem::Problem;
@@ -16,10 +16,10 @@ use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// The covariance is that of the minimum of the cost. An answer further off than its own standard deviation is not that minimum.
+/// Largest distance of the answer from the minimum of the cost, in standard deviations. The covariance holds only at the minimum.
 const AT_MINIMUM_STDS: f64 = 1.0;
 
-/// What the residuals say about the errors of parameters and tool, whether or not it can be stated.
+/// Errors of parameters and tool estimated from the residuals, whether or not they can be stated.
 pub fn estimated(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -43,7 +43,7 @@ pub fn estimated(
         .collect();
     let points = problem.loss.as_squares(model, &problem.identify);
     let mut known = BTreeSet::new();
-    // a row that stands in the file twice, to the last digit, was measured once
+    // exact duplicates of a row count once: they come from one measurement
     let bits = |o: &Observation| -> Vec<u64> {
         o.q_rad
             .iter()
@@ -83,7 +83,7 @@ pub fn estimated(
     })
 }
 
-/// Each pose as two observations of three rows: position and rotation. What the poses of a configuration share is apart for both.
+/// Splits each pose into two observations of three rows: position and rotation. Positions and rotations of a configuration form separate clusters.
 fn in_threes(
     observations: &[Observation],
     configurations: &[usize],
@@ -104,7 +104,7 @@ fn in_threes(
     (all, of_all, station_of)
 }
 
-/// Why no uncertainty is stated; `None` where it is.
+/// Why no uncertainty is stated; `None` if one is stated.
 pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) -> Option<String> {
     let Some(estimated) = estimated else {
         let why = match without_redundancy(problem) {
@@ -123,8 +123,8 @@ pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) ->
     None
 }
 
-/// Corrections that were kept show that the links cannot say everything. By how much they bring the points nearer, sqrt(after² − corrected²), is
-/// an error of the links wherever they are used: no less is stated of them.
+/// Kept corrections show a misfit of the links alone. The size of this misfit is sqrt(after² − corrected²), from the rms before and after the
+/// corrections. The links have this error wherever they are used, so their stated uncertainty is at least as large.
 pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> ToolUncertainty {
     let Some(corrected) = identify.corrected else {
         return of_links;
@@ -139,7 +139,7 @@ pub fn with_found_misfit(of_links: ToolUncertainty, identify: &SubsetErrors) -> 
     }
 }
 
-/// Why the tool's uncertainty says nothing: the nominal robot, laid onto the points as well as can be, is nearer than that.
+/// Why the tool's uncertainty is useless: the nominal robot, with base and targets fitted to the points, is closer than this uncertainty.
 pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Option<String> {
     let n_targets = problem.screening.targets.len();
     let points: Vec<Observation> = problem.trusted();
@@ -152,7 +152,7 @@ pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Opt
         .sum::<f64>()
         / points.len().max(1) as f64)
         .sqrt();
-    // not a number, too
+    // NaN fails this comparison and counts as useless
     if tool.mean_mm <= nominal_mm {
         return None;
     }
@@ -163,7 +163,7 @@ pub fn why_it_says_nothing(problem: &Problem<'_>, tool: &ToolUncertainty) -> Opt
     ))
 }
 
-/// As [`estimated`], where it can be stated.
+/// As [`estimated`], but `None` if the uncertainty cannot be stated.
 pub fn stated(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -172,7 +172,7 @@ pub fn stated(
     estimated(problem, model, watch).filter(|found| why_not_stated(problem, Some(found)).is_none())
 }
 
-/// Told where the fit can follow any error of the points.
+/// Warning if there is no redundancy: the fit can follow any error of the points.
 pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
     let (equations, rank) = without_redundancy(problem)?;
     let detail = format!(
@@ -186,7 +186,7 @@ pub fn nothing_left(problem: &Problem<'_>) -> Option<Warning> {
     })
 }
 
-/// Equations and rank where there are no more of the former. Poses that are repeated say how well they repeat, and no more.
+/// Number of equations and rank, if there are no more equations than the rank. Repeated poses do not add equations: they show only the repeatability.
 fn without_redundancy(problem: &Problem<'_>) -> Option<(usize, usize)> {
     let counting: Vec<Observation> = problem
         .identify
@@ -224,7 +224,7 @@ mod tests {
             max_mm: 0.45,
         };
         assert_eq!(with_found_misfit(of_links, &identify(None)), of_links);
-        // none was kept
+        // corrections were searched, but none was kept
         let same = identify(Some(errors(0.5)));
         assert_eq!(with_found_misfit(of_links, &same), of_links);
         let stated = with_found_misfit(of_links, &identify(Some(errors(0.3))));

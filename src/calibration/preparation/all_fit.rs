@@ -1,4 +1,4 @@
-//! The fit to all points of an upload that screening looks at, and the linear problem there.
+//! The fit to all points of an upload that screening starts from, and the linear problem at its solution.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::Arrangement;
@@ -13,17 +13,17 @@ use crate::identification::steps::Columns;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
 
-/// A fit to all points, and the linear problem there.
+/// A fit to all points, and the linear problem at its solution.
 pub(super) struct AllFit {
     pub linear: Linearised,
     pub least_scale_mm: f64,
-    /// What the misfit of a robot looks like, 3·N × m.
+    /// Features of the robot's misfit, 3·N × m.
     pub features: DMatrix<f64>,
     pub columns: Columns,
     pub reach_mm: f64,
 }
 
-/// Least squares on all points but a few, with the motions between set-ups; and the linear problem of all points there.
+/// Least squares on all points except `without`, with the motions between set-ups fitted as well. Also returns the linear problem of all points.
 pub(super) fn fit_all(
     request: &CalibrationRequest,
     observed: &mut Observed,

@@ -1,7 +1,7 @@
-//! What stayed where it was: each point's segment between steps of its target, and its set-up of the instrument.
+//! Which points belong together: each point's segment between steps of its target, and its set-up of the instrument.
 //!
-//! A target that moved is several targets to the fit, one per segment. A base that moved (or an instrument that was set up anew) is a rigid
-//! motion: the points of the other set-ups are carried into the frame of one of them, and the motions are fitted along.
+//! A target that moved counts as several targets in the fit, one per segment. A base that moved (or an instrument that was set up again) is a rigid
+//! motion. The points of the other set-ups are transformed into the frame of one reference set-up, and the motions are fitted along with the robot.
 
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::{CalibrationRequest, Model};
@@ -12,7 +12,7 @@ use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Identify points from which a set-up's motion is fitted; with fewer it stays as it was found from all points.
+/// Minimum number of identify points for fitting a set-up's motion. With fewer, the motion stays as it was found from all points.
 pub const FEWEST_OF_SETUP: usize = 3;
 
 /// The arrangement of a set's points.
@@ -24,14 +24,15 @@ pub struct Arrangement {
     pub segments: Vec<usize>,
     /// Set-up of each point.
     pub setups: Vec<usize>,
-    /// Carries each set-up's positions into the frame of the set-up that all rest on.
+    /// Transforms each set-up's positions into the frame of the reference set-up.
     pub motions: Vec<IsometryMatrix3<f64>>,
-    /// All rest on the last set-up, as it stands now; where the base is known, on the first, which it is known for.
+    /// True if the last set-up is the reference, as the current state. False if the base is known: it is known for the first set-up, which is the
+    /// reference.
     pub rests_on_last: bool,
     n_targets: usize,
 }
 
-/// Targets as the fit counts them: first every target as it is last, then the earlier segments.
+/// Targets as the fit counts them: first the last segment of every target, then the earlier segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FittedTargets {
     /// (target, segment) of each fitted target.
@@ -46,7 +47,7 @@ impl FittedTargets {
         self.segments.len()
     }
 
-    /// The name of a parameter: of an earlier segment, `target_0_segment_0_x`.
+    /// The name of a parameter. For an earlier segment, for example `target_0_segment_0_x`.
     pub fn name(&self, parameter: &Parameter) -> String {
         match *parameter {
             Parameter::Target(fitted, _) if fitted >= self.n_targets => {
@@ -71,7 +72,7 @@ impl FittedTargets {
 }
 
 impl Arrangement {
-    /// Nothing moved but what the file says: one set-up per station.
+    /// Arrangement as stated in the file, without detected motions: one set-up per station.
     pub fn of(request: &CalibrationRequest) -> Self {
         let points = &request.set.points;
         let mut order: Vec<usize> = (0..points.len()).collect();
@@ -135,7 +136,7 @@ impl Arrangement {
         }
     }
 
-    /// From `first` on, its target is another one.
+    /// Starts a new target segment at point `first`.
     pub fn split_target(&mut self, observed: &Observed, first: usize) {
         let target = observed.targets[first];
         let of_target = |point: &&usize| observed.targets[**point] == target;
@@ -144,7 +145,7 @@ impl Arrangement {
             .iter()
             .position(|point| *point == first)
             .unwrap_or(0);
-        // a break within an earlier segment moves the later ones on
+        // a step within an earlier segment also renumbers the later segments
         let points: Vec<usize> = self.order[from..]
             .iter()
             .filter(of_target)
@@ -153,7 +154,7 @@ impl Arrangement {
         points.iter().for_each(|point| self.segments[*point] += 1);
     }
 
-    /// From `first` on, the base stands elsewhere: what stood before is carried by a motion.
+    /// Starts a new set-up of the base at point `first`. The points before it are transformed by `motion`.
     pub fn split_base(&mut self, first: usize, motion: &IsometryMatrix3<f64>) {
         let from = self
             .order
@@ -175,7 +176,7 @@ impl Arrangement {
         self.rest();
     }
 
-    /// The motion of the set-up that all rest on becomes none.
+    /// Makes the motion of the reference set-up the identity.
     pub fn rest(&mut self) {
         let at = self.resting();
         let back = self.motions[at].inverse();
@@ -188,7 +189,7 @@ impl Arrangement {
         });
     }
 
-    /// The set-up that the others are carried into.
+    /// The reference set-up: the other set-ups are transformed into its frame.
     pub fn resting(&self) -> usize {
         let point = if self.rests_on_last {
             self.order.last()
@@ -198,7 +199,8 @@ impl Arrangement {
         point.map_or(0, |point| self.setups[*point])
     }
 
-    /// Segments without an identify point cannot be fitted: they join the one before (or after). The points that did.
+    /// Joins each segment without identify points to the segment before it (or after it), because it cannot be fitted. Returns the points of joined
+    /// segments.
     pub fn join_unfitted(&mut self, observed: &Observed) -> Vec<usize> {
         let mut joined = Vec::new();
         for target in 0..self.n_targets {
@@ -230,7 +232,7 @@ impl Arrangement {
     }
 }
 
-/// A motion of the base: about a point, in the measuring frame.
+/// A motion of the base in the measuring frame: a shift, and a rotation about a centre.
 pub fn motion(
     shift_mm: &Vector3<f64>,
     turn_rad: &Vector3<f64>,
@@ -240,7 +242,7 @@ pub fn motion(
     IsometryMatrix3::from_parts(Translation3::from(centre + shift_mm - turn * centre), turn)
 }
 
-/// What the first segment of a target holds nominal in the paper's model, the others cannot: their targets are free.
+/// The paper's model holds the first segment of each target nominal. Later segments cannot be held: their targets are free.
 pub fn with_moved_targets(
     request: &CalibrationRequest,
     mut parameters: Vec<Parameter>,
@@ -259,7 +261,7 @@ pub fn with_moved_targets(
     parameters
 }
 
-/// Rigid motion that takes predicted points to measured ones best, for where a set-up stands.
+/// Rigid motion that best maps predicted points to measured points: the placement of a set-up.
 pub fn standing(model: &KinematicModel, observations: &[Observation]) -> IsometryMatrix3<f64> {
     let predicted: Vec<Vector3<f64>> = observations
         .iter()

@@ -1,4 +1,4 @@
-//! What can be said about a request before anything is computed.
+//! Checks of a request that need no fit.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::equations::{generic_jacobian, model_rank, n_equations};
@@ -20,15 +20,15 @@ use crate::measurement::split::has_column;
 use crate::measurement::{Frame, Subset};
 use std::collections::BTreeSet;
 
-/// What moves by less is not moved: sines of half turns are not quite zero, mm.
+/// Movements below this count as zero, mm. The sine of a half turn is not exactly zero.
 const UNMOVED_MM: f64 = 1e-9;
 
-/// Most evaluations of one particle at one point that a job may ask of the swarm: some minutes of one core.
+/// Limit for the swarm's work in a job, in evaluations of one particle at one point: some minutes of one core.
 const MAX_POINT_EVALUATIONS: usize = 100_000_000_000;
-/// Configurations to identify from that the station needs on which all rest.
+/// Minimum number of identify configurations at the reference station.
 const FEWEST_AT_REST: usize = 6;
 
-/// The checks of `calibrate` that need no fit, for the moment a job is posted.
+/// The checks of `calibrate` that need no fit. They also run when a job is posted.
 ///
 /// # Errors
 /// [`Error::Unusable`] with code `frames_required`, `model_mismatch`, `no_network`, `network_mismatch`,
@@ -53,7 +53,7 @@ pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     }
 }
 
-/// Targets of the request: those of its set; the verify set's own are fitted to it.
+/// Number of targets of the request's own set. Targets of a verify set are fitted to that set.
 pub fn n_targets(request: &CalibrationRequest) -> usize {
     request.set.n_targets()
 }
@@ -74,7 +74,7 @@ fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
     Ok(())
 }
 
-/// What a job with poses cannot do yet is refused.
+/// Refuses jobs with poses that are not supported.
 fn check_poses(request: &CalibrationRequest) -> Result<(), Error> {
     if !request.set.has_poses() {
         return Ok(());
@@ -122,7 +122,7 @@ fn check_targets(
     identify: &[Observation],
     n_targets: usize,
 ) -> Result<(), Error> {
-    // No identify rows at all is a matter of equations, which is checked next.
+    // a set without identify rows is refused by the equation count, which follows
     if request.model() == Model::Paper || identify.is_empty() {
         return Ok(());
     }
@@ -151,7 +151,7 @@ fn check_determined(
         }
     };
     let n_targets = n_targets(request);
-    // one pose for each target shows whether anything is seen at all
+    // one pose per target shows whether anything is observable at all
     let seen = generic_jacobian(&request.robot, parameters, n_targets, n_targets.max(1));
     if seen.iter().all(|moved| moved.abs() < UNMOVED_MM) {
         let detail = format!(
@@ -160,7 +160,7 @@ fn check_determined(
         );
         return Err(unusable("nothing_to_identify", detail));
     }
-    // no rank is above the number of parameters
+    // the rank cannot exceed the number of parameters
     let found = n_equations(identify, parameters.len());
     if found >= parameters.len() {
         return Ok(());
@@ -180,21 +180,21 @@ fn check_determined(
     Ok(())
 }
 
-/// Most parameters that a refusal names.
+/// Maximum number of parameters that a refusal names.
 const MAX_NAMED: usize = 8;
 
-/// Share of new configurations that the identify subset gets.
+/// Share of new configurations that goes to the identify subset.
 fn identify_share(request: &CalibrationRequest) -> f64 {
     let verify_share = match request.verify {
         VerifySource::Fraction(fraction) => fraction,
         VerifySource::Default if !has_column(&request.set) => DEFAULT_VERIFY_FRACTION,
         VerifySource::Default | VerifySource::Set(_) | VerifySource::Subset => 0.0,
     };
-    // with all of them to verify, none would ever do
+    // a share of zero would ask for infinitely many configurations
     (1.0 - verify_share).max(0.01)
 }
 
-/// Refuses sets that rest on a station which hardly stands: what its base is off by goes into every link, and shows at no point.
+/// Refuses sets whose reference station has too few configurations. An error of its base would go into every link and would show at no point.
 fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<(), Error> {
     let arrangement = Arrangement::of(request);
     let resting = arrangement.resting();
@@ -226,9 +226,9 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
     Err(unusable("under_determined", detail))
 }
 
-/// Particles, iterations and points each have their limit; so has their product.
+/// Limits the product of particles, iterations and points. Each of them also has a limit of its own.
 fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error> {
-    // least squares needs tens of evaluations; bpnn_pso runs three swarms, two of them to compare with
+    // Least squares needs tens of evaluations. bpnn_pso runs three swarms, two of them for the comparison.
     let n_swarms = match request.method {
         Method::Auto | Method::LeastSquares => return Ok(()),
         Method::Pso => 1,
@@ -252,7 +252,7 @@ fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error
     Ok(())
 }
 
-/// A swarm along what the data see needs a box that is large enough to be seen.
+/// Refuses a search box that is too small for a swarm along singular vectors: its effect must be visible in the data.
 fn check_search_box(
     request: &CalibrationRequest,
     identify: &[Observation],
@@ -261,7 +261,7 @@ fn check_search_box(
     let (settings, options) = (settings(request), &request.options);
     let is_asked_for =
         options.search_half_width_mm.is_some() || options.search_half_width_deg.is_some();
-    // priors have directions of their own
+    // priors define search directions of their own
     if !is_asked_for
         || !request.priors.is_empty()
         || !settings.singular_directions

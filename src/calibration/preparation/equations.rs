@@ -1,4 +1,4 @@
-//! How many equations points give, and how many combinations of parameters a model has.
+//! Number of equations that points give, and number of parameter combinations of a model.
 
 use crate::identification::KinematicModel;
 use crate::identification::identifiability::{decompose, prior_scales};
@@ -13,23 +13,24 @@ use nalgebra::{DMatrix, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random poses that show a model's rank, beyond one for each parameter: three times as many equations as there can be combinations.
+/// Random poses in addition to one per parameter. They give more than three times as many equations as there are combinations.
 const MORE_POSES: usize = 10;
 
-/// A singular value this small, relative to the largest, is zero.
+/// Singular values below this share of the largest count as zero.
 const ZERO: f64 = 1e-9;
 
-/// Positions of three and more points on a rigid flange fix six numbers, however many points there are.
+/// Positions of three or more points on a rigid flange determine six numbers, however many points there are.
 const EQUATIONS_PER_CONFIGURATION: usize = 6;
 
-/// What of a target was measured.
+/// Measured part of a target.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Position,
     Rotation,
 }
 
-/// Equations from distinct configurations: three for each target seen there and for each that is turned, six at most. Counted until there are `enough`.
+/// Number of equations from distinct configurations: three per target position and three per target rotation, at most six per configuration. Counting
+/// stops at `enough`.
 pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
     let mut configurations = Configurations::default();
     let mut targets_at: BTreeMap<usize, BTreeSet<(usize, Part)>> = BTreeMap::new();
@@ -52,7 +53,7 @@ pub fn n_equations(observations: &[Observation], enough: usize) -> usize {
     found
 }
 
-/// Rank of the model: what positions at generic poses can see, whatever the measured poses are.
+/// Rank of the model: the number of combinations that generic poses determine, whatever the measured poses are.
 pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> usize {
     let scale = prior_scales(parameters, reach_mm(&robot.links));
     let n_poses = (parameters.len() + MORE_POSES).max(n_targets);
@@ -64,7 +65,7 @@ pub fn model_rank(robot: &Robot, parameters: &[Parameter], n_targets: usize) -> 
     .rank_relative(ZERO)
 }
 
-/// What this many random poses see of the parameters, the targets in turn.
+/// Scaled Jacobian at `n_poses` random poses, with the targets taken in turn.
 pub fn generic_jacobian(
     robot: &Robot,
     parameters: &[Parameter],
@@ -89,12 +90,12 @@ pub fn generic_jacobian(
         .iter()
         .any(|p| matches!(p, Parameter::Target(..)))
     {
-        // off every axis of the robot, where a target is generic
+        // place the targets off every axis of the robot, so that they are generic
         for (i, target) in model.targets_mm.iter_mut().enumerate() {
             *target = Vector3::new(0.036 + 0.01 * i as f64, -0.025, 0.057) * reach_mm;
         }
     }
-    // poses, where parameters are only seen by them
+    // add rotations if target rotations are parameters: positions do not determine them
     if parameters
         .iter()
         .any(|p| matches!(p, Parameter::TargetRotation(..)))

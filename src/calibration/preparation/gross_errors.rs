@@ -1,4 +1,4 @@
-//! Gross errors: rows that stand alone and are far off. They are found before anything else is searched for.
+//! Gross errors: isolated rows with a large deviation. They are found before any other search.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::all_fit::{AllFit, fit_all};
@@ -9,28 +9,27 @@ use crate::identification::outliers::Outliers;
 use crate::solvers::watch::Watch;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Searches for outliers at most, each from the fit without those found before.
+/// Maximum number of outlier searches. Each uses the fit without the gross errors found so far.
 pub(super) const MAX_SEARCHES: usize = 4;
 
-/// A run of fewer far rows of a target is gross errors. A run of this many may be a target that moved.
+/// A run of fewer outlying rows of a target is gross errors. A run of this many or more may be a target that moved.
 const FEWEST_MOVED: usize = 3;
-/// A row that stands alone and is this share of the reach from where the others put it is a gross error, not something that moved: 8 mm on an arm of
-/// 1.7 m.
+/// An isolated row that deviates by more than this share of the reach is a gross error, not a motion: 8 mm on an arm of 1.7 m.
 const GROSS_PER_REACH: f64 = 5e-3;
-/// An outlier in a segment of suspects is this many times as far off as half of them.
+/// In a segment of suspects, an outlier deviates by more than this multiple of the median.
 const STANDS_OUT: f64 = 2.0;
 
-/// All points fitted but the gross errors.
+/// The fit to all points except the gross errors.
 pub(super) struct WithoutGross {
-    /// The gross errors: rows that stand alone and are off by more than [`GROSS_PER_REACH`].
+    /// The gross errors: isolated rows that are off by more than [`GROSS_PER_REACH`].
     pub gross: Vec<usize>,
     pub fit: AllFit,
-    /// All outliers, the gross errors among them.
+    /// All outliers, including the gross errors.
     pub outliers: Option<Outliers>,
 }
 
-/// Rows that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide there what moved. They are left out before
-/// anything is searched for, again from each fit without those found.
+/// Finds the gross errors and fits without them. Rows that are off by metres move the fit so far that the linearisation is invalid and real motions
+/// stay hidden. The search is repeated from each new fit until the gross errors no longer change.
 pub(super) fn without_gross(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -75,14 +74,15 @@ pub(super) fn without_gross(
     }
 }
 
-/// Suspects in a row at an end of the file that are all points of two configurations or more with several targets: what was knocked moves like that.
+/// Runs of suspects at the start or end of the file that cover at least two configurations of several targets. A robot that was knocked shows this
+/// pattern.
 fn outlying_together(
     observed: &Observed,
     order: &[usize],
     outliers: Option<&Outliers>,
 ) -> Vec<usize> {
     let n_targets = observed.targets.iter().max().map_or(1, |target| target + 1);
-    // ascending
+    // `points` is in ascending order
     let is_suspect =
         |p: &usize| outliers.is_some_and(|found| found.points.binary_search(p).is_ok());
     let runs = order.chunk_by(|a, b| is_suspect(a) == is_suspect(b));
@@ -94,9 +94,9 @@ fn outlying_together(
         .collect()
 }
 
-/// The suspects that stand alone among the points of their target, in measuring order, or out of the segment that they stand in: twice as
-/// far off as half of it. A reflector that slipped makes a segment of suspects, where the other reflectors hold the fit, and all by as much; a
-/// outlier would hide the step.
+/// Suspects that are isolated among the points of their target, in measuring order, or that deviate by more than twice the median of their segment. A
+/// reflector that slipped makes a segment of suspects with similar deviations, because the other reflectors hold the fit. Such a segment is not
+/// returned: outliers would hide the step.
 pub(super) fn lone_suspects(
     observed: &Observed,
     order: &[usize],

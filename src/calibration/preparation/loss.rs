@@ -1,4 +1,4 @@
-//! Losses that outliers cannot pull far, for least squares and the swarm alike.
+//! Robust losses for least squares and the swarm. They limit the influence of outliers.
 
 use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
@@ -12,14 +12,14 @@ use crate::solvers::least_squares::{Iteration, Termination};
 use crate::solvers::loss::{self as losses, HUBER_K_95, TUKEY_C_95};
 use std::ops::ControlFlow;
 
-/// Reweightings at most; a handful is usual.
+/// Maximum number of reweightings; a handful is usual.
 const MAX_REWEIGHTINGS: usize = 50;
-/// A reweighting that lowers F by less than this share is the last.
+/// Minimum relative decrease of F. A reweighting that gains less is the last.
 const SMALLEST_GAIN: f64 = 1e-10;
-/// Where the pull of so few points still grows with their distance, there is no minimum to speak of.
+/// Minimum mean slope of ψ. Below it, too few points have an influence that grows with their residual, and the minimum is not well defined.
 const SMALLEST_SLOPE: f64 = 0.05;
 
-/// How the residual of a point counts.
+/// Loss of a point's residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PointLoss {
     /// Its weighted square.
@@ -34,7 +34,7 @@ pub enum PointLoss {
 }
 
 impl PointLoss {
-    /// The request's, at the scale that screening found.
+    /// The loss of the request, at the scale that screening found.
     pub fn of(request: &CalibrationRequest, screening: &Screening) -> Self {
         let scale_mm = screening.scale_mm;
         match loss(request, screening) {
@@ -50,8 +50,8 @@ impl PointLoss {
         }
     }
 
-    /// As the swarm's kernel wants it. Tukey's loss is flat a few standard deviations out, where a swarm begins: it would see no slope. It
-    /// searches with Huber's, and what refines it ends with Tukey's.
+    /// The loss as the swarm's kernel expects it. Tukey's loss is flat beyond a few standard deviations, where a swarm begins, so a swarm would see
+    /// no slope. The swarm searches with Huber's loss instead. The refinement ends with Tukey's loss.
     pub fn bound(self) -> Option<Bound> {
         match self {
             Self::Bounded {
@@ -101,9 +101,9 @@ impl PointLoss {
             .collect()
     }
 
-    /// The points of which least squares has the same minimum and the covariance of this estimate: each residual e replaced by ψ(e) / m, m the
-    /// mean slope of ψ. What it says of them, σ²·(JᵀJ)⁻¹ with σ² = Σψ² / ((N − p)·m²), is the covariance of an M-estimate [Huber 1981,
-    /// section 7.6, without the factor K].
+    /// Points for which least squares has the same minimum as this loss, and the covariance of the M-estimate. Each residual e is replaced by ψ(e) /
+    /// m, with m the mean slope of ψ. The covariance of least squares on these points, σ²·(JᵀJ)⁻¹ with σ² = Σψ² / ((N − p)·m²), is that of an
+    /// M-estimate [Huber 1981, section 7.6, without the factor K].
     pub fn as_squares(
         self,
         model: &KinematicModel,
@@ -140,7 +140,7 @@ impl PointLoss {
     }
 }
 
-/// A measured rotation with its residual 1 + `factor` times as large.
+/// A measured rotation changed so that its residual is 1 + `factor` times as large.
 fn pulled_rotation(
     model: &KinematicModel,
     o: &Observation,
@@ -157,23 +157,22 @@ fn pulled_rotation(
     })
 }
 
-/// Length of each weighted residual, mm; of poses, rotation rows included.
+/// Length of each weighted residual, mm. For poses, rotation rows are included.
 fn lengths(model: &KinematicModel, observations: &[Observation]) -> Vec<f64> {
     let length = |o: &Observation| o.weight.sqrt() * squared_rows_mm2(model, o).sqrt();
     observations.iter().map(length).collect()
 }
 
-/// Least squares, of points with any weights.
+/// A least-squares fit of points with any weights.
 pub struct LeastSquares<'a> {
-    /// Fits the points from a start on.
+    /// Fits the points from a start model.
     pub fit: &'a dyn Fn(&KinematicModel, &[Observation]) -> FitSummary,
-    /// What the request's priors add to F of a model, mm².
+    /// Cost of the request's priors at a model, mm². It is a part of F.
     pub prior_cost_mm2: &'a dyn Fn(&KinematicModel) -> f64,
 }
 
-/// Iteratively reweighted least squares [Holland & Welsch 1977]. An iteration is a reweighting; F, the sum of the
-/// losses, falls with each. A loss that forgets outliers
-/// altogether has many minima: it begins at the fit to the `trusted` points, those that screening found to belong together.
+/// Iteratively reweighted least squares [Holland & Welsch 1977]. Each iteration is one reweighting and lowers F, the sum of the losses. A
+/// redescending loss (Tukey's) has many minima. It begins at the fit to the `trusted` points, which screening found to be consistent.
 pub fn robust_fit(
     start: &KinematicModel,
     least_squares: &LeastSquares<'_>,
@@ -226,8 +225,8 @@ pub fn robust_fit(
     found
 }
 
-/// From a start whose residuals are far above the scale, the weights of nearly all points would be small and mean little: the scale is
-/// brought down to its value step by step. The evaluations that took.
+/// Lowers the scale step by step to its final value, and returns the number of evaluations. If the start's residuals were far above the scale, nearly
+/// all weights would be small and carry little information.
 fn approach(
     start: &mut KinematicModel,
     least_squares: &LeastSquares<'_>,
@@ -254,5 +253,5 @@ fn approach(
     n_evaluations
 }
 
-/// Factor between the scales on the way.
+/// Factor between successive scales.
 const SCALE_STEP: f64 = 3.0;

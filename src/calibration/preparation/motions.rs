@@ -1,4 +1,4 @@
-//! Fits of robot, placement and the motions between set-ups: stations, and what stood before and after a step.
+//! Fits robot, placement and the motions between set-ups: between stations, and before and after a step.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{
@@ -20,12 +20,12 @@ use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
 
-/// Fits of the motions between set-ups; each is a Gauss-Newton step, two are usual.
+/// Maximum number of fits of the motions between set-ups. Each is a Gauss-Newton step; two are usual.
 const MOTION_FITS: usize = 6;
-/// Motions that change the points by less than this share of the reach are found: a nanometre on an arm of 1.7 m.
+/// Motions have converged if they change the points by less than this share of the reach: a nanometre on an arm of 1.7 m.
 const MOTION_FOUND_PER_REACH: f64 = 1e-6 / 1700.0;
 
-/// The free parameters of the request as its points are arranged.
+/// The free parameters of the request for the current arrangement of its points.
 pub fn parameters_of(
     request: &CalibrationRequest,
     targets: &FittedTargets,
@@ -42,8 +42,8 @@ fn n_of(arrangement: &Arrangement, points: &[usize], setup: usize) -> usize {
     points.iter().filter(is_of_setup).count()
 }
 
-/// The set-ups among some points whose motions are fitted: all but one, because the base moves with all of them. That one is the set-up that the
-/// others are carried into, or, if it has too few of these points, the last one that has enough.
+/// Set-ups whose motions are fitted to `points`. One set-up is held, because the base already describes a motion common to all. It is the reference
+/// set-up or, if that has too few of these points, the last set-up that has enough.
 fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
     let n_of = |setup: usize| n_of(arrangement, points, setup);
     let in_reverse = arrangement.order.iter().rev();
@@ -56,7 +56,7 @@ fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-/// Derivatives along the seen combinations, and along the motions of the set-ups that are fitted.
+/// Derivatives along the observable combinations, and along the fitted motions of set-ups.
 pub fn derivatives(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -84,7 +84,7 @@ pub fn derivatives(
     all
 }
 
-/// First estimate of where the stations stood: each by Kabsch's fit to the robot as the station of most points sees it.
+/// First estimate of the stations' placements. Each is Kabsch's fit to the robot as placed by the station with the most points.
 pub fn place_setups(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -116,8 +116,8 @@ pub fn place_setups(
     fit_motions(request, observed, arrangement, None, watch).map(|_| ())
 }
 
-/// Fits robot, placement and the motions between set-ups: least squares with the motions held, and Gauss-Newton steps of both together.
-/// Without motions it is least squares alone. Set-ups with too few points keep their motion.
+/// Fits robot, placement and the motions between set-ups. Least squares with held motions alternates with Gauss-Newton steps of all unknowns. Without
+/// motions it is least squares alone. Set-ups with too few points keep their motion.
 pub fn fit_motions(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -135,7 +135,7 @@ pub fn fit_motions(
     let (mut nominal, mut model) = (None, None);
     for _ in 0..MOTION_FITS {
         arrangement.apply(observed);
-        // what moved is told by positions alone
+        // motions are determined by positions alone
         let of_position = |p: &usize| observed.all[*p].position_alone();
         let fitted: Vec<Observation> = points.iter().map(of_position).collect();
         if subset.is_some() && arrangement.motions.len() < 2 {
@@ -164,7 +164,7 @@ pub fn fit_motions(
     Ok(model.unwrap_or_else(|| KinematicModel::nominal(&request.robot.links, targets.len())))
 }
 
-/// One Gauss-Newton step of the motions, together with everything else; true once it is small.
+/// One Gauss-Newton step of the motions together with all other unknowns. Returns true once the step is small.
 fn move_setups(
     model: &KinematicModel,
     parameters: &[Parameter],
@@ -189,7 +189,7 @@ fn move_setups(
         }
         let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);
         largest = largest.max(shift_mm.norm() + turn_rad.norm() * columns.size_mm());
-        // measured = moved by this; carried back
+        // the step moved the measured points; its inverse transforms them back
         arrangement.motions[setup] =
             motion(&shift_mm, &turn_rad, &columns.centre).inverse() * arrangement.motions[setup];
     }

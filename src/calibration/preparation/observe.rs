@@ -1,4 +1,4 @@
-//! From a request to what is fitted and scored: observations in the model's joint convention, their subsets, the free parameters.
+//! From a request to what is fitted and scored: observations in the model's joint convention, their subsets, and the free parameters.
 
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice, VerifySource};
 use crate::calibration::{Error, unusable};
@@ -13,7 +13,7 @@ use crate::measurement::{Frame, MeasurementSet, Subset, split};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Share of the configurations kept for verification where nothing else is said.
+/// Share of the configurations that is kept for verification by default.
 pub const DEFAULT_VERIFY_FRACTION: f64 = 0.5;
 
 /// Points of one set, fitted or scored together.
@@ -25,13 +25,13 @@ pub struct Observed {
     pub subsets: Vec<Subset>,
     /// One per point.
     pub configurations: Vec<String>,
-    /// The target of each point as the file counts it; the fit may count anew ([`crate::calibration::arrangement`]).
+    /// Target of each point as numbered in the file. The fit numbers targets differently if a target moved.
     pub targets: Vec<usize>,
-    /// Where each point was measured, mm, before the fit carried it anywhere.
+    /// Measured position of each point, mm, before any transform by the fit.
     pub positions_mm: Vec<Vector3<f64>>,
-    /// And how its target was turned there, of poses.
+    /// Measured rotation of each point's target, for poses.
     pub rotations: Vec<Option<Rotation3<f64>>>,
-    /// What whitens its noise there, where that differs from direction to direction and is known ([`crate::calibration::preparation::row_weights`]).
+    /// Whitening matrix of each point's noise, if the noise is known and differs between directions.
     pub whitenings: Vec<Option<Matrix3<f64>>>,
 }
 
@@ -64,7 +64,7 @@ impl Observed {
             .collect()
     }
 
-    /// The number of each point's configuration, of the points of one subset, counted from 0 in their order.
+    /// Number of each point's configuration, for the points of one subset. Numbers count from 0 in order of appearance.
     pub fn clusters(&self, subset: Subset) -> Vec<usize> {
         numbered(
             self.configurations
@@ -91,7 +91,7 @@ fn numbered<'a>(labels: impl Iterator<Item = &'a String>) -> Vec<usize> {
         .collect()
 }
 
-/// The request's own set, split.
+/// The request's own set, split into subsets.
 pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     let set = &request.set;
     let mut observed = Observed::new(request, set, &to_base(request), subsets(request)?);
@@ -99,8 +99,8 @@ pub fn observe(request: &CalibrationRequest) -> Result<Observed, Error> {
     Ok(observed)
 }
 
-/// Each session counts by its own noise: 1/std² of a point, within its session, over the noise of the session squared; relative to the mean over the
-/// points that are fitted. Poses are weighed once the noise of position and rotation is known, over all sessions.
+/// Weighs each session by its own noise. The weight of a point is its 1/std² within the session, divided by the squared noise of the session,
+/// relative to the mean over the fitted points. Poses are weighed later over all sessions, once the noise of position and rotation is known.
 fn weigh_sessions(request: &CalibrationRequest, observed: &mut Observed) {
     let noises_mm = &request.session_noise_mm;
     if noises_mm.is_empty() || request.set.has_poses() {
@@ -128,7 +128,7 @@ fn weigh_sessions(request: &CalibrationRequest, observed: &mut Observed) {
     }
 }
 
-/// The request's own set, all of it to verify.
+/// The request's own set, with all points to verify.
 pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
     let set = &request.set;
     Observed::new(
@@ -139,7 +139,7 @@ pub fn observe_to_verify(request: &CalibrationRequest) -> Observed {
     )
 }
 
-/// Another set of the same robot: all of it to verify.
+/// Another set of the same robot, with all points to verify.
 pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> Observed {
     Observed::new(
         request,
@@ -149,7 +149,7 @@ pub fn observe_verify_set(request: &CalibrationRequest, set: &MeasurementSet) ->
     )
 }
 
-/// What turns measured positions into the frame of the fit: the base frame where sweeps give it, else the measuring frame.
+/// Transform from measured positions to the frame of the fit. That is the base frame if sweeps give it, else the measuring frame.
 pub(super) fn to_base(request: &CalibrationRequest) -> IsometryMatrix3<f64> {
     match (&request.frames, request.model(), request.set.frame) {
         (Some(frames), Model::Paper, Frame::Instrument) => frames.t_instrument_base.inverse(),
@@ -183,7 +183,7 @@ fn observations(
     set.points.iter().zip(weights).map(observation).collect()
 }
 
-/// The stated standard deviation of a coordinate of a point of weight 1, mm; 0 where none is stated.
+/// Stated standard deviation of a coordinate of a point of weight 1, mm; 0 if any point states none.
 pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
     let all: Option<Vec<f64>> = set
         .points
@@ -195,8 +195,8 @@ pub fn stated_scale_mm(set: &MeasurementSet) -> f64 {
     })
 }
 
-/// 1/std² of each point relative to the mean of that over the points that are fitted (all of them where none is), so that equal
-/// uncertainties leave F as it is and what is only verified has no say; 1 where no uncertainties are given.
+/// 1/std² of each point relative to its mean over the fitted points (over all points if none is fitted). Equal uncertainties thus leave F unchanged,
+/// and points to verify have no influence. 1 if no uncertainties are given.
 fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
     let all: Option<Vec<f64>> = set
         .points
@@ -246,7 +246,7 @@ pub fn model_parameters(request: &CalibrationRequest, n_targets: usize) -> Vec<P
     }
 }
 
-/// Parameters of a fit to some points: those that are free, and how targets are turned whose poses were measured.
+/// Parameters of a fit to some points: the free ones, and the rotations of targets whose poses were measured.
 pub fn with_target_rotations(
     mut parameters: Vec<Parameter>,
     observations: &[Observation],
@@ -255,7 +255,7 @@ pub fn with_target_rotations(
     parameters
 }
 
-/// The free parameters: the model's, less what the request holds.
+/// The free parameters: those of the model without those that the request holds.
 pub fn free_parameters(
     request: &CalibrationRequest,
     n_targets: usize,

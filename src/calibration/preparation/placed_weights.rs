@@ -1,7 +1,7 @@
-//! Weights of points that a known robot is only placed on, where their noise differs from direction to direction.
+//! Weights of points on which a known robot is only placed, for noise that differs between directions.
 //!
-//! As in [`row_weights`](super::row_weights): the covariance of a position is what is stated and s²·1 beside it, and the residuals of the placed
-//! robot, each along the axes of its point's noise, say how large s is. A robot that is off by much is thus placed by all directions alike.
+//! As in [`row_weights`](super::row_weights), the covariance of a position is the stated one plus s²·1. The residuals of the placed robot, along the
+//! axes of each point's noise, determine s. If a robot is far off, all directions thus count nearly alike in its placement.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
@@ -13,8 +13,8 @@ use crate::kinematics::reach_mm;
 use crate::measurement::MeasurementSet;
 use nalgebra::IsometryMatrix3;
 
-/// Weighs the points of `set`, laid out as in `observed`, by the residuals of a model that was placed on them with `n_placed` numbers. What does
-/// not belong says nothing of the noise.
+/// Weighs the points of `set` by the residuals of a model that was placed on them with `n_placed` fitted numbers. `observed` has the same points in
+/// the same order. Outliers do not contribute to the noise estimate.
 pub fn weigh_placed(
     set: &MeasurementSet,
     observed: &mut Observed,

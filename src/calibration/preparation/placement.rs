@@ -1,4 +1,4 @@
-//! Where a robot with given links stands: base and targets fitted where the request leaves them unknown.
+//! Placement of a robot with given links: base and targets are fitted where the request leaves them unknown.
 
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::identification::KinematicModel;
@@ -26,7 +26,7 @@ pub fn nominal_model(
     placed(request, links, &counting, n_targets)
 }
 
-/// A robot with these links: base and targets fitted where the request's model and frame leave them unknown.
+/// A robot with these links. Base and targets are fitted where the request's model and frame leave them unknown.
 pub fn placed(
     request: &CalibrationRequest,
     links: Vec<Link>,

@@ -1,4 +1,4 @@
-//! From a request to its problem: points are screened, parameters chosen, and priors weighed.
+//! From a request to its problem: screens the points, chooses the parameters, and sets weights and priors.
 
 use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::preparation::motions::parameters_of;
@@ -23,10 +23,10 @@ impl<'a> Problem<'a> {
         Self::of(request, observe(request)?, watch)
     }
 
-    /// The problem of a request whose points are already split: screened, and arranged for the fit.
+    /// The problem of a request whose points are already split. Screens the points and arranges them for the fit.
     ///
     /// # Errors
-    /// [`Error::Cancelled`] once the watch says no, [`Error::Unusable`] where nothing can be identified.
+    /// [`Error::Cancelled`] when the watch stops, [`Error::Unusable`] if nothing can be identified.
     pub fn of(
         request: &'a CalibrationRequest,
         mut observed: Observed,

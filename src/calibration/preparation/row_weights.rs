@@ -1,13 +1,11 @@
-//! How position and rotation of poses are weighed, and positions whose noise differs from direction to direction: a variance for each,
-//! estimated.
+//! Weights of positions and rotations of poses, and of positions whose noise differs between directions. The variance of each is estimated.
 //!
-//! The variance of a row is what the instrument states for it and what the robot does beside, which is estimated for positions and for rotations
-//! each: after a fit, the squares that the rows of a class leave are worth their number less what the fit takes of them (its leverages). Weights and
-//! fit take turns until neither changes [Förstner 1979; Paule & Mandel 1982]. A stated noise is thus a lower bound: a T-Mac states 0.01 mm where
-//! links miss by 0.45.
+//! The variance of a row is the instrument's stated variance plus an excess of the robot. The excess is estimated separately for positions and for
+//! rotations. After a fit, the normalised squares of a class sum to its number of rows minus its leverages. Fit and weights alternate until neither
+//! changes [Förstner 1979; Paule & Mandel 1982]. A stated noise is thus a lower bound: a T-Mac states 0.01 mm where the links miss by 0.45 mm.
 //!
-//! What the robot does beside is the same in all directions. An instrument that states a covariance C of a position thus has C + s²·1, and a beam
-//! that is ten times better than its angles counts ten times as much only where the robot is as good.
+//! The excess is the same in all directions. An instrument that states a covariance C of a position thus has C + s²·1. A distance that is ten times
+//! more accurate than the angles has ten times the influence only if the robot is as accurate.
 
 use crate::calibration::preparation::observe::{Observed, to_base};
 use crate::calibration::preparation::placement::placed;
@@ -25,48 +23,48 @@ use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, IsometryMatrix3};
 use std::ops::ControlFlow;
 
-/// Fits and weights take turns so often at most; three to five are usual.
+/// Maximum number of rounds of fit and weights; three to five are usual.
 const ROUNDS: usize = 12;
-/// Relative change of both standard deviations that ends them.
+/// The rounds end when both standard deviations change by less than this share.
 const FOUND: f64 = 1e-3;
-/// With fewer redundant equations of a class, both are estimated together, in their usual proportion.
+/// Minimum redundancy of a class. With less, both classes are estimated together, in their usual ratio.
 const LEAST_FREEDOM: f64 = 10.0;
-/// The proportion of both is within this factor of the usual one, to either side.
+/// The ratio of both standard deviations may differ from the usual ratio by this factor at most.
 const MOST_APART: f64 = 100.0;
-/// A variance is at least this share of the usual one: that of residuals which are rounding.
+/// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
 const LEAST_VARIANCE: f64 = 1e-18;
-/// Halvings of the interval in which a variance is searched.
+/// Number of bisections in the search for a variance.
 const HALVINGS: usize = 200;
 
-/// What rows scatter by beside what the instrument states, one standard deviation of a coordinate.
+/// Excess scatter of rows beyond the instrument's stated noise, one standard deviation of a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Noise {
     position_mm: f64,
     rotation_rad: f64,
 }
 
-/// Points that were fitted, with the noise that they were weighed with.
+/// Points that were fitted, and the noise that their weights were computed from.
 struct Weighed<'a> {
     points: &'a [Observation],
     noise: &'a Noise,
     is_by_direction: bool,
 }
 
-/// Rows that share a variance: the squared length of each residual of three rows, with what is stated for a row; where directions differ, the
-/// square of each row.
+/// Rows that share a variance. For each residual of three rows: its squared length and the stated variance of a row. If directions differ: the square
+/// and the stated variance of each row.
 #[derive(Default)]
 struct Class {
     squares: Vec<(f64, f64)>,
     freedom: f64,
 }
 
-/// What an instrument states for a point, one standard deviation of a coordinate, mm and rad; 0 where it states nothing.
+/// Stated noise of a point, one standard deviation of a coordinate, mm and rad; 0 if nothing is stated.
 fn stated(point: &Point) -> (f64, f64) {
     let position_mm = point.position_std_mm().unwrap_or(0.0);
     (position_mm, point.std_rotation_rad.unwrap_or(0.0))
 }
 
-/// The start by the positions of poses: whether joints are far off shows in positions alone.
+/// Start model from the positions of poses alone: these show whether joints are far off.
 pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
     let n_targets = problem.screening.targets.len();
     let placed = |links, points: &[Observation]| placed(problem.request, links, points, n_targets);
@@ -78,13 +76,13 @@ pub fn start_of_poses(problem: &Problem<'_>) -> BestStart {
     best_start(&problem.nominal, None, &parameters, &positions, &placed)
 }
 
-/// Whether the noise of a set's positions counts by its directions. The swarms and the paper's preset know one weight a point.
+/// True if the noise of a set's positions is weighed by direction. The swarms and the paper's preset have one weight per point.
 pub fn is_by_direction(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     let is_least_squares = matches!(request.method, Method::Auto | Method::LeastSquares);
     request.preset == Preset::Default && is_least_squares && set.has_uneven_noise()
 }
 
-/// The noise of a point, where its directions differ.
+/// The noise of a point, if it differs between directions.
 pub(super) fn uneven_noise(point: &Point) -> Option<&PositionNoise> {
     point
         .position_noise
@@ -92,8 +90,8 @@ pub(super) fn uneven_noise(point: &Point) -> Option<&PositionNoise> {
         .filter(|noise| !noise.is_alike())
 }
 
-/// Weighs the points of a problem, those to verify as well; what they see is taken anew. Positions whose noise is alike in all directions stay as
-/// they are.
+/// Weighs the points of a problem, including those to verify, and recomputes the decomposition. Does nothing for positions without poses and without
+/// direction-dependent noise.
 pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
     let is_by_direction = is_by_direction(problem.request, &problem.request.set);
     if !problem.request.set.has_poses() && !is_by_direction {
@@ -112,7 +110,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
     };
     for _ in 0..ROUNDS {
         apply(problem, &noise, is_by_direction);
-        // a robust loss keeps gross errors in the fit; the noise is that of the others
+        // with a robust loss, gross errors stay in the fit; the noise is estimated from the other points
         let points = match is_by_direction {
             true => problem.trusted(),
             false => problem.identify.clone(),
@@ -141,7 +139,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
         }
     }
     apply(problem, &noise, is_by_direction);
-    // before: the nominal robot, placed with the same weights as the identified one
+    // the nominal robot ("before") is placed with the same weights as the identified one
     let counting = problem.identify.iter().filter(|o| o.weight > 0.0);
     let counting: Vec<Observation> = counting.cloned().collect();
     let links = problem.nominal.links.clone();
@@ -163,7 +161,7 @@ fn variances(point: &Point, noise: &Noise) -> (f64, f64) {
     )
 }
 
-/// Weights by these variances, 1 on average over the points to identify. Points that do not count stay without weight.
+/// Sets the weights from these variances, with mean 1 over the identify points. Points without weight stay without weight.
 fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
     let set = &problem.request.set;
     let all = &mut problem.observed.all;
@@ -197,8 +195,8 @@ fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
     problem.least_sigma_mm = least_sigma_mm(set, &fitted);
 }
 
-/// Whitens each point's noise, with a part beside it that is the same in all directions. Noise is stated in the measuring frame; `to_measuring`
-/// takes the frame in which points were observed there, and the motion of a row carries it into the frame of the fit.
+/// Whitens each point's noise together with an isotropic part `beside_mm`. Noise is stated in the measuring frame. `to_measuring` transforms from the
+/// frame of the observations to the measuring frame. The motion of a row transforms its observation into the frame of the fit.
 pub(super) fn whiten(
     observed: &mut Observed,
     set: &MeasurementSet,
@@ -215,7 +213,7 @@ pub(super) fn whiten(
     }
 }
 
-/// What is stated for the points that are fitted, one standard deviation of a row of weight 1, mm; `None` where one of them states nothing.
+/// Stated noise of the fitted points: standard deviation of a row of weight 1, mm. `None` if one of them states nothing.
 fn least_sigma_mm(set: &MeasurementSet, fitted: &[usize]) -> Option<f64> {
     let stated = fitted.iter().map(|row| stated(&set.points[*row]).0);
     let precisions: f64 = stated.map(|std| 1.0 / (std * std)).sum();
@@ -223,7 +221,7 @@ fn least_sigma_mm(set: &MeasurementSet, fitted: &[usize]) -> Option<f64> {
     (std_mm.is_finite() && std_mm > 0.0).then_some(std_mm)
 }
 
-/// What the rows scatter by after a fit.
+/// Estimates the excess scatter of the rows after a fit.
 fn estimated(
     problem: &Problem<'_>,
     rows: &problem::Problem<'_>,
@@ -258,7 +256,7 @@ fn estimated(
     }
 }
 
-/// Residuals of positions and of rotations, and what the fit leaves free of each.
+/// Squared residuals of positions and of rotations, and the redundancy of each class.
 fn classes(
     problem: &Problem<'_>,
     rows: &problem::Problem<'_>,
@@ -319,8 +317,8 @@ fn classes(
     classes
 }
 
-/// The factor c² for which Σ square/(stated² + c²·usual²) is as large as the freedom; terms are (square, stated², usual²). 0 where what is
-/// stated is enough.
+/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`. Terms are (square, stated², usual²). [`LEAST_VARIANCE`] if the stated
+/// noise is sufficient.
 pub(super) fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
     let freedom = freedom.max(1.0);
     let sum = |c2: f64| -> f64 {

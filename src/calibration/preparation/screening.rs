@@ -1,7 +1,7 @@
-//! Before anything is identified: which points do not belong, and did anything move while it was measured?
+//! Screening before the identification: which points are outliers, and did anything move during the measurement?
 //!
-//! Both are asked of all points of the upload, those to verify included: they are questions about the measurement. No parameter of the
-//! robot is taken from the fits made here.
+//! Both questions concern the measurement, so all points of the upload are used, including those to verify. No robot parameter is taken from these
+//! fits.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::all_fit::{AllFit, fit_all};
@@ -21,28 +21,28 @@ use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// Share of all points from which on a person has to look at the outliers.
+/// If more than this share of all points are outliers, a person has to review them.
 const REVIEW_SHARE: f64 = 0.05;
-/// Share of all points that may be left out of the fit.
+/// Maximum share of all points that may be left out of the fit.
 const LEFT_OUT_SHARE: f64 = 0.1;
-/// Share of the points to identify that may be left out. It is larger, because by chance most outliers may be among them.
+/// Maximum share of the identify points that may be left out. It is larger, because most outliers may be among them by chance.
 const LEFT_OUT_OF_SUBSET: f64 = 0.2;
-/// If this share of the points on the smaller side of a step is an outlier with it, it is no step: two or three outliers are explained by one
-/// but for as many coordinates, and one of two, or two of three, stays an outlier.
+/// A step is rejected if at least this share of the points on its smaller side remain outliers. A false step explains only one of two or three
+/// outliers; the others remain outliers.
 const SCATTERED: f64 = 0.25;
-/// Steps at most; a campaign with more is not worth fitting.
+/// Maximum number of steps. A campaign with more is not worth fitting.
 const MAX_STEPS: usize = 4;
 
-/// A point that does not belong.
+/// An outlier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outlier {
     /// 0-based data row.
     pub row: usize,
-    /// How far it lies from where the others put it, mm.
+    /// Distance from the position that the other points predict, mm.
     pub size_mm: f64,
 }
 
-/// What moved in a step.
+/// The part that moved in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WhatMoved {
     /// A target on the flange.
@@ -51,53 +51,53 @@ pub enum WhatMoved {
     Base,
 }
 
-/// Something that moved.
+/// A step: something moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FoundStep {
-    /// What.
+    /// The part that moved.
     pub moved: WhatMoved,
-    /// First data row after it.
+    /// First data row after the step.
     pub row: usize,
-    /// By how much: a target in the flange frame, the base (and the instrument the other way) in the measuring frame, mm.
+    /// Displacement, mm: of a target in the flange frame, of the base in the measuring frame. A moved instrument shows with the opposite sign.
     pub vector_mm: Vector3<f64>,
-    /// Turn of the base, rad.
+    /// Rotation of the base, rad.
     pub turn_rad: Vector3<f64>,
-    /// One point alone at an end: it may as well be an outlier, and is treated so.
+    /// True if the step separates only one point at an end. It may be an outlier, and is treated as one.
     pub is_one_point: bool,
 }
 
-/// What was found.
+/// Result of the screening.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Screening {
-    /// Points that do not belong, by row.
+    /// Outliers, by row.
     pub outliers: Vec<Outlier>,
-    /// Standard deviation of one coordinate of the others, mm.
+    /// Standard deviation of one coordinate of the other points, mm.
     pub scale_mm: f64,
-    /// The outliers are few enough to be left out, and the loss is ours to choose: those to identify count nothing.
+    /// True if the outliers among the identify points get weight 0: they are few enough, and the request names no loss.
     pub is_down_weighted: bool,
-    /// So many points are outliers that a person has to look.
+    /// True if there are so many outliers that a person has to review them.
     pub is_for_review: bool,
-    /// The outliers are few enough not to count in comparisons.
+    /// True if the outliers are few enough to be left out of comparisons.
     pub are_few: bool,
     /// Steps, by row.
     pub steps: Vec<FoundStep>,
-    /// How all points drifted.
+    /// Drift common to all points.
     pub drift: Option<Drift>,
-    /// Rows of segments without identify points: they are scored with the segment before.
+    /// Rows of segments without identify points. They are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
     /// The targets of the fit.
     pub targets: FittedTargets,
 }
 
 impl Screening {
-    /// Rows that do not count in comparisons.
+    /// Rows that are left out of comparisons.
     pub fn rows_left_out(&self) -> impl Iterator<Item = usize> {
         let left_out = self.outliers.iter().filter(|_| self.are_few);
         left_out.map(|outlier| outlier.row)
     }
 }
 
-/// Screens the points, and arranges them for the fit: outliers lose their weight, what moved is taken apart.
+/// Screens the points and arranges them for the fit. Outliers lose their weight. Points before and after a step are separated.
 pub fn screen(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -110,7 +110,7 @@ pub fn screen(
         let (mut outliers, mut fitted_without) =
             search(request, observed, &mut arrangement, &mut screening, watch)?;
         for _ in 0..MAX_SEARCHES {
-            // the fit without them is known
+            // the fit without these outliers is already known
             if outliers
                 .as_ref()
                 .is_some_and(|w| w.points == fitted_without)
@@ -152,7 +152,7 @@ pub fn screen(
     Ok((screening, arrangement))
 }
 
-/// Finds steps one after another, and what is an outlier beside them: found at a fit without the points that are named last.
+/// Finds steps one after another, and the remaining outliers. Also returns the points that the last fit left out.
 fn search(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -186,7 +186,7 @@ fn search(
             find(observed, &fit, &belonging, watch)
         };
         let mut accepted = false;
-        // with outliers in the fit, a step has to explain some of them; with segments of them, at least half of these
+        // with outliers in the fit, a step must explain at least one of them; with segments of outliers, at least half of these
         let in_segments = suspects.len() - lone.len();
         let tried = [
             (&with_all, suspects.len().min(1)),
@@ -204,10 +204,10 @@ fn search(
             if n_left.is_some_and(|n| n_to_explain > 0 && n + n_to_explain > suspects.len()) {
                 continue;
             }
-            // what moved takes its points along: where many of them stay outliers, they are no segment
+            // a real step explains the points on its smaller side; if many of them remain outliers, they are not a segment
             let minor = others(&minor_side(observed, arrangement, step), &gross);
             let still_outlying = left.as_ref().map_or(0, |w| {
-                // ascending
+                // `points` is in ascending order
                 let is_outlier = |p: &&usize| w.points.binary_search(p).is_ok();
                 minor.iter().filter(is_outlier).count()
             });
@@ -219,7 +219,7 @@ fn search(
             break;
         }
         if !accepted {
-            // the paper's model knows where the target is at first, and frees it after a step: with the target elsewhere, any step is a gain
+            // the paper's model holds the target nominal at first and frees it after a step: if the real target is elsewhere, any such step is a gain
             let frees_all = |s: &Step| {
                 request.model() == Model::Paper && lone_point(observed, arrangement, s) != s.first
             };
@@ -229,7 +229,7 @@ fn search(
                         .iter()
                         .all(|p| *p == lone_point(observed, arrangement, s))
             };
-            // one point beside gross errors is one more of them
+            // beside gross errors, a single point is another gross error
             let lone = with_all.filter(|s| gross.is_empty() && is_lone(s) && !frees_all(s));
             screening
                 .steps
@@ -244,8 +244,8 @@ fn search(
     Ok((outliers, gross))
 }
 
-/// Points that are off by metres pull the fit so far that the problem is linear about the wrong place, and hide others there. Looks again from the
-/// fit without them; `None` if there were none.
+/// Searches for outliers again, from the fit without those found; `None` if none were found. Points that are off by metres move the fit so far that
+/// the linearisation is invalid and other outliers stay hidden.
 fn search_again(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -304,7 +304,7 @@ fn find(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -
     campaign.step()
 }
 
-/// How some points drifted, in measuring order.
+/// Drift of the given points, in measuring order.
 fn drift(observed: &Observed, fit: &AllFit, order: &[usize], watch: &Watch<'_>) -> Option<Drift> {
     let rows: Vec<usize> = order.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
     let clusters = observed.all_clusters();
@@ -340,7 +340,7 @@ fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &St
     trial
 }
 
-/// What is told of a step: of each target, or of the base.
+/// The step as it is reported: one entry per target, or one for the base.
 fn found(step: &Step, is_one_point: bool) -> Vec<FoundStep> {
     if step.moved == Moved::Base {
         return vec![FoundStep {
@@ -361,7 +361,7 @@ fn found(step: &Step, is_one_point: bool) -> Vec<FoundStep> {
     step.of_targets.iter().map(of_target).collect()
 }
 
-/// The point that a step at an end cuts off.
+/// The single point that a step at an end separates.
 fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> usize {
     let of_target = |p: &&usize| observed.targets[**p] == observed.targets[step.first];
     let last = arrangement
@@ -382,7 +382,7 @@ fn lone_point(observed: &Observed, arrangement: &Arrangement, step: &Step) -> us
     }
 }
 
-/// What the outliers are to the fit.
+/// Records the outliers. Sets the weight of those to identify to 0 if they are few enough.
 fn leave_out(
     request: &CalibrationRequest,
     observed: &mut Observed,
@@ -421,8 +421,8 @@ fn leave_out(
     }
 }
 
-/// The loss that the fit takes: the one asked for, else squares; with too many outliers to leave out, Huber's, which keeps them all and
-/// lets none pull hard.
+/// The loss of the fit: that of the request, else squares. With too many outliers to leave out, it is Huber's loss, which keeps all points and limits
+/// their influence.
 pub fn loss(request: &CalibrationRequest, screening: &Screening) -> Loss {
     let ours = if screening.is_for_review && !screening.is_down_weighted {
         Loss::Huber

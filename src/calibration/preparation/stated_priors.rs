@@ -1,4 +1,4 @@
-//! Priors and bounds of a request: whether they can be used, what they are to the fit, and what became of them.
+//! Priors and bounds of a request: checks, conversion for the fit, and outcome.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::observe::{free_parameters, model_parameters};
@@ -20,23 +20,23 @@ use crate::identification::uncertainty::Uncertainty;
 use crate::solvers::least_squares::Iteration;
 use std::ops::ControlFlow;
 
-/// Points contradict the priors if they would fit so much worse with them in at most so many cases.
+/// Significance level: the points contradict the priors if such a loss of fit has a smaller probability by chance.
 const CONTRADICTED: f64 = 1e-4;
 
-/// Something that is wrong with a prior.
+/// A fault of a prior.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PriorFault {
     /// Index in the request's list.
     pub index: usize,
     /// The field: `name`, `min`, `max` or `mean`.
     pub field: &'static str,
-    /// Machine-readable.
+    /// Machine-readable code.
     pub code: &'static str,
-    /// What, and how to mend it.
+    /// What is wrong, and how to correct it.
     pub detail: String,
 }
 
-/// Everything that is wrong with the request's priors, beyond numbers that are wrong by themselves.
+/// All faults of the request's priors, except numbers that are invalid by themselves.
 pub fn prior_faults(request: &CalibrationRequest) -> Vec<PriorFault> {
     if request.priors.is_empty() {
         return vec![];
@@ -154,7 +154,7 @@ fn from_unit(parameter: &Parameter, value: f64) -> f64 {
     }
 }
 
-/// The request's priors as the fit takes them.
+/// The request's priors in the form that the fit uses.
 ///
 /// # Errors
 /// The first of [`prior_faults`].
@@ -178,7 +178,7 @@ pub fn stated_priors(problem: &Problem<'_>) -> Result<Option<StatedPriors>, Erro
             .iter()
             .position(|p| p.name() == known.name)?;
         let parameter = &problem.parameters[index];
-        // as the report has it; of the last link's d without the tool that was merged into it
+        // values as in the report: d of the last link without the tool that was merged into it
         let nominal = problem.reported(&problem.nominal, parameter);
         let from_nominal = |value: f64| from_unit(parameter, value) - nominal;
         Some(Prior {
@@ -214,7 +214,7 @@ pub fn stated_priors(problem: &Problem<'_>) -> Result<Option<StatedPriors>, Erro
     }))
 }
 
-/// What became of a parameter's prior.
+/// Outcome of a parameter's prior.
 pub fn outcome_of(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -254,7 +254,7 @@ pub fn outcome_of(
     })
 }
 
-/// Warns where the points fit far better without the priors than chance allows, and of parameters that stand at a bound.
+/// Warns if the points fit far better without the priors than chance allows, and of parameters that ended at a bound.
 pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
     let Some(known) = &problem.priors else {
         return vec![];

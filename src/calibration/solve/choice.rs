@@ -1,4 +1,4 @@
-//! Which method runs, from where, and why.
+//! Chooses the method and its start, with the reason.
 
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::preparation::row_weights::start_of_poses;
@@ -9,20 +9,20 @@ use crate::identification::multistart::{BestStart, best_start};
 use crate::identification::objective::Observation;
 use crate::identification::parameters::apply;
 
-/// What runs, from where, and why.
+/// The chosen method, its start, and the reason.
 pub struct Choice {
     /// The method; never `Auto`.
     pub method: Method,
-    /// What least squares starts from, and the middle of a swarm's box.
+    /// Start of least squares, and centre of a swarm's box.
     pub start: KinematicModel,
-    /// The same for a swarm that knows no network, for comparison.
+    /// The same for a swarm without the network, for comparison.
     pub cold_start: KinematicModel,
-    /// In words.
+    /// Reason for the choice, in words.
     pub reason: String,
 }
 
-/// For `auto`: least squares where it finds the robot, from nominal or, where joints are far off, from what the robot's network remembers
-/// or the best of other joint offsets; a swarm around that where it does not, moved by the network where there is one.
+/// For `auto`: least squares if it finds the robot. It starts from nominal or, if joints are far off, from the network's stored answer or from the
+/// best of other joint offsets. If least squares does not find the robot: a swarm around the best start, moved by the network if there is one.
 pub fn choose(problem: &Problem<'_>) -> Choice {
     let asked_for = |start: KinematicModel| Choice {
         method: problem.request.method,
@@ -73,7 +73,7 @@ fn by_evidence(problem: &Problem<'_>) -> Choice {
     }
 }
 
-/// What is said where least squares from nominal converges does not depend on whether there is a network: neither does the result.
+/// If least squares from nominal converges, neither the reason nor the result depends on whether there is a network.
 fn evidence(best: &BestStart) -> (Method, String) {
     let left_out = if best.is_pulled_away {
         ", the quarter of them left out that fits worst"
@@ -140,8 +140,8 @@ fn evidence(best: &BestStart) -> (Method, String) {
     }
 }
 
-/// The links that the network was trained on, base and targets fitted with them: the nominal robot would place them wrongly by as much as
-/// the robot errs.
+/// The links that the network was trained on, with base and targets fitted to them. With the nominal links, base and targets would be wrong by as
+/// much as the robot's errors.
 fn remembered(problem: &Problem<'_>) -> KinematicModel {
     let remembered = apply(
         &problem.nominal,

@@ -1,4 +1,4 @@
-//! The stage of a calibration that looks for what links cannot say, after the links are found. It changes nothing about them.
+//! Searches for corrections of effects that links cannot describe, after the links are identified. The identified links do not change.
 
 use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::preparation::observe::stated_scale_mm;
@@ -18,30 +18,30 @@ use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
 
-/// How well gravity is known where nobody says how the robot stands: on a floor, to 2°.
+/// Uncertainty of the gravity direction if no mounting is stated: on a floor, to 2°.
 const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
-/// How well gravity is known in the base frame from an instrument that was levelled: its level is good to thousandths of a degree, and the rotation
-/// of the base, as the nominal robot is placed on the points, to a tenth.
+/// Uncertainty of the gravity direction from a levelled instrument, in the base frame: the level is good to thousandths of a degree, and the rotation of
+/// the base, with the nominal robot placed on the points, to a tenth.
 const LEVELLED_STD_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// Gravity contradicts the mounting from so many of its standard deviations on, and no less than this tilt, rad (0.5°).
+/// Gravity contradicts the mounting if it deviates by more than this number of its standard deviations, and by more than `LEAST_TILT_RAD` (0.5°).
 const CONTRADICTED_SIGMAS: f64 = 3.0;
 const LEAST_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Points that corrections are identified from at most, evenly taken: many more than there are numbers.
+/// Maximum number of points for identifying corrections, evenly selected: many more than there are unknowns.
 const MOST_POINTS: usize = 3_000;
-/// Residuals below this share of the reach are rounding, rms: there is nothing to explain. 1 µm on an arm of 1.7 m.
+/// An rms of residuals below this share of the reach is rounding, with nothing to explain: 1 µm on an arm of 1.7 m.
 const EXACT_PER_REACH: f64 = 1e-3 / 1700.0;
 
-/// What was found, in the frame of the delivered robot.
+/// Result of the search for corrections.
 pub struct Found {
-    /// What was tried.
+    /// Corrections that were tried.
     pub evidence: Vec<Evidence>,
-    /// The robot with what was kept, in the frame of the fit.
+    /// The robot with the kept corrections, in the frame of the fit.
     pub corrected: Option<CorrectedModel>,
-    /// The fit behind it.
+    /// The fit of the kept corrections.
     pub fitted: Option<Fitted>,
 }
 
-/// Points that count, at a fit.
+/// Points with nonzero weight, at a fitted model.
 struct Points {
     observations: Vec<Observation>,
     /// The number of each point's configuration, from 0.
@@ -50,7 +50,7 @@ struct Points {
 }
 
 impl Points {
-    /// The points to identify from, with the weights of the request's loss, and not more of them than are needed.
+    /// The identify points with the weights of the request's loss, thinned evenly to [`MOST_POINTS`].
     fn new(problem: &Problem<'_>, model: &KinematicModel) -> Self {
         let weighted = problem.loss.reweighted(model, &problem.identify);
         let clusters = problem.observed.clusters(Subset::Identify);
@@ -68,7 +68,7 @@ impl Points {
         }
     }
 
-    /// σ² of the links alone, mm²; `None` where nothing is left to explain.
+    /// σ² of the links alone, mm²; `None` if nothing is left to explain.
     fn variance(&self, problem: &Problem<'_>, model: &KinematicModel) -> Option<f64> {
         let rows = weighted_residuals(model, &self.observations);
         let freedom = rows.len() as f64 - problem.decomposition.rank() as f64;
@@ -79,7 +79,7 @@ impl Points {
     }
 }
 
-/// What does not change from fit to fit of corrections.
+/// Everything that stays the same in all fits of corrections.
 fn setting<'a>(
     problem: &'a Problem<'_>,
     nominal: &'a KinematicModel,
@@ -103,7 +103,7 @@ fn setting<'a>(
     }
 }
 
-/// Gravity in the base frame by the level of the instrument, if it was levelled. `nominal` is the nominal robot as it lies on the points.
+/// Gravity in the base frame from the level of the instrument, if it was levelled. `nominal` is the nominal robot, placed on the points.
 fn by_level(request: &CalibrationRequest, nominal: &KinematicModel) -> Option<Mounting> {
     let is_known = request.set.is_levelled && request.set.frame == Frame::Instrument;
     is_known.then(|| Mounting {
@@ -112,7 +112,7 @@ fn by_level(request: &CalibrationRequest, nominal: &KinematicModel) -> Option<Mo
     })
 }
 
-/// Told where the mounting, as it is stated, is further from gravity by the level of the instrument than it is stated to be known.
+/// Warning if the stated mounting deviates from the instrument's level by more than the uncertainty of both allows.
 pub fn level_contradicts_mounting(problem: &Problem<'_>) -> Option<Warning> {
     let stated = problem.request.robot.mounting?;
     let by_level = by_level(problem.request, &problem.nominal)?;
@@ -135,7 +135,7 @@ fn region(observations: &[Observation], n_joints: usize) -> MeasuredRegion {
     MeasuredRegion::of(observations.iter().map(|o| o.q_rad.as_slice()), n_joints)
 }
 
-/// Whether corrections are looked for: by default not in the paper's preset.
+/// True if corrections are searched for. The default is yes, except in the paper's preset.
 pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
     match choice {
         Some(choice) => choice == CorrectionsChoice::Auto,
@@ -143,7 +143,7 @@ pub fn are_wanted(choice: Option<CorrectionsChoice>, preset: Preset) -> bool {
     }
 }
 
-/// Told where gravity, as the kept corrections have it, is further from the mounting than that is stated to be known.
+/// Warning if the fitted gravity direction deviates from the known one (the instrument's level, else the mounting) by more than its uncertainty allows.
 pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<Warning> {
     let fitted = found.fitted.as_ref()?;
     let of_gravity = fitted.terms.iter().zip(&fitted.values);
@@ -151,7 +151,7 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
         .filter(|(term, _)| matches!(term, Term::Gravity(_)))
         .map(|(_, tilt)| tilt * tilt)
         .sum();
-    // of a direction that is made a unit vector again
+    // the fitted direction is normalised to a unit vector, so the tilt is an arctangent
     let tilt_rad = libm::atan(squares.sqrt());
     let by_level = by_level(problem.request, &problem.nominal);
     let stated = by_level.or(problem.request.robot.mounting);
@@ -174,9 +174,9 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
     })
 }
 
-/// That none were looked for beside stated priors.
+/// Warning: no corrections were searched for, because priors are stated.
 pub fn left_out_for_priors() -> Warning {
-    // what the bounds and means of links are worth beside corrections was never tried on a measured robot
+    // stated bounds and means of links have never been tested together with corrections on a measured robot
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
                   `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
     Warning {
@@ -186,7 +186,7 @@ pub fn left_out_for_priors() -> Warning {
     }
 }
 
-/// That none were looked for in a partial recalibration.
+/// Warning: no corrections were searched for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
                   corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
@@ -197,8 +197,8 @@ pub fn left_out_of_a_part() -> Warning {
     }
 }
 
-/// The veto of the points to verify. It selects nothing: either all corrections stay, or, where the robot with corrections is further from
-/// these points than its links alone, none. `robot` is as it stands at `points`.
+/// Veto by the verify points. It selects nothing: it keeps all corrections, or drops all of them if the robot with corrections is further from these
+/// points than its links alone. `robot` is placed at `points`.
 pub fn veto(
     found: Found,
     robot: &IdentifiedRobot,
@@ -216,7 +216,7 @@ pub fn veto(
             [links_mm, corrected_mm, corrected_mm]
         })
         .collect();
-    // points that both miss wildly do not count
+    // points that both predictions miss by far do not count
     let comparison = robust_comparison(&errors_mm);
     let (links_mm, corrected_mm) = (comparison.before_rms_mm, comparison.after_rms_mm);
     let [links_rad, corrected_rad] = rotation_rms_rad(robot, points);
@@ -256,7 +256,7 @@ pub fn veto(
     (found, Some(warning))
 }
 
-/// How far measured poses are turned from where the links alone, and the robot with corrections, have them: root mean squares, rad; 0 without poses.
+/// Rotation errors of measured poses by the links alone and with corrections: root mean squares, rad; 0 without poses.
 fn rotation_rms_rad(robot: &IdentifiedRobot, points: &[Observation]) -> [f64; 2] {
     let (mut sums, mut n) = ([0.0; 2], 0.0f64);
     for o in points {
@@ -274,7 +274,7 @@ fn rotation_rms_rad(robot: &IdentifiedRobot, points: &[Observation]) -> [f64; 2]
     sums.map(|sum| (sum / n.max(1.0)).sqrt())
 }
 
-/// Looks for corrections beside the identified `model`; nothing once the monitor breaks.
+/// Searches for corrections of the identified `model`. Returns nothing if the monitor breaks.
 pub fn corrections(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -325,8 +325,8 @@ pub fn corrections(
     }
 }
 
-/// The corrections that were kept, fitted to all points to identify from of another problem, beside its `model`. `None` if none was kept, or
-/// if the equations cannot be solved. With σ² of a coordinate, mm².
+/// Fits the kept corrections again, to all identify points of another problem, beside its `model`. Also returns σ² of a coordinate, mm². `None` if no
+/// correction was kept, or if the equations cannot be solved.
 pub fn refit(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -362,7 +362,7 @@ fn renumbered(labels: impl Iterator<Item = usize>) -> Vec<usize> {
     labels.map(&mut number).collect()
 }
 
-/// The robot with base and targets fitted anew to other points, for the links alone and with corrections each for itself.
+/// The robot with base and targets fitted anew to other points, separately for the links alone and for the robot with corrections.
 pub fn placed_anew(robot: &IdentifiedRobot, observations: &[Observation]) -> IdentifiedRobot {
     let n_targets = observations.iter().map(|o| o.target + 1).max().unwrap_or(0);
     let with_corrections = |corrected: &CorrectedModel| {

@@ -1,7 +1,7 @@
 //! The delivered fit: links, base, targets and corrections fitted to all points of the upload, after the fit to the identify subset was verified.
 //!
-//! Half of the points is not needed any more to tell how good the answer is, and makes it better. Nothing is chosen again: free parameters,
-//! segments, points that do not count, loss and kinds of corrections stay as they are. What the report says of errors is that of the verified fit.
+//! The held-out points are no longer needed to judge the answer, and they improve it. All choices stay the same: free parameters, segments, points
+//! without weight, loss and kinds of corrections. The errors in the report are those of the verified fit.
 
 use crate::calibration::outcome::delivery::delivered;
 use crate::calibration::outcome::stated_uncertainty::{estimated, why_not_stated};
@@ -28,20 +28,20 @@ use nalgebra::Vector3;
 
 /// The delivered robot, in the frame of the fit.
 pub struct Final<'a> {
-    /// The problem with all points to identify from.
+    /// The problem with all points as identify points.
     pub problem: Problem<'a>,
     /// Base, links and targets.
     pub model: KinematicModel,
     /// The same with corrections, if any was kept.
     pub corrected: Option<CorrectedModel>,
-    /// How far it may be off, whether or not that can be stated.
+    /// Its uncertainty, whether or not it can be stated.
     pub uncertainty: Option<Uncertainty>,
-    /// For the report.
+    /// Its errors, for the report.
     pub errors: FinalErrors,
 }
 
 impl Final<'_> {
-    /// The session as it is compared with others, where its uncertainty can be stated.
+    /// The estimate for comparison with other sessions, if its uncertainty can be stated.
     pub fn estimate(&self) -> Option<Estimate> {
         let uncertainty = self.uncertainty.as_ref();
         let is_stated = why_not_stated(&self.problem, uncertainty).is_none();
@@ -54,7 +54,7 @@ impl Final<'_> {
     }
 }
 
-/// True if the delivered parameters are fitted to all points. With more outliers than were left out, somebody has to look first.
+/// True if the delivered parameters are fitted to all points. With more outliers than were left out, a person has to review them first.
 pub fn is_wanted(problem: &Problem<'_>) -> bool {
     let request = problem.request;
     let default = match request.preset == Preset::Default && problem.settings.refine {
@@ -66,14 +66,14 @@ pub fn is_wanted(problem: &Problem<'_>) -> bool {
         && (screening.is_down_weighted || !screening.is_for_review)
 }
 
-/// Standard deviation of a coordinate in the fit to all points over that in the fit to the identify subset, from which on the two subsets do not
-/// belong together. Both count the degrees of freedom that their fits take.
+/// Maximum ratio of two standard deviations of a coordinate: in the fit to all points, and in the fit to the identify subset. Above it, the two
+/// subsets do not belong together. Each standard deviation takes the degrees of freedom of its fit into account.
 const MAX_SCATTER: f64 = 3.0;
-/// Less than this share of the robot's reach is rounding.
+/// Differences below this share of the robot's reach are rounding.
 const ROUNDING_PER_REACH: f64 = 1e-6;
 
-/// Fits all points, from the verified fit on. `None`, and why, if the points to verify do not belong to the others: then a fit to both would be
-/// that of no robot.
+/// Fits all points, starting from the verified fit. Returns no fit but a warning if the verify points do not belong to the others: no single robot
+/// fits both.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
@@ -95,7 +95,7 @@ pub fn final_fit<'a>(
             let refit = |found| corrections::refit(&problem, &fit.model, found);
             let refitted = corrections.and_then(refit);
             let fitted = corrections.and_then(|found| found.fitted.as_ref());
-            // what both fits have: corrections that cannot be fitted again are compared by the links alone
+            // compare both fits in the same way: if corrections cannot be fitted again, by the links alone
             let (std_mm, verified_std_mm) = match (&refitted, fitted) {
                 (Some((_, variance)), Some(fitted)) => (variance.sqrt(), fitted.variance.sqrt()),
                 _ => (
@@ -152,8 +152,8 @@ fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
 }
 
 impl<'a> Problem<'a> {
-    /// The same problem with all points of the upload to identify from, but those that do not count or stand in a segment without points to
-    /// identify from. Motions between set-ups are fitted to all points.
+    /// The same problem with all points of the upload as identify points. Left-out outliers and points in segments without identify points have
+    /// weight 0. Motions between set-ups are fitted to all points.
     pub fn over_all_points(
         &self,
         model: &KinematicModel,

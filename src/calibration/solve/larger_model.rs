@@ -1,4 +1,4 @@
-//! Whether the paper's model is too small for a set: it knows the base, and has its target on the flange axis.
+//! Checks whether the paper's model is too small for a set: it has a known base, and a target on the flange axis.
 
 use crate::calibration::preparation::check::check;
 use crate::calibration::problem::Problem;
@@ -12,15 +12,15 @@ use crate::identification::KinematicModel;
 use crate::identification::objective::{Observation, weighted_residuals};
 use crate::identification::problem::reach_mm;
 
-/// The models are compared from this share of the reach on, rms: 0.17 mm on an arm of 1.7 m. Measured robots leave 0.1 to 0.4 mm.
+/// The models are compared if the rms exceeds this share of the reach: 0.17 mm on an arm of 1.7 m. Measured robots leave 0.1 to 0.4 mm.
 const COMPARED_PER_REACH: f64 = 1e-4;
-/// The complete model has to fit so many times better.
+/// The complete model must fit better by this factor.
 const BETTER: f64 = 5.0;
 
 /// Code of the warning.
 pub const MODEL_TOO_SMALL: &str = "model_too_small";
 
-/// A remark where the paper's model fits the points poorly and the complete one fits them well.
+/// Warning if the paper's model fits the points poorly and the complete model fits them well.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
@@ -45,7 +45,7 @@ pub fn warning(
         previous: None,
         ..request.clone()
     };
-    // what cannot be asked of the complete model is no fault of this request
+    // if the complete model cannot be identified, the request is not at fault
     let problem = check(&larger)
         .and_then(|()| watched(monitor, |watch| Problem::new(&larger, watch)).flatten());
     let complete = match problem {
@@ -55,7 +55,7 @@ pub fn warning(
     };
     let fit = least_squares_from(&complete, &complete.nominal, None, monitor)?.model;
     let complete_mm = rms_mm(&fit, &complete.identify);
-    // where the one does not fit at all it is enough that the other does
+    // if the paper's model does not fit at all, it is enough that the complete model fits
     let limit_mm = no_fit_mm(&request.robot.links);
     let is_remedy = fit_mm > limit_mm && complete_mm < 0.5 * limit_mm;
     if complete_mm * BETTER > fit_mm && !is_remedy {
@@ -75,7 +75,7 @@ pub fn warning(
     }))
 }
 
-/// Of the weighted residuals, mm.
+/// Root mean square of the weighted residuals, mm.
 fn rms_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
     (weighted_residuals(model, observations).norm_squared() / observations.len().max(1) as f64)
         .sqrt()

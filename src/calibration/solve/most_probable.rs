@@ -1,4 +1,4 @@
-//! The most probable robot of a request, and what its points determine of it beside the priors.
+//! Maximum a posteriori estimate of a request's robot, and how much its points determine beyond the priors.
 
 use crate::calibration::preparation::loss::{LeastSquares, robust_fit};
 use crate::calibration::problem::Problem;
@@ -16,19 +16,19 @@ use crate::solvers::least_squares::Iteration;
 use crate::solvers::watch::Watch;
 use std::ops::ControlFlow;
 
-/// A parameter counts as identifiable from this share of its prior variance on that the points take away.
+/// A parameter is identifiable if the points reduce its prior variance by at least this share.
 pub const DETERMINED: f64 = 0.5;
-/// Width of a parameter that is held at a bound, in units of its own: as good as none, and far above rounding.
+/// Width of a parameter held at a bound, relative to its usual width: practically zero, and far above rounding.
 pub const HELD: f64 = 1e-6;
 
-/// A parameter that is held, by its index, with its deviation from nominal, mm or rad.
+/// A held parameter: its index, and its deviation from nominal, mm or rad.
 pub type Held = (usize, f64);
 
-/// What points determine beside the priors that parameters have by themselves.
+/// What points determine beyond the parameters' own priors.
 pub struct Determined {
-    /// The priors, as wide as the points show them to be, beside the noise of the points.
+    /// The priors with the widths that the evidence gives, and the noise of the points.
     pub priors: Priors,
-    /// Of each parameter: 1 − posterior variance / prior variance.
+    /// For each parameter: 1 − posterior variance / prior variance.
     pub data_share: Vec<f64>,
 }
 
@@ -37,7 +37,7 @@ fn go_on(_: Iteration) -> ControlFlow<()> {
 }
 
 impl Problem<'_> {
-    /// The estimate of the points to identify from `start` on.
+    /// The estimate from the identify points, from a start model.
     pub fn fit(
         &self,
         start: &KinematicModel,
@@ -50,7 +50,7 @@ impl Problem<'_> {
         })
     }
 
-    /// The estimate with the request's loss. Noise and widths are those of the points that belong together: outliers would tell of neither.
+    /// The estimate with the request's loss. Noise and prior widths come from the points without outliers, which would distort both.
     pub fn robust_fit(
         &self,
         start: &KinematicModel,
@@ -77,9 +77,9 @@ impl Problem<'_> {
         robust_fit(start, &of_points, points, &trusted, loss, monitor)
     }
 
-    /// A fit inside the bounds that the request states. `fit_with` fits with some parameters held (by index, with their deviations from nominal).
-    /// Where it leaves a bound, it goes as far as the bounds allow, the parameter whose bound ended the step is held there, and the others are
-    /// fitted again. A parameter that would come back inside by itself is let go.
+    /// A fit inside the bounds that the request states. `fit_with` fits with some parameters held (by index, with their deviations from nominal). If
+    /// a fit leaves the bounds, the step ends at the first bound, its parameter is held there, and the others are fitted again. A held parameter that
+    /// stays inside the bounds when it is freed is released.
     fn within_bounds(
         &self,
         start: &KinematicModel,
@@ -119,7 +119,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Some points, the priors that the parameters have by themselves or by the request, and the deviations of those that are held.
+    /// The rows of some points, the parameters' own or stated priors, and the deviations of held parameters.
     pub fn rows<'p>(&self, observations: &'p [Observation], held: &[Held]) -> problem::Problem<'p> {
         let mut rows = problem::Problem::new(self.nominal.clone(), &self.parameters, observations);
         rows.least_sigma_mm = self.least_sigma_mm.unwrap_or(rows.least_sigma_mm);
@@ -145,7 +145,7 @@ impl Problem<'_> {
         rows
     }
 
-    /// What a model of links alone leaves over of the points to identify from.
+    /// Noise of the identify points about a model of links alone.
     pub fn noise(&self, model: &KinematicModel) -> Noise {
         let points = self.loss.as_squares(model, &self.identify);
         let rows = self.rows(&points, &[]);
@@ -153,13 +153,13 @@ impl Problem<'_> {
         Noise::of(&rows, &evidence, &posterior)
     }
 
-    /// For each parameter: the share of its prior variance that the points to identify from take away.
+    /// For each parameter: the share of its prior variance that the identify points remove.
     pub fn data_share(&self, model: &KinematicModel) -> Vec<f64> {
         let points = self.loss.as_squares(model, &self.identify);
         self.determined(model, &points).data_share
     }
 
-    /// What some points determine of each parameter, and the priors beside which they do.
+    /// What some points determine of each parameter, and the priors that were used.
     pub fn determined(&self, model: &KinematicModel, observations: &[Observation]) -> Determined {
         let rows = self.rows(observations, &[]);
         let (evidence, posterior) = evidence_at(&rows, model);

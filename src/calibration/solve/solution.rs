@@ -1,4 +1,4 @@
-//! A method's answer, and the answer of least squares.
+//! The answer of a method, and least squares.
 
 use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::problem::Problem;
@@ -19,12 +19,12 @@ pub struct Found {
     pub convergence: Vec<f64>,
     /// Why it stopped.
     pub termination: &'static str,
-    /// The swarm behind it and the space it ran in, for the network.
+    /// The swarm's result and its search space, for training the network.
     pub swarm: Option<(SearchSpace, pso::Summary)>,
 }
 
-/// Least squares: the most probable robot. With another loss than squares, again and again with the weights that it gives.
-/// `stop_at_cost_mm2` is the main method's; to refine and to compare, least squares goes on to its end.
+/// Least squares: the maximum a posteriori estimate. With a loss other than squares, it is iteratively reweighted. `stop_at_cost_mm2` is for the main
+/// method. Refinement and comparison pass `None` and run to convergence.
 pub fn least_squares_from(
     problem: &Problem<'_>,
     start: &KinematicModel,

@@ -1,4 +1,4 @@
-//! A calibration's swarms: what they start from, and the box that they search.
+//! The swarms of a calibration: their start and their search box.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::settings::{box_too_small, half_widths};
@@ -12,10 +12,10 @@ use crate::identification::{KinematicModel, bpnn_pso};
 use crate::solvers::pso;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// The plain warm start draws its particles around the last answer with this standard deviation, as a share of the half-width.
+/// Standard deviation of the plain warm start's particles about the last answer, as a share of the half-width.
 const WARM_START_SPREAD: f64 = 0.05;
 
-/// What a swarm starts from.
+/// Start of a swarm.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Start {
     /// Uniform in the box.
@@ -36,7 +36,7 @@ pub fn swarm(
     start: Start,
     monitor: &mut Monitor<'_>,
 ) -> Result<Found, Error> {
-    // the kernel knows one weight a point
+    // the kernel has one weight per point
     let even = problem.identify.iter().map(Observation::with_even_noise);
     let identify: Vec<Observation> = even.collect();
     let space = search_space(problem, &identify, reference);
@@ -84,7 +84,7 @@ pub fn swarm(
     })
 }
 
-/// The space around a reference: along what the points see, or the priors say something of, or of raw parameters.
+/// The search space around a reference: along directions that the points or the priors determine, or in raw parameters.
 fn search_space(
     problem: &Problem<'_>,
     identify: &[Observation],
@@ -112,7 +112,7 @@ fn search_space(
     }
 }
 
-/// Normal numbers around the last answer (Box and Muller 1958).
+/// Normally distributed particles around the last answer (Box and Muller 1958).
 fn warm_ball(problem: &Problem<'_>, space: &SearchSpace, positions: &mut pso::Positions) {
     let middle = links_from_nominal(space, &problem.nominal);
     let answer: Vec<f64> = problem

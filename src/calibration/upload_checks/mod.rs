@@ -1,5 +1,5 @@
-//! What can be said of a measurement set when it arrives. Remarks only: a set that is too small to identify from may still verify,
-//! and what is said of that is what a job of kind verify would say.
+//! Checks of a measurement set when it is uploaded. They only warn: a set that is too small to identify from may still serve to verify. The message
+//! then states what a job of kind verify would find.
 
 pub mod alignment;
 pub mod rotations;
@@ -41,7 +41,7 @@ fn warning(code: &'static str, detail: String) -> Warning {
     }
 }
 
-/// What a default job would be refused for, if it is a lack of equations, and what the set can serve for all the same.
+/// Warning if a default job would be refused for a lack of equations. It also says what the set can be used for.
 fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     let request = CalibrationRequest::new(robot.clone(), set.clone());
     let Err(Error::Unusable {
@@ -83,7 +83,7 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
 }
 
 fn duplicates(set: &MeasurementSet) -> Option<Warning> {
-    // one pose of the arm is one configuration, by the file or by joint values that agree; and who labels equal poses apart repeats them too
+    // rows repeat a pose if their label or their joint values agree; equal poses with different labels are repeats too
     let (mut poses, mut values) = (BTreeSet::new(), BTreeSet::new());
     let mut is_new = |p: &Point| {
         let value: Vec<i64> = p.q_rad.iter().map(|q| (q * 1e5).round() as i64).collect();

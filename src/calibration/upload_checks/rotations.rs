@@ -1,5 +1,5 @@
-//! Whether the rotations of poses can be meant as they were read: base and target are turned so that the nominal robot fits them best, for the stated
-//! convention and for all others.
+//! Checks whether the rotations of poses were read in the right convention. Base and target are rotated for the best fit of the nominal robot, for
+//! the stated convention and for all others.
 
 use crate::identification::hand_eye::base_and_target_rotation;
 use crate::kinematics::rotation::rotation_log;
@@ -8,28 +8,28 @@ use crate::measurement::{MeasurementSet, Point, RotationConvention};
 use nalgebra::Rotation3;
 use std::collections::BTreeMap;
 
-/// Poses that are looked at.
+/// Maximum number of poses that are used.
 const MAX_POSES: usize = 100;
-/// Fewer poses say nothing: with three, six numbers are fitted to nine.
+/// Minimum number of poses. With three poses, six unknowns would be fitted to nine equations.
 const FEWEST_POSES: usize = 4;
-/// Half of the poses fit to this angle, rad (1°), where the rotations are read rightly and no joint is far off.
+/// With the right convention and no joint far off, half of the poses fit to this angle, rad (1°).
 const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
-/// Another reading has to fit so many times better.
+/// Another reading has to fit better by this factor.
 const BETTER: f64 = 5.0;
 
 /// Code of the refusal.
 pub const ROTATION_SUSPECT: &str = "rotation_suspect";
 
-/// A way to read the rotations of a file, and how well the nominal robot then fits.
+/// One way to read the rotations of a file, and how well the nominal robot then fits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// Its name: a convention, or what is done to the rotations.
+    /// Its name: a convention, or the operation on the rotations.
     pub name: String,
     /// Median angle between measured and predicted targets, rad.
     pub median_rad: f64,
 }
 
-/// Why the rotations of a set seem to be read wrongly; `None` if they fit, or nothing fits better.
+/// Why the rotations of a set seem to be read wrongly; `None` if they fit, or if no other reading fits better.
 pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     let poses = poses(set, |p| p.rotation.is_some());
     let stated: Option<Vec<Rotation3<f64>>> = poses.iter().map(|p| p.rotation).collect();
@@ -43,7 +43,8 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     let mut others = vec![(
         match are_angles {
             true => inverse.to_owned(),
-            // x, y, z, w read as w, x, y, z is the inverse rotation between two fixed quarter turns, which base and target take: the same fit
+            // x, y, z, w read as w, x, y, z gives the inverse rotation between two fixed quarter turns, which base and target absorb: the fit is the
+            // same
             false => format!("{inverse}, or as quaternions in the order x, y, z, w,"),
         },
         stated.iter().map(Rotation3::inverse).collect::<Vec<_>>(),
@@ -64,13 +65,13 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     ))
 }
 
-/// The convention by which the angles of a set fit the robot best; `None` if there are too few poses.
+/// The convention with which the angles of a set fit the robot best; `None` if there are too few poses.
 pub fn best_convention(robot: &Robot, set: &MeasurementSet) -> Option<Reading> {
     let poses = poses(set, |p| p.rotation_angles_rad.is_some());
     best(robot, &poses, by_conventions(&poses))
 }
 
-/// Poses of the target and station that have most of them, no more than are looked at.
+/// Poses of the target and station with the most poses, at most [`MAX_POSES`].
 fn poses(set: &MeasurementSet, is_pose: impl Fn(&Point) -> bool) -> Vec<&Point> {
     let mut groups: BTreeMap<(usize, Option<&str>), Vec<&Point>> = BTreeMap::new();
     for point in set.points.iter().filter(|p| is_pose(p)) {
@@ -107,7 +108,7 @@ fn best(
     fits.min_by(|a, b| a.median_rad.total_cmp(&b.median_rad))
 }
 
-/// Median angle of the poses with base and target turned as they fit best, rad.
+/// Median angle of the poses after base and target are rotated for the best fit, rad.
 fn median_rad(robot: &Robot, poses: &[&Point], rotations: &[Rotation3<f64>]) -> Option<f64> {
     if poses.len() < FEWEST_POSES || poses.len() != rotations.len() {
         return None;

@@ -1,16 +1,16 @@
-//! How much of the robot the poses of a set show: how far the joints move, and how far the measured points lie apart.
+//! How much of the robot the poses of a set show: range of each joint, and spread of the measured points.
 
 use crate::calibration::report::{SHOWS_LITTLE, Warning};
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use nalgebra::Vector3;
 
-/// A joint that moves less than this over the whole set hardly tells its link from its neighbours, rad (20°).
+/// A joint that moves less than this over the whole set hardly separates its link from the neighbouring links, rad (20°).
 const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
-/// Measured points this close together (rms distance from their centre, as a share of the arm's reach) do not show the workspace.
+/// Points with a smaller spread than this do not show the workspace: rms distance from their centre, as a share of the arm's reach.
 const SMALL_CLOUD: f64 = 0.1;
 
-/// Joints that hardly move, from 0, and their ranges, rad.
+/// Joints that hardly move (numbered from 0) and their ranges, rad.
 pub fn still_joints(set: &MeasurementSet) -> Vec<(usize, f64)> {
     let n_joints = set.points.first().map_or(0, |point| point.q_rad.len());
     let range_rad = |joint: usize| {
@@ -23,7 +23,7 @@ pub fn still_joints(set: &MeasurementSet) -> Vec<(usize, f64)> {
         .collect()
 }
 
-/// The rms distance of the points from their centre and the arm's reach, both mm, where the points lie close together.
+/// If the points have a small spread: their rms distance from their centre and the arm's reach, both in mm.
 pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)> {
     let lengths = robot
         .links
@@ -41,8 +41,8 @@ pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)
     (spread_mm < SMALL_CLOUD * reach_mm).then_some((spread_mm, reach_mm))
 }
 
-/// Why a session is no evidence: points that lie close together, or a joint other than the last that hardly moves, fit a robot that has changed as
-/// well as one that has not.
+/// Why a session is no evidence: its points have a small spread, or a joint other than the last one hardly moves. A changed robot fits such points as
+/// well as an unchanged one.
 pub fn shows_little(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     let mut reasons = Vec::new();
     if let Some((spread_mm, reach_mm)) = narrow_cloud_mm(robot, set) {

@@ -22,13 +22,13 @@ pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Er
     )
 }
 
-/// As [`errors`], of a robot with corrections.
+/// As [`errors`], for a robot with corrections.
 pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -> Option<Errors> {
     let size = |o: &Observation| (o.position_mm - robot.position(&o.q_rad, o.target)).norm();
     statistics(&observations.iter().map(size).collect::<Vec<f64>>())
 }
 
-/// Errors of the points to verify without those that are named as outliers, by their index in `per_point`; `None` if none or all of them are.
+/// Errors of the verify points without the named outliers (indices into `per_point`); `None` if none or all of them are outliers.
 pub fn verify_without(
     per_point: &[PointErrors],
     outliers: &BTreeSet<usize>,
@@ -39,7 +39,7 @@ pub fn verify_without(
     (!named.is_empty()).then(|| of_points(&others)).flatten()
 }
 
-/// Errors of the points of a subset that count in comparisons; `None` for no points.
+/// Errors of a subset's points that are not left out of comparisons; `None` for no points.
 pub fn without_outliers(per_point: &[PointErrors], subset: Subset) -> Option<SubsetErrors> {
     let counts = |point: &&PointErrors| point.subset == subset && !point.is_outlier;
     of_points(&per_point.iter().filter(counts).collect::<Vec<_>>())
@@ -59,7 +59,7 @@ fn of_points(points: &[&PointErrors]) -> Option<SubsetErrors> {
     })
 }
 
-/// Angle between the measured and the predicted target of each observation, rad; `None` of positions.
+/// Angle between the measured and the predicted target of each observation, rad; `None` for positions.
 pub fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<f64>> {
     let angle = |o: &Observation| {
         let predicted = model.rotation(&o.q_rad, o.target)?;
@@ -68,7 +68,7 @@ pub fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<O
     observations.iter().map(angle).collect()
 }
 
-/// As [`angles_rad`], of a robot with corrections.
+/// As [`angles_rad`], for a robot with corrections.
 fn corrected_angles_rad(robot: &IdentifiedRobot, observations: &[Observation]) -> Vec<Option<f64>> {
     let angle = |o: &Observation| {
         let predicted = robot.rotation(&o.q_rad, o.target)?;
@@ -77,8 +77,8 @@ fn corrected_angles_rad(robot: &IdentifiedRobot, observations: &[Observation]) -
     observations.iter().map(angle).collect()
 }
 
-/// Rotation errors of two robots, each with the points as they are laid out for it, and of the second one with its corrections; `None` where no
-/// pose was measured.
+/// Rotation errors of two robots, each with its points as they are placed for it, and of the second robot with corrections. `None` if no pose was
+/// measured.
 pub fn rotation_errors(
     before: (&KinematicModel, &[Observation]),
     after: (&KinematicModel, &[Observation]),
@@ -142,8 +142,8 @@ fn statistics(sizes: &[f64]) -> Option<Errors> {
     })
 }
 
-/// Every point's error before and after: of two robots, each with the points as they are laid out for it; and with corrections, of the second
-/// robot with those that it has.
+/// Errors of every point before and after. Each of the two robots has the points as they are placed for it. The errors with corrections are those of
+/// the second robot.
 pub fn per_point(
     (observed, before): (&Observed, &KinematicModel),
     (observed_after, after): (&Observed, &KinematicModel),

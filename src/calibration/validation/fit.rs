@@ -1,4 +1,4 @@
-//! How points and a parameter set fit together.
+//! Whether points and a parameter set fit together.
 
 use serde::Deserialize;
 
@@ -8,7 +8,7 @@ use serde::Deserialize;
 pub enum Fit {
     /// The points fit the robot and the set.
     Fits,
-    /// The set is far off, from points that fit the robot or from the points that it was identified from: this speaks against the set.
+    /// The set is far off at points that fit the robot or the set's own identification. This is evidence against the set.
     SetFarOff,
     /// The points do not fit the robot, so they are no evidence for or against any set.
     DoesNotFit,

@@ -1,4 +1,4 @@
-//! What points that were not fitted say: errors, verification, sessions, repeated rows.
+//! Validation on points that were not fitted: errors, verification, sessions, repeated rows.
 
 pub mod coverage;
 pub mod errors;

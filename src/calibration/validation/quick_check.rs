@@ -1,5 +1,5 @@
-//! `kind: "check"`: whether the released set still holds, from a few poses. The points are scored as by a verification; beside that, one test
-//! against what the set's own estimate lets expect, and the changes that it could have seen.
+//! `kind: "check"`: whether the released set still holds, from a few poses. The points are scored as in a verification. In addition, one test
+//! compares them with the errors expected from the set's own estimate, and the smallest detectable changes are computed.
 
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::preparation::observe::observe_to_verify;
@@ -26,29 +26,29 @@ use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::reach_mm;
 use std::cmp::Ordering;
 
-/// Fewest configurations of a check.
+/// Minimum number of configurations of a check.
 pub const FEWEST_CONFIGURATIONS: usize = 5;
-/// The usual number.
+/// The usual number of configurations.
 const USUAL_CONFIGURATIONS: usize = 10;
-/// Most points of a check: the test takes all pairs of their coordinates together, and as many points are a session to verify on.
+/// Maximum number of points of a check. The test uses the joint covariance of all their coordinates, and a larger set is a session to verify on.
 pub const MOST_POINTS: usize = 300;
-/// More parameters than these are no explanation.
+/// Maximum number of changed parameters that count as an explanation.
 const FEW_CAUSES: usize = 3;
-/// Two robots are the same if their targets differ by less than this share of the reach.
+/// Two robots are the same if their flange positions differ by less than this share of the reach.
 const SAME: f64 = 1e-9;
 
-/// The set that is checked.
+/// The released set that is checked.
 #[derive(Clone, Copy, Debug)]
 pub struct ReleasedSet<'a> {
     /// Its robot.
     pub robot: &'a IdentifiedRobot,
-    /// The estimate that was kept with it.
+    /// The estimate that was stored with it.
     pub estimate: Option<&'a Estimate>,
-    /// What happened to the robot before, if somebody said so.
+    /// What happened to the robot before the check, if stated.
     pub after: Option<After>,
-    /// Whether the points were measured since the robot's other uploads, and do not repeat one of them.
+    /// True if the points were measured after the robot's other uploads and do not repeat one of them.
     pub is_measured_anew: bool,
-    /// Whether the upload was refused and somebody insisted.
+    /// True if the upload was refused and the uploader insisted.
     pub is_insisted_on: bool,
 }
 
@@ -121,14 +121,14 @@ pub fn check_released(
     Ok(report)
 }
 
-/// What the points are, for the test: the model, and its observations.
+/// The points as the test uses them: the model and its observations.
 struct Points {
     model: KinematicModel,
     observations: Vec<Observation>,
     is_placed_anew: bool,
 }
 
-/// Positions alone, with the targets counted as in the model. `None` where the estimate is not that of the released set.
+/// The positions alone, with targets numbered as in the model. `None` if the stored estimate does not belong to the released set.
 fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate) -> Option<Points> {
     let observed = observe_to_verify(request).all;
     let mut observations: Vec<Observation> =
@@ -154,7 +154,7 @@ fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate)
         });
     }
     for observation in &mut observations {
-        // targets that moved while the set was measured stand there once for each segment
+        // the model has one target per segment for targets that moved during the measurement
         let own = plain.targets_mm.get(observation.target)?;
         let mut kept = kept.model.targets_mm.iter();
         observation.target = kept.position(|target| (target - own).norm() <= nearest)?;
@@ -175,7 +175,7 @@ fn clusters(request: &CalibrationRequest) -> Vec<usize> {
         .collect()
 }
 
-/// The test and what it rests on; or why there is none.
+/// The test and the uncertainty that it uses, or why there is no test.
 fn tested(
     request: &CalibrationRequest,
     released: &ReleasedSet<'_>,
@@ -222,7 +222,7 @@ fn judged(
     let limit_mm =
         verified_rms_mm.map(|verified| least_worth_a_word_mm(verified, &request.robot.links));
     let times = |change: &DetectableChange| Some(change.tool_mm? / limit_mm?);
-    // a zero that these poses do not show at all, though others would
+    // a zero that these poses do not show at all, although other poses would
     let last = request.robot.links.len().saturating_sub(1);
     let is_missed = |joint: usize| {
         let never = is_placed_anew && (joint == 0 || joint == last);
@@ -352,7 +352,7 @@ fn detectable(checked: &Checked) -> Vec<DetectableChange> {
         .collect()
 }
 
-/// The first group of causes of which few explain the points; else what all of them say.
+/// Likely causes: the first group of causes in which few changes explain the points; otherwise the changes of all parameters.
 fn likeliest(checked: &Checked, after: Option<After>) -> Vec<LikeliestCause> {
     let is_zero = |p: &Parameter| matches!(p, Parameter::Link(_, Quantity::ThetaOffset));
     let of_zeros = || checked.causes(is_zero);
@@ -382,7 +382,7 @@ fn named(change: &Change) -> LikeliestCause {
     }
 }
 
-/// Why points that fit the set do not say that it holds.
+/// Reasons why points that fit the set do not prove that it holds.
 struct Doubt {
     is_repeat: bool,
     is_insisted_on: bool,
@@ -393,7 +393,7 @@ struct Doubt {
 }
 
 impl Doubt {
-    /// The first reason; `None` where there is none.
+    /// The first reason that applies; `None` if there is none.
     fn in_words(&self) -> Option<&'static str> {
         let reasons = [
             (

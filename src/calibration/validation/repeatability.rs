@@ -1,4 +1,4 @@
-//! Poses of a set that were visited several times: how well the robot returns to them, and how far from where the model puts it.
+//! Poses of a set that were visited several times: how well the robot returns to them, and how far they are from the model's prediction.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{PoseRepeatability, Repeatability};
@@ -9,8 +9,8 @@ use crate::measurement::set::SAME_JOINT_RAD;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Of the points that belong and were measured at the same joint values (to 0.05°) of the same target, in the same segment between steps;
-/// `None` where no pose was visited twice. `robot` is in the frame of the fit.
+/// Repeatability of points without outliers that were measured at the same joint values (to 0.05°), of the same target, in the same segment. `None`
+/// if no pose was visited twice. `robot` is in the frame of the fit.
 pub fn repeatability(
     problem: &Problem<'_>,
     model: &KinematicModel,

@@ -1,18 +1,18 @@
-//! Which rows of an upload repeat an earlier upload, and so are no new measurement: a file that is uploaded again, rounded, carried into another
-//! frame, or with a little noise added.
+//! Finds rows of an upload that only repeat an earlier upload and so are no new measurement: a file that is uploaded again, rounded, transformed to
+//! another frame, or with a little noise added.
 //!
-//! Rows that repeat an earlier row's pose are a new measurement only where the noise shows it. What a rigid motion explains is taken away first:
-//! an instrument that stands elsewhere shows nothing, for a file is as easily moved.
-//! - The noise of the joint readings: a robot that returns to a pose reads a few thousandths of a degree otherwise, and its positions follow
-//!   these readings. Noise that is added to a file does not.
-//! - The noise of the positions: a point that was off by chance is nearer the next time, so that what changed between two measurements runs
-//!   against the residuals of each. Noise that is added to a copy has nothing to do with the residuals of the original, and a copy that is only
-//!   moved has none.
+//! Rows that repeat an earlier row's pose count as a new measurement only if the noise shows it. A rigid motion is removed first. It is no evidence
+//! of a new measurement, because a file is easily transformed.
+//! - Noise of the joint readings: a robot that returns to a pose reads joint values that differ by a few thousandths of a degree, and its positions
+//!   follow these readings. Noise that is added to a file does not follow them.
+//! - Noise of the positions: a point that was off by chance is nearer the next time. The change between two measurements is thus negatively
+//!   correlated with the residuals of the first and positively with those of the second. Noise that is added to a copy is not correlated with the
+//!   residuals of the original, and a copy that is only transformed has no noise.
 //!
-//! Joint values of the first or the last joint that are all off by a constant are taken away too: they turn the base and the reflector, which are
-//! placed anew.
+//! A constant offset of all values of the first or the last joint is removed as well: it only rotates the base or the reflector, which are placed
+//! anew.
 //!
-//! Where neither shows, the two cannot be told apart, and the rows count as repeated.
+//! If neither noise shows, a new measurement cannot be told from a copy, and the rows count as repeated.
 
 use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
@@ -24,30 +24,29 @@ use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
-/// Joint values closer than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A joint near the
-/// reflector may differ by more, as long as it moves the reflector no further than this turns the whole arm.
+/// Joint values that differ by less than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A
+/// joint near the reflector may differ by more, as long as it moves the reflector no further than this angle turns the whole arm.
 const SAME_POSE_RAD: f64 = 3.5e-4;
-/// Joint readings closer than this are the same reading, written down once more, rad.
+/// Joint readings that differ by less than this are the same reading, copied, rad.
 const SAME_READING_RAD: f64 = 1e-9;
-/// A session that repeats more than this share of its rows is not measured anew: a home pose may recur.
+/// A session that repeats more than this share of its rows is not a new measurement. A smaller share is allowed, because a home pose may recur.
 const MAX_REPEATED: f64 = 0.1;
-/// Fewer repeated rows show no noise.
+/// Minimum number of repeated rows for judging noise.
 const FEWEST_ROWS: usize = 10;
-/// Rows that a constant offset of a joint is looked for in, at most, evenly from the whole set: each is compared with every earlier row.
+/// Maximum number of rows for finding a constant offset of a joint, evenly from the whole set. Each is compared with every earlier row.
 const COMPARED_ROWS: usize = 100;
-/// Rows that the robot is laid onto, at most, evenly from the whole set.
+/// Maximum number of rows that the robot is fitted to, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
-/// A joint is turned by this to see how far it moves the reflector, rad.
+/// Step of a joint for computing how far it moves the reflector, rad.
 const STEP_RAD: f64 = 1e-4;
-/// Positions follow the readings: the regression of the one on the other has at least this slope (1 were the readings free of noise).
+/// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
 const FOLLOWS: f64 = 0.5;
-/// What shows is so many standard errors from nothing: by chance once in some millions.
+/// A significant slope differs from zero by this number of standard errors: by chance once in some millions.
 const SIGNIFICANT: f64 = 5.0;
-/// A row counts for no more than this many times the median: one outlier that was measured again does not show that all were.
+/// A row is clipped to this multiple of the median. A single outlier that was measured again does not prove that all rows were.
 const CLIPPED: f64 = 3.0;
 
-/// Whether `later` repeats rows of earlier uploads, more than one row in ten of all of them together, and nothing shows that they were measured
-/// anew.
+/// True if `later` repeats rows of earlier uploads, more than one row in ten in total, and nothing shows that they were measured anew.
 pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet) -> bool {
     let repeated: BTreeSet<usize> = earlier
         .iter()
@@ -56,13 +55,13 @@ pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet
     repeated.len() as f64 > MAX_REPEATED * later.points.len() as f64
 }
 
-/// Whether `later` was measured anew, and is not `earlier` once more.
+/// True if `later` was measured anew and is not a copy of `earlier`.
 pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> bool {
     !repeats(robot, std::slice::from_ref(earlier), later)
 }
 
-/// The rows of `later` that repeat a row of `earlier`, where nothing shows that they were measured anew; also where all values of the first or the
-/// last joint are off by a constant.
+/// The rows of `later` that repeat a row of `earlier`, if nothing shows that they were measured anew. A constant offset of the first or the last
+/// joint is allowed.
 fn repeated_rows(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> Vec<usize> {
     let mut rows: BTreeSet<usize> = rows_that_repeat(robot, earlier, later)
         .into_iter()
@@ -101,8 +100,8 @@ fn rows_that_repeat(robot: &Robot, earlier: &MeasurementSet, later: &Measurement
     pairs.iter().map(|pair| pair.row).collect()
 }
 
-/// By how much the first and the last joint of all rows are off. The one turns the base and the other the reflector, and both are placed anew: a
-/// copy with such values fits as well as the file itself.
+/// Constant offsets of the first and the last joint in all rows. They rotate the base and the reflector, which are placed anew, so that a copy with
+/// such offsets fits as well as the original file.
 struct Offset {
     first_rad: f64,
     last_rad: f64,
@@ -117,7 +116,7 @@ impl Offset {
     }
 }
 
-/// The offset that most of some rows of `later` have against earlier rows which are alike in all joints but the first and the last.
+/// The most frequent offset of rows of `later` relative to earlier rows that agree in all joints except the first and the last.
 fn constant_offset(earlier: &MeasurementSet, later: &MeasurementSet) -> Option<Offset> {
     let step = later.points.len().div_ceil(COMPARED_ROWS).max(1);
     let mut differences: Vec<(f64, f64)> = Vec::new();
@@ -150,12 +149,12 @@ fn constant_offset(earlier: &MeasurementSet, later: &MeasurementSet) -> Option<O
         first_rad,
         last_rad,
     };
-    // what counts as the same pose was compared as it is
+    // without an offset, the poses have already been compared
     let is_none = first_rad.abs().max(last_rad.abs()) <= SAME_POSE_RAD;
     (!is_none).then_some(offset)
 }
 
-/// The median of the values that lie as close together as those of one pose, where there are most.
+/// The median of the largest cluster of values that lie within the tolerance of one pose.
 fn most_frequent(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
@@ -173,16 +172,16 @@ fn within_half_a_turn(rad: f64) -> f64 {
     rad - TAU * (rad / TAU).round()
 }
 
-/// A row and the earlier one whose pose it repeats.
+/// A row, and the earlier row whose pose it repeats.
 struct Pair<'a> {
     row: usize,
     earlier: &'a Point,
     later: &'a Point,
-    /// Largest difference of a joint value.
+    /// Largest difference of a joint value, rad.
     reading_rad: f64,
-    /// How far the difference of the joint values moves the reflector.
+    /// Displacement of the reflector that the difference of joint values predicts.
     predicted_mm: Vector3<f64>,
-    /// How far it moved, without the rigid motion.
+    /// Measured displacement, without the rigid motion.
     difference_mm: Vector3<f64>,
 }
 
@@ -199,14 +198,14 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
     set.points.iter().step_by(step).map(observation).collect()
 }
 
-/// The nominal robot on the set.
+/// The nominal robot placed on the set.
 fn placed(robot: &Robot, set: &MeasurementSet) -> Option<KinematicModel> {
     let is_base_known = set.frame == Frame::Base;
     let observations = observations(robot, set);
     align_in_closed_form(&robot.links, &observations, set.n_targets(), is_base_known)
 }
 
-/// Each row of `later` with the nearest earlier row of the same target and the same pose, where there is one.
+/// Each row of `later` with the nearest earlier row of the same target and the same pose, if there is one.
 fn same_poses<'a>(
     robot: &Robot,
     placed: &KinematicModel,
@@ -219,7 +218,7 @@ fn same_poses<'a>(
         .points
         .iter()
         .filter(|p| p.target < placed.targets_mm.len());
-    // by where the reflector is along one axis: a joint that is off by what counts as the same moves it by no more than that
+    // sorted by the reflector's x coordinate: joint values within the tolerance of one pose move it by a bounded distance
     let mut known: Vec<(f64, &Point)> =
         known.map(|p| (position(&p.q_rad, p.target).x, p)).collect();
     known.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -258,7 +257,7 @@ fn same_poses<'a>(
     pairs
 }
 
-/// Difference of each joint, whole turns apart.
+/// Absolute difference of each joint, without whole turns.
 fn apart_rad(a: &[f64], b: &[f64]) -> Vec<f64> {
     let apart = |(a, b): (&f64, &f64)| within_half_a_turn(a - b).abs();
     a.iter().zip(b).map(apart).collect()
@@ -286,7 +285,7 @@ fn rigid_motion(pairs: &[Pair<'_>]) -> IsometryMatrix3<f64> {
     IsometryMatrix3::from_parts(Translation3::from(to - rotation * from), rotation)
 }
 
-/// Whether the positions follow the joint readings from one visit of a pose to the next.
+/// True if the positions follow the joint readings from one visit of a pose to the next.
 fn positions_follow_readings(pairs: &[Pair<'_>]) -> bool {
     if pairs.len() < FEWEST_ROWS {
         return false;
@@ -299,7 +298,8 @@ fn positions_follow_readings(pairs: &[Pair<'_>]) -> bool {
     slope >= FOLLOWS && slope >= SIGNIFICANT * standard_error
 }
 
-/// Whether what changed runs against the residuals of both measurements. `r_later_earlier` turns from the earlier frame to the later one.
+/// True if the changes are correlated with the residuals of both measurements as new noise requires. `r_later_earlier` rotates from the earlier frame
+/// to the later one.
 fn noise_is_new(
     robot: &Robot,
     (earlier, later): (&MeasurementSet, &MeasurementSet),
@@ -330,7 +330,7 @@ fn noise_is_new(
     runs_against(before, 1.0) && runs_against(after, -1.0)
 }
 
-/// No vector longer than [`CLIPPED`] times the median.
+/// The vectors, with lengths limited to [`CLIPPED`] times the median.
 fn clipped(vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
     let mut lengths: Vec<f64> = vectors.iter().map(Vector3::norm).collect();
     lengths.sort_by(f64::total_cmp);
@@ -341,7 +341,7 @@ fn clipped(vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Slope of the second vectors on the first ones, and its standard error; not numbers where the first ones are zero.
+/// Slope of the regression of the second vectors on the first, and its standard error; NaN if the first vectors are zero.
 fn regression(vectors: &[(Vector3<f64>, Vector3<f64>)]) -> (f64, f64) {
     let squares: f64 = vectors.iter().map(|(x, _)| x.norm_squared()).sum();
     let slope = vectors.iter().map(|(x, y)| x.dot(y)).sum::<f64>() / squares;

@@ -1,4 +1,4 @@
-//! A parameter set on the points that another one was verified on: what a release compares.
+//! Scores a parameter set on the points that another one was verified on, for the comparison at a release.
 
 use crate::calibration::preparation::observe::observe;
 use crate::calibration::report::PointErrors;
@@ -9,8 +9,8 @@ use crate::identification::corrected::IdentifiedRobot;
 use crate::measurement::{MeasurementSet, Subset};
 use std::ops::ControlFlow;
 
-/// Each verify point's error of another robot, mm, for a request whose verify points are of its own upload. As for the robot that the request
-/// identified, base and targets are not placed by the verify points alone: here by all points of the upload.
+/// Errors of another robot at each verify point, mm, for a request whose verify points are from its own upload. Base and targets are placed by all
+/// points of the upload, not by the verify points alone, as for the robot that the request identified.
 ///
 /// # Errors
 /// As [`verify`].
@@ -24,7 +24,7 @@ pub fn errors_on_verify_subset_mm(
     Ok(of_verify.map(|(error, _)| error).collect())
 }
 
-/// Each point's error, mm, of a robot on all points of `set`, base and targets placed anew as [`verify`] does it: of links alone or with
+/// Errors of a robot at all points of `set`, mm, with base and targets placed anew as [`verify`] does. They are those of the links alone or with
 /// corrections, whichever are larger.
 ///
 /// # Errors

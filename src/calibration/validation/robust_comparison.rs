@@ -1,36 +1,37 @@
-//! Two robots on the same points: which of them is nearer, whatever a broken beam does to a point.
+//! Compares two robots on the same points: which one is closer, without the influence of faulty measurements.
 //!
-//! A point that is off by centimetres is so for every robot, and by chance a little more for one of them: in the rms of both it outweighs all
-//! others. So what both miss by far is left out, and only that: a point that one of the two misses alone counts.
+//! A point that is off by centimetres is off for every robot, and by chance slightly more for one of them. In the rms it would outweigh all other
+//! points. Points that both robots miss by far are therefore left out. A point that only one robot misses counts.
 
-/// An outlier is what each misses by more than this many times what it misses half of the points by; of noise alike in all directions one point in
-/// ten thousand is.
+/// A point is an outlier if each robot misses it by more than this multiple of that robot's median error. For isotropic noise this is one point in
+/// ten thousand.
 const OUTLYING: f64 = 3.0;
-/// Nearer than this share of what the one misses half of the points by, nothing is an outlier: the other may meet half of them by chance, or in a simulation.
+/// Lower limit of the outlier threshold, as a share of the first robot's median error: the second robot may match half of the points by chance, or in
+/// a simulation.
 const NEVER_OUTLYING: f64 = 0.25;
-/// One point in this many, and one of fewer, may be set aside; more are no accident, and all count.
+/// At most one point in this many (and one of fewer points) may be set aside. More outliers are no accident, and then all points count.
 const ONE_IN: usize = 20;
-/// Of fewer points none is.
+/// With fewer points, none is set aside.
 const FEWEST: usize = 10;
 
 /// Errors of two robots on the points that count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RobustComparison {
-    /// Points that both miss by far: they do not count.
+    /// Number of points that both miss by far. They do not count.
     pub n_set_aside: usize,
-    /// Of the one, mm; not a number where there are no points.
+    /// Error of the first robot, mm; NaN without points.
     pub before_rms_mm: f64,
-    /// Of the other, links alone or with corrections, whichever are larger, mm.
+    /// Error of the second robot, by its links alone or with corrections, whichever is larger, mm.
     pub after_rms_mm: f64,
 }
 
 impl RobustComparison {
-    /// Whether the other is nearer; not where that cannot be told.
+    /// True if the second robot is closer; false if this cannot be told.
     pub fn is_better(&self) -> bool {
         self.after_rms_mm < self.before_rms_mm
     }
 
-    /// What to say of points that were set aside.
+    /// Text about the points that were set aside.
     pub fn remark(&self) -> String {
         match self.n_set_aside {
             0 => String::new(),
@@ -40,8 +41,8 @@ impl RobustComparison {
     }
 }
 
-/// Compares by each point's errors, mm: of the one robot; of the other's links, and of those with corrections (again of the links where it has
-/// none).
+/// Compares by each point's errors, mm: of the first robot, of the second robot's links, and of the second robot with corrections (repeat the links'
+/// error if it has none).
 pub fn robust_comparison(points: &[[f64; 3]]) -> RobustComparison {
     let is_set_aside = set_aside(points);
     let counted: Vec<&[f64; 3]> = points
@@ -66,7 +67,7 @@ pub fn robust_comparison(points: &[[f64; 3]]) -> RobustComparison {
     }
 }
 
-/// Each point's error of the other robot as it counts in `after_rms_mm`, mm; `None` where the point is set aside.
+/// Each point's error of the second robot as used in `after_rms_mm`, mm; `None` if the point is set aside.
 pub fn after_errors_mm(points: &[[f64; 3]]) -> Vec<Option<f64>> {
     let is_set_aside = set_aside(points);
     let sum = |of: usize| -> f64 {
@@ -81,11 +82,11 @@ pub fn after_errors_mm(points: &[[f64; 3]]) -> Vec<Option<f64>> {
     points.iter().zip(&is_set_aside).map(own).collect()
 }
 
-/// Which points both robots miss by far, so that they do not count.
+/// True for each point that both robots miss by far and that does not count.
 fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
     let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
     let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
-    // what is wrong with a point is as wrong for either robot; by how much their own errors differ there, counts
+    // a faulty measurement is equally wrong for both robots; a point at which their own errors differ counts
     let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
     let is_outlier = |point: &[f64; 3]| {
         let is_far = point.iter().zip(limits_mm).all(|(mm, limit)| *mm > limit);

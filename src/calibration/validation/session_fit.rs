@@ -1,9 +1,8 @@
-//! Whether a session fits the robot at all, before anything is said of the parameter set that is scored on it.
+//! Checks whether a session fits the robot at all, before the parameter set that is scored on it is judged.
 //!
-//! A file in a wrong frame, of another robot, or measured after a collision says nothing about a parameter set: which of two errors of metres is
-//! the smaller one is chance. What a robot that fits may miss is known from the set's own identification: both the set and the nominal robot
-//! were scored there on points that were held out. Whatever is known of the set, and however few the points are: what misses by more than a
-//! share of the robot's reach ([`FITS`]) does not fit.
+//! A file in a wrong frame, of another robot, or measured after a collision says nothing about a parameter set: of two errors of metres, it is chance
+//! which one is smaller. The expected errors are known from the set's own identification, where the set and the nominal robot were scored on held-out
+//! points. Errors above a share of the robot's reach ([`FITS`]) never fit, whatever is known of the set, and however few the points are.
 
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
@@ -17,48 +16,48 @@ use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
 use nalgebra::Vector3;
 use std::ops::ControlFlow;
 
-/// A set that is any good misses another session by less than this many times what it missed its own held-out points by: an order of magnitude.
+/// A valid set has errors on another session below this multiple of its errors on its own held-out points: an order of magnitude.
 const FAR: f64 = 10.0;
-/// From so many times on it is told: sessions of the measured robots miss by 1.0 to 1.5 times as much, and other poses or another temperature may
-/// double that.
+/// An error above this multiple is reported. Between sessions of the measured robots the ratio is 1.0 to 1.5, and other poses or another temperature
+/// may double it.
 const WORSE: f64 = 3.0;
-/// What the nominal robot misses depends on the poses; between two sessions of one robot by less than this factor.
+/// The nominal robot's errors depend on the poses. Between two sessions of one robot they differ by less than this factor.
 const AS_BEFORE: f64 = 2.0;
-/// No robot returns to a pose, and no tracker measures it, to better than this share of the robot's reach: what is smaller is no yardstick.
+/// Smallest error that serves as a reference, as a share of the robot's reach: neither robots nor trackers repeat a pose better.
 const FINEST: f64 = 1e-5;
-/// rms over median of the length of a 3-D normal error: √3 over 1.5382. A median is not moved by a few outliers.
+/// Ratio of rms to median of the length of a 3-D normal error: √3 over 1.5382. A few outliers do not move a median.
 const RMS_OVER_MEDIAN: f64 = 1.126;
-/// Points that the scatter of a session is estimated from, at most.
+/// Maximum number of points for estimating the scatter of a session.
 const MAX_FITTED: usize = 2_000;
-/// Share of the equations that a fit of the session is taken to leave, at least: priors hold what few points do not show.
+/// Minimum share of the equations that is assumed to be left by a fit of the session: priors hold what few points do not determine.
 const LEAST_LEFT: f64 = 0.25;
-/// Equations for each number, below which a fit of the session says nothing of its scatter.
+/// Minimum number of equations per fitted number for estimating the scatter of a session.
 const EQUATIONS_PER_NUMBER: usize = 2;
 
-/// What a parameter set missed the points by that it was verified on when it was identified, rms, mm.
+/// Errors at the points on which a parameter set was verified when it was identified, rms, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOut {
-    /// Of the nominal robot.
+    /// Error of the nominal robot.
     pub nominal_rms_mm: f64,
-    /// Of the parameter set.
+    /// Error of the parameter set.
     pub identified_rms_mm: f64,
 }
 
-/// How many times worse a set is on a session than it was when it was identified, both rms, mm; `None` below [`WORSE`] times, which happens between
-/// sessions of a robot that has not changed.
+/// Ratio of a set's error on a session to its error when it was identified, both rms, mm. `None` below [`WORSE`]: such ratios occur between sessions
+/// of an unchanged robot.
 pub fn times_worse(session_mm: f64, identified_mm: f64, links: &[Link]) -> Option<f64> {
     let times = session_mm / identified_mm.max(FINEST * reach_mm(links));
     (times >= WORSE).then_some(times)
 }
 
-/// How many times larger a set's errors are on a session than those of a robot that is fitted to this session alone (`scatter_mm`, 0 where there are
-/// too few points to tell), both rms, mm; `None` below [`WORSE`] times.
+/// Ratio of a set's error on a session to that of a robot fitted to this session alone (`scatter_mm`, 0 if there are too few points), both rms, mm.
+/// `None` below [`WORSE`].
 fn times_its_scatter(session_mm: f64, scatter_mm: f64, links: &[Link]) -> Option<f64> {
     let times = session_mm / scatter_mm.max(FINEST * reach_mm(links));
     (scatter_mm > 0.0 && times >= WORSE).then_some(times)
 }
 
-/// [`own_scatter_mm`] as it would be at points that were not fitted, of at most [`MAX_FITTED`] points.
+/// [`own_scatter_mm`] as expected at points that were not fitted, from at most [`MAX_FITTED`] points.
 fn expected_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
     let step = observations.len().div_ceil(MAX_FITTED).max(1);
     let some: Vec<Observation> = observations.iter().step_by(step).cloned().collect();
@@ -67,14 +66,14 @@ fn expected_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> 
     own_scatter_mm(model, &some) / left.max(LEAST_LEFT).sqrt()
 }
 
-/// The error from which on [`times_worse`] has a word, mm.
+/// Smallest error that [`times_worse`] reports, mm.
 pub fn least_worth_a_word_mm(identified_mm: f64, links: &[Link]) -> f64 {
     WORSE * identified_mm.max(FINEST * reach_mm(links))
 }
 
-/// What a robot leaves that is fitted to a session alone. It is fitted only where the answer depends on it.
+/// Scatter of a session about a robot that is fitted to this session alone. It is computed only if the answer depends on it.
 pub struct SessionScatter<'a> {
-    /// The scored robot on the session.
+    /// The scored robot, placed on the session.
     pub model: &'a KinematicModel,
     /// The session's points.
     pub observations: &'a [Observation],
@@ -86,7 +85,7 @@ impl SessionScatter<'_> {
         own_scatter_mm(self.model, self.observations)
     }
 
-    /// See [`times_its_scatter`]; `None` for errors that no instrument measures.
+    /// See [`times_its_scatter`]; `None` for errors below the resolution of instruments.
     pub fn times(&self, session_mm: f64, links: &[Link]) -> Option<f64> {
         if session_mm < least_worth_a_word_mm(0.0, links) {
             return None;
@@ -96,7 +95,8 @@ impl SessionScatter<'_> {
     }
 }
 
-/// How they fit. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with corrections.
+/// Whether the points fit the robot and the set. `errors_mm` are each point's errors of the nominal robot, of the set's links, and of its links with
+/// corrections.
 pub fn session_fit(
     errors_mm: &[[f64; 3]],
     held_out: Option<&HeldOut>,
@@ -121,8 +121,9 @@ pub fn session_fit(
     if set_mm <= FAR * expected_mm {
         return Fit::Fits;
     }
-    // A session that scatters by far more than the set missed its held-out points by cannot tell a good set from a bad one: a coarse
-    // instrument, rounded joint values or play. A file that nothing fits has no scatter of its own that could explain it.
+    // If the session's own scatter is far larger than the set's error on held-out points, the session cannot tell a good set from a bad one. The
+    // cause is a coarse instrument, rounded joint values or play. The scatter is limited to the nominal robot's error on held-out points: a file that
+    // nothing fits has no scatter of its own that could explain it.
     let scatter_mm = own_scatter_mm().min(nominal_mm);
     if set_mm <= FAR * scatter_mm {
         Fit::DoesNotFit
@@ -133,8 +134,8 @@ pub fn session_fit(
     }
 }
 
-/// Whether the nominal robot fits the points, its targets placed anew where they are in its base frame. `n_refitted` numbers of base and targets
-/// were already fitted to them.
+/// Whether the nominal robot fits the points. If `n_refitted` is 0, its targets are placed anew in the base frame. Otherwise `n_refitted` numbers of
+/// base and targets were already fitted to the points.
 pub fn nominal_fit(
     robot: &Robot,
     nominal: &KinematicModel,
@@ -162,7 +163,7 @@ pub fn nominal_fit(
         }
     }
     let n_equations = 3 * observations.len();
-    // what was fitted to few points takes a good part of their errors
+    // with few points, the fitted numbers absorb a large part of the errors
     let shrunk = (n_equations as f64 / n_equations.saturating_sub(n_fitted).max(1) as f64).sqrt();
     let errors_mm: Vec<[f64; 3]> = observations
         .iter()
@@ -171,7 +172,7 @@ pub fn nominal_fit(
     session_fit(&errors_mm, None, robot, || 0.0)
 }
 
-/// The session's own scatter, rms, mm: what is left when links, base and targets are all fitted to it. 0 where there are too few points to tell.
+/// The session's own scatter, rms, mm: the error that is left when links, base and targets are all fitted to it. 0 if there are too few points.
 pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
     let Some(fitted) = fitted_as_well_as_can_be(&model.links, observations) else {
         return 0.0;
@@ -183,7 +184,7 @@ pub fn own_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> f
     )
 }
 
-/// The robot with links, base and targets fitted; `None` where there are too few points to tell.
+/// The robot with links, base and targets fitted; `None` if there are too few points.
 pub fn fitted_as_well_as_can_be(
     links: &[Link],
     observations: &[Observation],
@@ -193,7 +194,7 @@ pub fn fitted_as_well_as_can_be(
     if n_equations < EQUATIONS_PER_NUMBER * (6 + 3 * n_targets) {
         return None;
     }
-    // scatter is that of positions, of poses too
+    // the scatter is that of positions, even if poses were measured
     let observations: Vec<Observation> = observations
         .iter()
         .map(Observation::position_alone)
@@ -206,7 +207,7 @@ pub fn fitted_as_well_as_can_be(
     Some(estimate(&problem, &start, 0.0, go_on).model)
 }
 
-/// rms of normal errors with this median.
+/// rms of normal errors with the median of `errors_mm`.
 fn typical_mm(errors_mm: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = errors_mm.collect();
     sorted.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! What the points say of a robot that was identified, or scored: whether it fits them, and whether it is better than the nominal one.
+//! Verdict of the points on an identified or scored robot: whether it fits them, and whether it is better than the nominal one.
 
 use crate::calibration::report::{
     CalibrationReport, DOES_NOT_FIT, PointErrors, SubsetErrors, Warning,
@@ -15,36 +15,36 @@ use crate::calibration::warnings::refused_upload::advice;
 use crate::kinematics::{Link, Robot, reach_mm};
 use crate::measurement::Subset;
 
-/// Warning that a parameter set misses points by far which fit the nominal robot.
+/// Warning: a parameter set misses points by far that fit the nominal robot.
 pub const SET_FAR_OFF: &str = "set_far_off";
-/// Warning that the nominal robot is as good on the points to verify.
+/// Warning: the nominal robot is as good on the verify points.
 pub const NO_BETTER: &str = "no_better_than_nominal";
-/// Warning that a parameter set that fits a session is several times worse there than when it was identified.
+/// Warning: a parameter set fits a session, but is several times worse there than when it was identified.
 pub const WORSE_THAN_IDENTIFIED: &str = "worse_than_identified";
-/// Warning that a parameter set misses a session by several times what a robot leaves that is fitted to that session alone.
+/// Warning: a parameter set misses a session by several times the error of a robot that is fitted to that session alone.
 pub const MISSES_SESSION: &str = "misses_session";
 const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is frame=instrument), with joints counted otherwise, or of another robot";
 
-/// What the points say of the parameter set.
+/// Verdict of the points on the parameter set.
 pub struct Verdict {
-    /// A parameter set was scored, and not the nominal robot alone.
+    /// True if a parameter set was scored; false if only the nominal robot was.
     pub is_identified: bool,
     /// The errors of both robots.
     pub comparison: RobustComparison,
-    /// How they fit together.
+    /// Whether points, robot and set fit together.
     pub fit: Fit,
-    /// What was found when the set was identified.
+    /// Errors on held-out points when the set was identified.
     pub held_out: Option<HeldOut>,
-    /// See [`times_worse`]; `None` where nothing was found when the set was identified.
+    /// See [`times_worse`]; `None` if the set's errors at its identification are unknown.
     pub times_worse: Option<f64>,
     /// See [`SessionScatter::times`].
     pub times_its_scatter: Option<f64>,
-    /// Code with which the points were refused, if somebody insisted.
+    /// Code with which the points were refused, if the uploader insisted.
     pub refused_as: Option<String>,
 }
 
 impl Verdict {
-    /// In one sentence.
+    /// The verdict in one sentence.
     pub fn in_words(&self) -> String {
         let (before, after) = (self.comparison.before_rms_mm, self.comparison.after_rms_mm);
         let remark = self.comparison.remark();
@@ -68,7 +68,7 @@ impl Verdict {
         format!("nothing was identified: {said}")
     }
 
-    /// What one should know before a release.
+    /// Warning to be read before a release.
     pub fn warning(&self) -> Option<Warning> {
         let (before, after) = (self.comparison.before_rms_mm, self.comparison.after_rms_mm);
         let remark = self.comparison.remark();
@@ -139,15 +139,15 @@ impl Verdict {
     }
 }
 
-/// See [`no_fit_mm`]: ten times what real arms leave, as a share of the reach.
+/// Limit of [`no_fit_mm`]: ten times the error of real arms after identification, as a share of the reach.
 const NO_FIT_PER_REACH: f64 = 1.5e-3;
 
-/// From this median distance on nothing was found, mm.
+/// Median distance above which the identification has found nothing, mm.
 pub fn no_fit_mm(nominal: &[Link]) -> f64 {
     NO_FIT_PER_REACH * reach_mm(nominal)
 }
 
-/// Told where the identified robot does not fit the points that it was identified from, or those of the same upload that were held out.
+/// Warning if the identified robot does not fit its identify points, or those of the same upload that were held out.
 pub fn no_fit(per_point: &[PointErrors], nominal: &[Link]) -> Option<Warning> {
     let limit_mm = no_fit_mm(nominal);
     let missed_mm = |subset: Subset| {
@@ -172,8 +172,8 @@ pub fn no_fit(per_point: &[PointErrors], nominal: &[Link]) -> Option<Warning> {
     })
 }
 
-/// What another session says of the robot that was identified: `errors_mm` are as [`session_fit`] has them, `fitted` those of the points that it
-/// was identified from. Told where the session does not fit the robot, and where it fits and the set misses it by far.
+/// Judges the identified robot by another session. `errors_mm` are as in [`session_fit`], `fitted` are the errors of the points that it was
+/// identified from. Warns if the session does not fit the robot, or if it fits and the set misses it by far.
 pub fn of_another_session(
     errors_mm: &[[f64; 3]],
     fitted: &SubsetErrors,
@@ -202,7 +202,7 @@ pub fn of_another_session(
     verdict.warning().filter(|told| told.code != NO_BETTER)
 }
 
-/// What is said of a finished identification; `fit` was said already of how it fits.
+/// Warnings of a finished identification. `fit` is the warning about the fit, if there is one already.
 pub fn warnings(
     report: &CalibrationReport,
     nominal: &[Link],
@@ -245,7 +245,7 @@ pub fn warnings(
         Some(_) => {}
     }
     let unseen = &report.identifiability.unidentifiable;
-    // what no pose could show, the complete model has by construction: that is no remark about these points
+    // combinations that no pose can show belong to the complete model and are not a fault of these points
     if report.identifiability.rank < report.identifiability.model_rank {
         let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
         let detail = format!(

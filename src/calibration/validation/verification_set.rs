@@ -1,7 +1,7 @@
-//! Points to verify on, as they are scored: base and targets placed anew for each robot that is compared; stations, and what moved while
-//! the points were measured, apart; outliers named.
+//! Points to verify on, prepared for scoring. Base and targets are placed anew for each compared robot. Stations, and points before and after a step,
+//! are separated. Outliers are named.
 //!
-//! What moved is looked for with the links held at the robot that fits best: nothing of the robot is taken from these points.
+//! Steps are searched with the links held at the robot that fits best. No robot parameter is taken from these points.
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::Arrangement;
@@ -22,36 +22,36 @@ use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
 
-/// Placement and weights by direction take turns so often: the weights depend little on where the robot is placed.
+/// Number of rounds of placement and weighing by direction. The weights depend little on the placement.
 const WEIGHINGS: usize = 2;
-/// Fewer residuals for each number that is placed say nothing of single points.
+/// Minimum number of residuals per placed number for judging single points.
 const PER_NUMBER: usize = 2;
 
-/// The points of a verify set, laid out for scoring.
+/// The points of a verification set, prepared for scoring.
 pub struct Layout<'a> {
     request: &'a CalibrationRequest,
     set: &'a MeasurementSet,
-    /// As they were measured.
+    /// The points as measured.
     measured: Observed,
     arrangement: Arrangement,
-    /// What was found.
+    /// Result of the screening.
     pub screening: Screening,
-    /// Base and targets are placed anew.
+    /// True if base and targets are placed anew.
     pub is_placed_anew: bool,
 }
 
-/// A robot on some points.
+/// A robot placed on points.
 pub struct Placed {
-    /// With base and targets where they fit best.
+    /// The robot with base and targets placed.
     pub model: KinematicModel,
-    /// The points, carried into one frame, each with the target of its segment.
+    /// The points, transformed into one frame, each with the target of its segment.
     pub observed: Observed,
     /// (target, segment) of each of the model's targets; segments count from 0.
     pub segments: Vec<(usize, usize)>,
 }
 
 impl Placed {
-    /// Its errors on all of the points; `None` where there are none.
+    /// Its errors on all points; `None` if there are none.
     pub fn errors(&self) -> Option<Errors> {
         errors(&self.model, &self.observed.all)
     }
@@ -68,11 +68,11 @@ impl Placed {
 }
 
 impl<'a> Layout<'a> {
-    /// `observed` are the points of `set`, `model` the robot that is expected to fit them best. `refit`: base and targets are not known for
-    /// these points. Several stations, and steps, are placed anew whatever is known.
+    /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are unknown for
+    /// these points. With several stations or with steps, base and targets are placed anew in any case.
     ///
     /// # Errors
-    /// [`Error::Unusable`] where the points cannot be placed.
+    /// [`Error::Unusable`] if the points cannot be placed.
     pub fn new(
         request: &'a CalibrationRequest,
         set: &'a MeasurementSet,
@@ -114,7 +114,7 @@ impl<'a> Layout<'a> {
         })
     }
 
-    /// A robot on these points: its links as they are; base and targets as they are, or placed anew.
+    /// Places a robot on these points. Its links stay; base and targets stay, or are placed anew.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -167,7 +167,7 @@ impl<'a> Layout<'a> {
         Ok(placed)
     }
 
-    /// A robot with corrections, beside its links alone as they were placed.
+    /// A robot with corrections, placed on the same points as its links alone.
     pub fn place_corrected(
         &self,
         robot: &IdentifiedRobot,
@@ -179,7 +179,7 @@ impl<'a> Layout<'a> {
         }
     }
 
-    /// Numbers of bases and targets that are placed anew.
+    /// Number of base and target parameters that are placed anew.
     pub fn n_refitted(&self) -> usize {
         if !self.is_placed_anew {
             return 0;
@@ -199,7 +199,7 @@ pub fn n_stations(set: &MeasurementSet) -> usize {
         .len()
 }
 
-/// The request that identifies nothing but where base and targets are, with the links of a model.
+/// The request that fits only base and targets, with the links of a model.
 fn placing(
     request: &CalibrationRequest,
     set: &MeasurementSet,
@@ -214,20 +214,20 @@ fn placing(
     }
 }
 
-/// True if base and targets are fitted anew to another set: unless both are in the base frame and the targets are the ones identified, turned
-/// as they are if poses are scored.
+/// True if base and targets are fitted anew to another set. They are not if both sets are in the base frame and the targets are the identified ones,
+/// with known rotations if poses are scored.
 pub fn refits(request: &CalibrationRequest, set: &MeasurementSet) -> bool {
     let same_frame = set.frame == Frame::Base && in_base_frame(request);
     let is_turned = !set.has_poses() || request.set.has_poses();
     !same_frame || set.n_targets() > request.set.n_targets() || !is_turned
 }
 
-/// Numbers of bases and targets that are fitted to the points of a set to verify on.
+/// Number of base and target parameters that are fitted to the points of a verification set.
 pub fn n_placed(request: &CalibrationRequest, set: &MeasurementSet) -> usize {
     n_placed_where(refits(request, set), set)
 }
 
-/// The same where it is known whether base and targets are placed anew; several stations always are.
+/// As [`n_placed`], if it is known whether base and targets are placed anew. With several stations they always are.
 pub fn n_placed_where(is_placed_anew: bool, set: &MeasurementSet) -> usize {
     let stations = n_stations(set);
     match is_placed_anew || stations > 1 {
@@ -236,7 +236,7 @@ pub fn n_placed_where(is_placed_anew: bool, set: &MeasurementSet) -> usize {
     }
 }
 
-/// Whether the positions are in the base frame, so that nothing has to be placed.
+/// True if the positions are in the base frame, so that nothing has to be placed.
 pub fn in_base_frame(request: &CalibrationRequest) -> bool {
     request.set.frame == Frame::Base
         || (request.model() == Model::Paper && request.frames.is_some())

@@ -1,5 +1,5 @@
-//! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. Nothing of the robot is fitted; where the
-//! points do not come in the base frame, base and targets are, for the nominal robot and for the identified one each for itself.
+//! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. No robot parameter is fitted. If the points are not in
+//! the base frame, base and targets are fitted, separately for the nominal and for the identified robot.
 
 use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::preparation::equations::n_equations;
@@ -32,40 +32,40 @@ use crate::solvers::watch::Watch;
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 
-/// Of m equations from which p numbers are refitted, the refit leaves the share 1 − p/m of the squared error to be seen, on average. Less than a
-/// third of it is refused: with as many equations as numbers every robot fits. A position alone is placed by nine numbers, so that five points
-/// (15 equations) are enough.
+/// If p numbers are refitted to m equations, the refit leaves the share 1 − p/m of the squared error visible, on average. A set is refused if this
+/// share is below one third: with as many equations as numbers, every robot fits. For positions of one target, nine numbers are refitted, so that
+/// five points (15 equations) are enough.
 const LEAST_SHARE_SEEN: (usize, usize) = (1, 3);
-/// At most one in this many points of a verify set may be, bit for bit, a point of the set to identify from: a pose that was measured
-/// twice may repeat by chance, a file that was uploaded twice repeats in every row.
+/// At most one in this many points of a verification set may be identical, bit for bit, to a point that is identified from. A pose that was measured
+/// twice may repeat by chance; a file that was uploaded twice repeats in every row.
 const MAX_SHARED: usize = 10;
-/// Below this many residuals for each number that is refitted, the refit hides a good part of the error.
+/// Below this number of residuals per refitted number, the refit hides a large part of the error.
 const FEW_RESIDUALS: usize = 3;
 
-/// Where the base of points in the base frame is placed anew.
+/// Reason if the points are in the base frame, but the base was placed anew.
 const BASE_PLACED_ANEW: &str = "the positions are in the base frame, but the base was placed anew (several stations, a target that the parameter set \
                                 does not have, or something that moved), so that a wrong base does not show: no evidence. Measure the targets of the \
                                 parameter set from one station";
-/// Where points in the instrument's frame are scored on a set whose base rests on positions in the base frame.
+/// Reason if points in the instrument's frame are scored on a set whose base was identified in the base frame.
 const BASE_NOT_MEASURED: &str = "the parameter set was identified from positions in the base frame, and these are in the instrument's frame, where the \
                                  base is placed anew: they show the links, and a wrong base does not show. No evidence for a release. Measure the \
                                  base frame anew and upload a session as frame=base, or identify in the instrument's frame, where no base is used";
 
-/// A parameter set on a request's points, and the nominal robot beside it.
+/// A parameter set and the nominal robot, scored on a request's points.
 struct Scored {
     before: Placed,
     after: Placed,
-    /// With corrections, where a parameter set was scored.
+    /// The robot with corrections, if a parameter set was scored.
     corrected: Option<IdentifiedRobot>,
-    /// Numbers of bases and targets that were refitted.
+    /// Number of refitted base and target parameters.
     n_refitted: usize,
-    /// Why an error of the base does not show: the set has one, and it was placed anew all the same.
+    /// Why an error of the base does not show, if the set has a base and it was placed anew.
     base_hidden_because: Option<&'static str>,
-    /// What does not belong, and what moved.
+    /// Warnings about outliers and steps.
     remarks: Vec<Warning>,
-    /// Rows that are named as outliers.
+    /// Rows of the named outliers.
     outliers: BTreeSet<usize>,
-    /// Those that do not count in comparisons.
+    /// Rows that are left out of comparisons.
     left_out: Vec<usize>,
 }
 
@@ -91,18 +91,18 @@ pub fn check_verify(
     )
 }
 
-/// What a set of points that fit can serve for in a job of kind verify.
+/// What a job of kind verify can use a set of points for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Serves {
     /// It is evidence for or against a parameter set.
     Evidence,
-    /// A set can be scored on it, and that is no evidence: why.
+    /// A set can be scored on it, but that is no evidence; with the reason.
     Scores(String),
-    /// Nothing can be scored on it: why.
+    /// Nothing can be scored on it; with the reason.
     Nothing(String),
 }
 
-/// What the request's set can serve for where base and targets are taken as they stand, or are placed anew (`refit`), as the job will find it.
+/// What the request's set can be used for. `refit`: base and targets are placed anew instead of taken as they are.
 pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
     let set = &request.set;
     if let Err(error) = check_enough(&observe_to_verify(request).all, set, refit) {
@@ -130,7 +130,7 @@ pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
     }
 }
 
-/// Told where the numbers of base and targets are many for the points that they were fitted to: such points are no evidence.
+/// Warning if there are few points for the number of refitted base and target parameters. Such points are no evidence.
 fn few_verify_points(n_points: usize, n_refitted: usize) -> Option<Warning> {
     (3 * n_points < FEW_RESIDUALS * n_refitted).then(|| Warning {
         code: FEW_VERIFY_POINTS,
@@ -141,7 +141,7 @@ fn few_verify_points(n_points: usize, n_refitted: usize) -> Option<Warning> {
     })
 }
 
-/// The checks of a second set to verify on: it may be scored by the job, and what it says is about the robot.
+/// Checks of a separate verification set: the job can score it, and it differs from the identified points.
 ///
 /// # Errors
 /// [`Error::Unusable`] with code `under_determined` or `verify_overlaps_identify`.
@@ -162,7 +162,7 @@ pub fn check_verify_set(request: &CalibrationRequest, set: &MeasurementSet) -> R
     )
 }
 
-/// Refuses points that leave too little to verify once base and targets are fitted to them: a base for every station.
+/// Refuses points that leave too little to verify after base and targets are fitted, with one base per station.
 fn check_enough(
     observations: &[Observation],
     set: &MeasurementSet,
@@ -196,7 +196,7 @@ fn check_enough(
         );
         return Err(unusable("under_determined", detail));
     }
-    // 1 − p/m ≥ a/b, in whole numbers
+    // 1 − p/m ≥ a/b, in integers
     let (a, b) = LEAST_SHARE_SEEN;
     let needed = (b * n_refitted).div_ceil(b - a).max(1);
     let found = n_equations(observations, needed);
@@ -211,7 +211,7 @@ fn check_enough(
     Ok(())
 }
 
-/// Scores `identified` (the nominal robot where there is none) on all points of the request's set.
+/// Scores `identified` (or the nominal robot if there is none) on all points of the request's set.
 ///
 /// # Errors
 /// As [`check_verify`], and [`Error::Cancelled`].
@@ -248,14 +248,14 @@ pub fn verify(
     Ok(report(request, identified.is_some(), scored, errors))
 }
 
-/// Whether the base of `identified` is known in the frame of the points: it was measured in the base frame, as they are.
+/// True if the base of `identified` is known in the frame of the points: both were measured in the base frame.
 fn base_is_known(request: &CalibrationRequest, identified: &KinematicModel) -> bool {
     in_base_frame(request)
         && (request.scored_frame == Some(Frame::Base)
             || identified.t_instrument_base == IsometryMatrix3::identity())
 }
 
-/// Why a base that is placed anew hides an error of the base of `identified`; `None` where that set has no base of its own.
+/// Why a base that is placed anew hides an error of the base of `identified`; `None` if that set has no base of its own.
 fn base_hidden_because(
     request: &CalibrationRequest,
     identified: &KinematicModel,
@@ -269,7 +269,7 @@ fn base_hidden_because(
     }
 }
 
-/// Whether base and targets are placed anew for the request's points, whatever moved while they were measured.
+/// True if base and targets are placed anew for the request's points, even without steps.
 pub fn is_placed_anew(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> bool {
     n_refitted(request, identified) > 0
 }
@@ -277,7 +277,7 @@ pub fn is_placed_anew(request: &CalibrationRequest, identified: Option<&Kinemati
 fn n_refitted(request: &CalibrationRequest, identified: Option<&KinematicModel>) -> usize {
     let n_targets = request.set.n_targets();
     let is_placed = match identified {
-        // which target is which is only known of those that were identified
+        // the numbering of targets is only known for the identified ones
         Some(model) => {
             let is_turned = !request.set.has_poses() || !model.target_rotations.is_empty();
             base_is_known(request, model) && n_targets <= model.targets_mm.len() && is_turned
@@ -302,7 +302,7 @@ fn score(
     if let (None, Some(frames)) = (identified, &request.frames) {
         after.targets_mm[0].z = frames.z_tool_mm;
     }
-    // the nominal robot has its base where the base frame is
+    // the nominal robot's base is at the base frame
     let t_instrument_base = match identified.is_some_and(|model| base_is_known(request, model)) {
         true => IsometryMatrix3::identity(),
         false => after.t_instrument_base,

@@ -1,53 +1,53 @@
-//! What to measure after a quick check, in words with numbers of poses.
+//! What to measure after a quick check, in words, with numbers of poses.
 
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::quick_check::{DetectableChange, LikeliestCause};
 
-/// Four equations for each number that is identified, three equations a pose; in steps of five poses, and never fewer than ten.
+/// Four equations per identified number, with three equations per pose. Numbers of poses are multiples of five, and at least ten.
 const EQUATIONS_PER_NUMBER: usize = 4;
 const STEP: usize = 5;
 const FEWEST: usize = 10;
-/// More poses than these are a calibration, not a check.
+/// More poses than this are a calibration, not a check.
 const MOST_OF_CHECK: usize = 40;
-/// Numbers of a base and of one target.
+/// Number of parameters of a base and of a target.
 const BASE: usize = 6;
 const TARGET: usize = 3;
-/// Numbers of a link.
+/// Number of parameters of a link.
 const LINK: usize = 5;
 
-/// What the words depend on.
+/// What the text depends on.
 pub struct Found<'a> {
     /// The verdict.
     pub verdict: CheckVerdict,
-    /// What happened before.
+    /// What happened to the robot before the check.
     pub after: Option<After>,
-    /// The likeliest cause first.
+    /// Likely causes, the likeliest first.
     pub likeliest: &'a [LikeliestCause],
-    /// What the poses could not have seen though they should.
+    /// Changes that matter and that the poses might have missed.
     pub blind: &'a [&'a DetectableChange],
     /// Joints whose zeros these poses do not show.
     pub hidden: &'a [&'a DetectableChange],
-    /// Largest change of the tool that the poses may have missed, over what matters; 1 or more where they are blind.
+    /// Largest tool error that the poses may have missed, relative to the error that matters; 1 or more if they are blind.
     pub times_blind: f64,
     /// Configurations that were measured.
     pub n_configurations: usize,
-    /// The configuration that has the largest part of the statistic.
+    /// The configuration with the largest part of the statistic.
     pub largest_configuration: Option<&'a str>,
-    /// Links and targets.
+    /// Number of links.
     pub n_links: usize,
-    /// See `n_links`.
+    /// Number of targets.
     pub n_targets: usize,
-    /// Whether base and targets were placed anew.
+    /// True if base and targets were placed anew.
     pub is_placed_anew: bool,
-    /// Whether the set has a stated uncertainty to test with.
+    /// True if the set has a stated uncertainty to test with.
     pub is_tested: bool,
-    /// Whether the points repeat an earlier upload.
+    /// True if the points repeat an earlier upload.
     pub is_repeat: bool,
-    /// Whether the set has a base that these points do not show.
+    /// True if the set has a base that these points do not show.
     pub is_base_hidden: bool,
 }
 
-/// Poses from which so many numbers are identified, beside base and targets where they are unknown.
+/// Number of poses for identifying `n_numbers` parameters. If base and targets are unknown, their parameters have to be included.
 pub fn poses_for(n_numbers: usize) -> usize {
     let needed = (EQUATIONS_PER_NUMBER * n_numbers).div_ceil(3);
     needed.div_ceil(STEP).max(FEWEST / STEP) * STEP
@@ -79,7 +79,7 @@ fn names(changes: &[&DetectableChange]) -> String {
     names.join(", ")
 }
 
-/// Numbers of base and targets where they have to be identified too.
+/// Number of base and target parameters, if they have to be identified as well.
 fn placement(found: &Found<'_>) -> usize {
     match found.is_placed_anew {
         true => BASE + TARGET * found.n_targets,
@@ -142,7 +142,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
             full(found)
         );
     }
-    // what can be seen falls with the root of the number of poses
+    // the detectable change falls with the square root of the number of poses
     let times = found.times_blind.max(1.0);
     let n = (found.n_configurations as f64 * times * times).ceil() as usize;
     let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;

@@ -1,5 +1,5 @@
-//! Which way the last joint counts. A reflector near its axis hardly moves with it: then the points may fit as well, or better, with that joint
-//! counted the other way round or together with the joint before it, or with the reflector behind the wrist.
+//! Checks the counting direction of the last joint. A reflector near the last axis hardly moves with that joint. The points may then fit as well, or
+//! better, with the joint reversed, coupled to the joint before it, or with the reflector behind the wrist.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
@@ -15,25 +15,25 @@ use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
-/// Reflectors less than this share of the reach off the last axis: 17 mm of 1.7 m. Further off, points that are counted the other way round do not
-/// fit at all.
+/// The check is made for reflectors closer than this share of the reach to the last axis: 17 mm of 1.7 m. For a reflector further off, points with a
+/// reversed joint do not fit at all.
 const NEAR_PER_REACH: f64 = 0.01;
-/// Points that other readings are tried on at most, evenly taken.
+/// Maximum number of points that other readings are tried on, evenly selected.
 const MOST_POINTS: usize = 600;
 
-/// Another reading of the last joint: its value times `sign`, and `coupling` times the value of the joint before it.
+/// Another reading of the last joint: its value times `sign`, plus `coupling` times the value of the joint before it.
 #[derive(Clone, Copy)]
 struct Reading {
     sign: f64,
     coupling: f64,
 }
 
-/// The other way round.
+/// The joint reversed.
 const REVERSED: Reading = Reading {
     sign: -1.0,
     coupling: 0.0,
 };
-/// Wrists whose last two motors turn together.
+/// Wrists with coupled last two joints.
 const COUPLED: [Reading; 4] = [
     Reading {
         sign: 1.0,
@@ -55,11 +55,11 @@ const COUPLED: [Reading; 4] = [
 
 /// What the points show of the last joint's direction.
 pub enum LastJoint {
-    /// They fit best as they are counted.
+    /// The points fit best as they are counted.
     Shown,
-    /// They fit as well the other way round.
+    /// The points fit as well with the joint reversed.
     NotShown,
-    /// They fit only in another way than the joint map says.
+    /// The points fit only with another reading than the joint map's.
     Otherwise(Warning),
 }
 
@@ -87,7 +87,7 @@ impl Reading {
     }
 }
 
-/// Compares the fit with those to the same points with other readings of the last joint.
+/// Compares the fit with fits to the same points with other readings of the last joint.
 pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let reach_mm = reach_mm(&problem.request.robot.links);
     if let Some(warning) = behind_the_wrist(model, reach_mm) {
@@ -100,7 +100,7 @@ pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     }
     let own = problem.noise(model);
     let reversed = noise_of(problem, REVERSED);
-    // a link that is turned by half a turn does what a joint that counts the other way round does
+    // a link rotated by half a turn has the same effect as a reversed joint
     let is_turned = is_turned(problem, model);
     let is_reversed =
         |other: &Noise| own.is_more_than(other) || (is_turned && !other.is_more_than(&own));
@@ -135,12 +135,12 @@ fn otherwise(model: &KinematicModel, own: &Noise, other: &Noise, reading: Readin
     }
 }
 
-/// True if a link is turned by more than a joint that was never mastered.
+/// True if a link is rotated by more than the zero error of an unmastered joint.
 fn is_turned(problem: &Problem<'_>, model: &KinematicModel) -> bool {
     joint_counted_otherwise(&model.links, &problem.request.robot.links, &BTreeSet::new()).is_some()
 }
 
-/// What a fit leaves of the points with another reading of the last joint; `None` where it has to turn a link for that.
+/// Noise of a fit with another reading of the last joint; `None` if that fit rotates a link.
 fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
     let read = |o: &Observation| {
         let mut o = o.clone();
@@ -159,8 +159,8 @@ fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
     (!is_turned(problem, &found.model)).then(|| Noise::of(&rows, &found.evidence, &found.posterior))
 }
 
-/// A reflector that is behind the centre of a spherical wrist, and further behind than off the last axis, is inside the arm. It fits where the joint
-/// before the last one is counted from half a turn off, and the reflector is in front.
+/// A reflector behind the centre of a spherical wrist, by more than its distance from the last axis, is inside the arm, which is impossible. Such a
+/// fit occurs if the joint before the last one is counted from half a turn off, while the reflector is really in front.
 fn behind_the_wrist(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
     let Link { a_mm, d_mm, .. } = model.links.last()?;
     let near_mm = NEAR_PER_REACH * reach_mm;

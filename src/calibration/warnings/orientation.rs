@@ -1,16 +1,16 @@
-//! How far the flange may be turned from where the identified robot has it, under what is known of robots beforehand.
+//! Uncertainty of the flange's rotation of the identified robot, including prior knowledge of robots.
 //!
-//! Positions of one reflector on the last axis hardly show how the flange is turned under it. What they leave open is settled by priors: the
-//! estimate of maximum a posteriori from the nominal robot, with base and targets free. The expected square of the error of the identified
-//! robot is then the posterior variance, and the square of how far the identified robot is from that estimate:
+//! Positions of one reflector on the last axis hardly determine the rotation of the flange. Priors settle the rest: the maximum a posteriori estimate
+//! from the nominal robot, with base and targets free. The expected squared error of the identified robot is then the posterior variance plus the
+//! squared distance between the identified robot and that estimate:
 //! E|R_identified − R_true|² = E|R_posterior − R_true|² + |R_identified − R_posterior|².
-//! The second part counts what an identification made of combinations that the positions do not show.
+//! The second part is the identification's own choice along combinations that the positions do not determine.
 //!
-//! Where the last link is found longer than makers build it, a joint before it that was not mastered may explain the points as well: then the
-//! rotation between both counts too.
+//! If the last link is found longer than makers build it, an unmastered joint before it may explain the points as well. The rotation between the two
+//! explanations then counts too.
 //!
-//! Positions never show the zero of the last joint: a reflector that sits elsewhere on the flange explains them as well. It is as well known as
-//! its prior says, which is as wide as the zeros of the other joints show, or as the request states.
+//! Positions never determine the zero of the last joint: another place of the reflector on the flange explains them as well. This zero is only as
+//! well known as its prior. The prior's width comes from the zeros of the other joints, or from the request.
 
 use crate::calibration::preparation::observe::with_target_rotations;
 use crate::calibration::problem;
@@ -30,13 +30,14 @@ use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::{Link, t_base_flange};
 use std::ops::ControlFlow;
 
-/// More points than this are thinned out: they could only make the uncertainty smaller.
+/// Maximum number of points. More points are thinned out: they could only make the uncertainty smaller.
 const MAX_POINTS: usize = 2_000;
 
-/// Deviation of a length from its drawing, in standard deviations of robots fresh from the factory.
+/// Limit for the deviation of a length from its drawing, in standard deviations of new robots.
 const IMPLAUSIBLE: f64 = 2.0;
 
-/// How well the flange's rotation is known: the largest of those of the given links, each identified from the points of the problem. `None` where it cannot be computed.
+/// Uncertainty of the flange's rotation: the largest for the given links, each identified from the points of the problem. `None` if it cannot be
+/// computed.
 pub fn flange_rotation(
     problem: &problem::Problem<'_>,
     model: &KinematicModel,
@@ -78,8 +79,8 @@ pub fn flange_rotation(
     found.std_rad().is_finite().then_some(found)
 }
 
-/// The estimate with `a` of the last link as it was drawn, where it was found longer or shorter by more than [`IMPLAUSIBLE`] and the points fit as
-/// well without.
+/// The estimate with `a` of the last link as drawn. `None` unless that length was found off by more than [`IMPLAUSIBLE`] and the points fit as well
+/// with the drawn length.
 fn with_the_last_link_as_drawn(points: &Problem<'_>, found: &Estimate) -> Option<KinematicModel> {
     let last = found.model.links.len() - 1;
     let is_length = |v: &Variable| v.parameter == Parameter::Link(last, Quantity::A);
@@ -114,10 +115,10 @@ fn state_priors_of_links(
 
 /// Code of the refusals, and of the warning.
 pub const NOT_KNOWN: &str = "orientation_not_known";
-/// Larger and the orientation counts as not known: 0.5°.
+/// Above this limit, the orientation counts as not known: 0.5°.
 pub const MAX_FLANGE_ROTATION_STD_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
-/// Told where the orientation is not known, or where it could not be computed how well it is known, of points that fit.
+/// Warning if the orientation is not known, or if its uncertainty could not be computed, for points that fit.
 pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Option<Warning> {
     let Some(found) = flange_rotation else {
         let detail = "by how much the flange may be turned from where the identified robot has it could not be computed. Corrected targets are given \
@@ -153,7 +154,7 @@ pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Optio
     })
 }
 
-/// Why the flange's rotation is not known if the measured positions show it but for the zero of the last joint.
+/// Message if the measured positions determine the flange's rotation except for the zero of the last joint.
 pub fn last_joint_zero_unknown(std_deg: f64, n_links: usize) -> String {
     format!(
         "the flange may be turned by {std_deg:.2}° (one standard deviation: flange_rotation_std_deg) from where the identified robot has it, above \
@@ -162,14 +163,14 @@ pub fn last_joint_zero_unknown(std_deg: f64, n_links: usize) -> String {
     )
 }
 
-/// What makes the zero of the last joint known.
+/// How to make the zero of the last joint known.
 pub fn last_joint_zero_remedy(n_links: usize) -> String {
     format!(
         "If that joint was mastered by its marks, identify with the prior {{\"name\": \"theta_offset_{n_links}\", \"std\": …}}"
     )
 }
 
-/// Points that count, no more than [`MAX_POINTS`] of them.
+/// Points with nonzero weight, at most [`MAX_POINTS`] of them.
 fn thinned(observations: Vec<Observation>) -> Vec<Observation> {
     let counting: Vec<Observation> = observations
         .into_iter()
@@ -179,7 +180,7 @@ fn thinned(observations: Vec<Observation>) -> Vec<Observation> {
     counting.into_iter().step_by(every).collect()
 }
 
-/// Root mean square of the angle between the flanges of two robots on their anchored bases, over the workspace.
+/// Root mean square angle between the flanges of two robots on their anchored bases, over the workspace.
 fn turned_rad(problem: &problem::Problem<'_>, one: &[Link], other: &[Link]) -> f64 {
     let robot = &problem.request.robot;
     let anchors = [one, other].map(|links| anchor(links, &robot.links));

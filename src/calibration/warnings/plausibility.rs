@@ -1,4 +1,4 @@
-//! Whether what was identified can be true of a robot that was built to its drawing.
+//! Checks whether the identified parameters are plausible for a robot that was built to its drawing.
 
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
@@ -11,13 +11,13 @@ use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
-/// Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More is rather a wrong tool,
-/// another robot, or a wrong model: 5 mm on an arm of 1.7 m, as a share of the reach.
+/// Limit for a length's deviation. Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More
+/// indicates a wrong tool, another robot, or a wrong model: 5 mm on an arm of 1.7 m, as a share of the reach.
 const PLAUSIBLE_PER_REACH: f64 = 5.0 / 1700.0;
-/// Mastering errs by some tenths of a degree, a slipped belt by one or two, rad (2°).
+/// Limit for an angle's deviation, rad (2°). Mastering errs by some tenths of a degree, a slipped belt by one or two degrees.
 const PLAUSIBLE_RAD: f64 = 2.0 * PI / 180.0;
 
-/// What differs between two robots of the same make by more than can be expected, in words.
+/// Differences between two robots of the same make that are larger than expected, in words.
 pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
     let plausible_mm = PLAUSIBLE_PER_REACH * reach_mm(reference);
     let mut changes = Vec::new();
@@ -58,12 +58,12 @@ fn within_half_a_turn(angle_rad: f64) -> f64 {
     angle_rad - TAU * (angle_rad / TAU).round()
 }
 
-/// Code of the warning that the base stands elsewhere than its frame says.
+/// Warning code: the base is not where its frame says.
 pub const BASE_FRAME_OFF: &str = "base_frame_off";
-/// Told from so many standard deviations of a base frame on: 5 mm, 0.25°.
+/// The warning is given above this number of standard deviations of a base frame: 5 mm, 0.25°.
 const BASE_FRAME_STDS: f64 = 5.0;
 
-/// Told where the positions are in the base frame, and the identified robot stands far from that frame.
+/// Warning if the positions are in the base frame, and the identified robot is far from that frame.
 pub fn base_frame_off(t_measuring_base: &IsometryMatrix3<f64>) -> Option<Warning> {
     let at_mm = t_measuring_base.translation.vector;
     let turned_rad = t_measuring_base.rotation.angle();
@@ -84,12 +84,12 @@ pub fn base_frame_off(t_measuring_base: &IsometryMatrix3<f64>) -> Option<Warning
     })
 }
 
-/// Code of the warning that the links only fit with a joint counted in another way.
+/// Warning code: the links only fit with a joint counted in another way.
 pub const JOINT_MAP: &str = "joint_map_suspect";
 
-/// Told where a joint's zero or an axis is turned by more than a joint that was never mastered. A reflector near the last axis fits as well with
-/// that joint counted the other way round: then another link is turned by half a turn, and the flange is turned wrongly. What the points cannot
-/// see or tell apart (`unseen`, by name) says nothing: a swarm leaves it anywhere.
+/// Warning if a joint's zero or an axis is rotated by more than an unmastered joint. A reflector near the last axis fits as well with that joint
+/// reversed: another link is then rotated by half a turn, and the flange's rotation is wrong. Parameters that the points do not determine (`unseen`,
+/// by name) are ignored, because a swarm leaves them at any value.
 pub fn joint_counted_otherwise(
     links: &[Link],
     nominal: &[Link],
@@ -122,25 +122,25 @@ pub fn joint_counted_otherwise(
     })
 }
 
-/// The tool's uncertainty somewhere in the workspace, in units of the error found where it was measured, from which on it is worth a word.
+/// Minimum uncertainty of the tool somewhere in the workspace for a warning, as a multiple of the error at the measured points.
 const UNCERTAIN: f64 = 5.0;
-/// ... and no less than this share of the reach: 0.01 mm on an arm of 1.7 m, what the best trackers are certain of.
+/// Minimum uncertainty of the tool for a warning as a share of the reach: 0.01 mm on an arm of 1.7 m, the accuracy of the best trackers.
 const LEAST_UNCERTAIN_PER_REACH: f64 = 0.01 / 1700.0;
-/// Lengths that all are off by the same share, from this share on: steel that is warmer by 20 K grows by this.
+/// Minimum relative error common to all lengths for a warning: the expansion of steel for 20 K.
 const SCALE: f64 = 2e-4;
-/// ... and by as many standard deviations of that share, and more than a robot's own errors show in one of a hundred cases: of few lengths the
-/// standard deviation is hardly known.
+/// Minimum of that error in its standard deviations. It must also exceed the bound that a robot's own errors exceed in one of a hundred cases,
+/// because with few lengths the standard deviation is poorly known.
 const SCALE_SIGMAS: f64 = 4.0;
 const SCALE_CONFIDENCE: f64 = 0.99;
-/// A length of which the points say less than this share is no length that was found.
+/// A length with a smaller data share than this is not used for the scale.
 const SCALE_SHARE: f64 = 0.1;
-/// What the points of one configuration share is worth a word from so many times their own noise on.
+/// A warning is given if the error that points of one configuration share exceeds this multiple of their own noise.
 const SHARED: f64 = 10.0;
 
-/// Code of the warning that the points do not determine the tool over the workspace.
+/// Warning code: the points do not determine the tool over the workspace.
 pub const TOOL_UNCERTAIN: &str = "tool_uncertain";
 
-/// Remarks on a finished identification, for its report.
+/// Warnings on a finished identification, for its report.
 pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     let warning = |code, detail| Warning {
         code,
@@ -185,7 +185,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     warnings
 }
 
-/// The share by which all identified lengths are longer, where it stands out of their scatter. Lengths that were not identified say nothing.
+/// The common relative error of all identified lengths, if it is significant against their scatter. Lengths that were not identified are not used.
 fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Option<f64> {
     let lengths = links
         .iter()
@@ -222,8 +222,8 @@ fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Op
     (scale.abs() > SCALE && scale.abs() > sigmas * std).then_some(scale)
 }
 
-/// Told where the points of one configuration err together by far more than each by itself: joint values that were read before the arm had settled do
-/// that, and so do errors of the robot that links cannot say.
+/// Warning if the error that points of one configuration share is far larger than each point's own. Joint values that were read before the arm had
+/// settled cause this, and so do errors of the robot that links cannot describe.
 fn shared_errors(report: &CalibrationReport) -> Option<Warning> {
     let uncertainty = report.uncertainty.as_ref()?;
     let (shared_mm, own_mm) = (uncertainty.configuration_std_mm, uncertainty.noise_std_mm);

@@ -1,9 +1,9 @@
-//! What to do about an upload that was refused and kept because somebody insisted: what the refusal said, whatever else its points look like.
+//! Advice about an upload that was refused and kept because the uploader insisted: the advice of the refusal, whatever else its points show.
 
 use crate::calibration::report::{NO_FIT, Warning};
 use crate::calibration::warnings::plausibility::JOINT_MAP;
 
-/// What the refusal with this code asked for.
+/// The correction that the refusal with this code asked for.
 pub fn remedy(code: &str) -> &'static str {
     match code {
         "frame_suspect" => {
@@ -21,7 +21,7 @@ pub fn remedy(code: &str) -> &'static str {
     }
 }
 
-/// The same in a sentence.
+/// The remedy in a sentence.
 pub fn advice(code: &str) -> String {
     format!(
         "The upload was refused as {code}, and kept because the uploader insisted: {}",
@@ -29,7 +29,7 @@ pub fn advice(code: &str) -> String {
     )
 }
 
-/// A warning that the robot does not fit, with the advice of the refusal in place of its own.
+/// A warning that the robot does not fit, with its own advice replaced by that of the refusal.
 pub fn advised(told: Warning, refused_as: Option<&str>) -> Warning {
     match refused_as {
         Some(code) if [NO_FIT, JOINT_MAP].contains(&told.code) && told.code != code => {

@@ -1,4 +1,4 @@
-//! What screening found, in words.
+//! The findings of the screening, in words.
 
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::screening::{FoundStep, Outlier, Screening, WhatMoved};
@@ -11,14 +11,14 @@ use crate::identification::objective::Observation;
 use crate::identification::uncertainty::Uncertainty;
 use crate::measurement::Subset;
 
-/// Points listed by their size in a detail; `rows` has them all.
+/// Maximum number of points listed with their sizes in a detail; `rows` has all of them.
 const LISTED: usize = 20;
-/// A point lies beyond what was measured to identify if the identified robot is so much less certain there than at any point of the fit.
+/// A verify point is an extrapolation if the identified robot's uncertainty there exceeds this multiple of the largest at the fitted points.
 const BEYOND: f64 = 2.0;
-/// It is worth a word if this share of the points to verify lies there.
+/// A warning is given if more than this share of the verify points are extrapolations.
 const MANY_BEYOND: f64 = 0.1;
 
-/// The warnings about outliers and about what moved. `asked` is the loss that the request asks for.
+/// The warnings about outliers, steps and drift. `asked` is the loss that the request asks for.
 pub fn screening_warnings(
     screening: &Screening,
     observed: &Observed,
@@ -38,8 +38,8 @@ pub fn screening_warnings(
     warnings
 }
 
-/// Points to verify where the identified robot is far less certain than at any point of the fit, and by more than the points scatter: what
-/// was measured to identify does not fix it there. `scatter_mm` is the rms length of the residuals in the fit.
+/// Warning about verify points at which the identified robot is far less certain than at any fitted point, and by more than the scatter of the
+/// points. The identify points do not determine the robot there. `scatter_mm` is the rms length of the residuals in the fit.
 pub fn extrapolated(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -80,7 +80,7 @@ pub fn extrapolated(
     })
 }
 
-/// The same about a set of its own, said so.
+/// The warnings of a separate verification set, marked as such.
 pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning> {
     warnings.into_iter().map(|w| Warning {
         detail: format!("in the verify set: {}", w.detail),

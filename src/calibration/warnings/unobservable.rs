@@ -1,5 +1,5 @@
-//! What the measured positions do not show of the flange. The measured reflector is where the identified robot has it whatever the positions
-//! do not show; another tool, or a turn of the flange, need not be.
+//! What the measured positions do not determine of the flange. The identified robot predicts the measured reflector correctly in any case. Another
+//! tool, or a rotation of the flange, may be wrong.
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{FlangeRotation, Warning};
@@ -12,34 +12,34 @@ use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::DMatrix;
 
-/// Configurations that stand for the workspace.
+/// Number of configurations that represent the workspace.
 pub const N_CONFIGURATIONS: usize = 64;
-/// Less is what parameters do that the model has twice, such as d of links with parallel axes: nothing but rounding. As a share of the reach: 1 µm
-/// on an arm of 1.7 m.
+/// Smaller shifts of the flange are rounding. Parameters that the model has twice, such as d of links with parallel axes, cause them. As a share of
+/// the reach: 1 µm on an arm of 1.7 m.
 const NOTICED_PER_REACH: f64 = 1e-3 / 1700.0;
-/// See [`NOTICED_PER_REACH`]; 0.001°.
+/// Smaller rotations of the flange are rounding, as for [`NOTICED_PER_REACH`]; 0.001°.
 const NOTICED_RAD: f64 = 1e-3 * std::f64::consts::PI / 180.0;
-/// Share of a scale at which what is not seen is looked at, see [`unseen`].
+/// Share of a scale at which unobservable directions are evaluated, see [`unseen`].
 const FIRST_ORDER: f64 = 1e-3;
-/// A point of the tool this far from the reflector, as a share of the reach (100 mm of 1.7 m), should be no less certain than
+/// Distance from the reflector of the tool point that the warning is judged at, as a share of the reach (100 mm of 1.7 m).
 const TOOL_PER_REACH: f64 = 100.0 / 1700.0;
-/// ... so many times what the points scatter by.
+/// The warning is given if the uncertainty of this tool point exceeds this multiple of the scatter of the points.
 const UNCERTAIN: f64 = 5.0;
-/// The standard deviations are of first order: for larger turns than 20° they say nothing but that the turn is not known.
+/// The standard deviations are of first order. For rotations above 20° they only say that the rotation is not known.
 const SMALL_TURN_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
-/// How far the flange may be from where the identified robot has it, one standard deviation.
+/// Uncertainty of the identified robot's flange, one standard deviation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AtFlange {
-    /// Its origin, mm.
+    /// Shift of its origin, mm.
     pub shift_mm: f64,
-    /// And how far it may be turned, rad.
+    /// Rotation, rad.
     pub turn_rad: f64,
 }
 
-/// The warning, where what is not seen, or hardly seen, moves the flange on its anchored base (see [`anchor`]), or where the points do not show
-/// which way the last joint counts. `scatter_mm` is the rms length of the residuals. `with_priors` is how well the flange's rotation is known if what is
-/// known of robots beforehand counts as well.
+/// The warning, if unobservable or poorly determined parameters move the flange on its anchored base (see [`anchor`]), or if the points do not show
+/// the direction of the last joint. `scatter_mm` is the rms length of the residuals. `with_priors` is the uncertainty of the flange's rotation that
+/// includes prior knowledge of robots.
 pub fn warning(
     problem: &Problem<'_>,
     model: &KinematicModel,
@@ -98,8 +98,8 @@ pub fn warning(
     })
 }
 
-/// What the points do not see at all, to first order: with poses, base and target turn with what is not seen, and of a whole scale the square would
-/// be noticed.
+/// Effect of the directions that the points do not determine at all, to first order. With poses, base and target rotate together with these
+/// directions, and at a whole scale second-order terms would be visible. The directions are therefore evaluated at a small share of a scale.
 fn unseen(problem: &Problem<'_>, model: &KinematicModel) -> AtFlange {
     let share = match problem.request.set.has_poses() {
         true => FIRST_ORDER,
@@ -114,8 +114,8 @@ fn unseen(problem: &Problem<'_>, model: &KinematicModel) -> AtFlange {
     }
 }
 
-/// Root of the sum over the columns of `roots`, parameter deviations of one standard deviation each, of what they do to the anchored
-/// flange: root mean square over random configurations of the joint space.
+/// Effect of parameter deviations on the anchored flange. Each column of `roots` is a deviation of one standard deviation. The result is the root of
+/// the sum of squares over the columns: root mean square over random configurations of the joint space.
 pub fn at_flange(
     robot: &Robot,
     model: &KinematicModel,

@@ -1,8 +1,8 @@
-//! Links and corrections together: the most probable answer, with each number's prior, by Gauss-Newton steps.
+//! Maximum a posteriori fit of links and corrections together, with a prior for each number, by Gauss-Newton steps.
 //!
-//! F + σ²·Σ (x/S)² is minimised: x runs over the corrections and over the deviations of parameters from nominal, S is how far each is
-//! expected to be off, as the fit of the links alone has found it, and σ² the variance of a coordinate about the model, taken from the fit with as
-//! many degrees of freedom as it has used up.
+//! Minimises F + σ²·Σ (x/S)². x are the corrections and the parameters' deviations from nominal. S is the expected size of each, as found by the fit
+//! of the links alone. σ² is the variance of a coordinate about the model. It is estimated from the fit, with the degrees of freedom that the fit
+//! uses up.
 
 use super::linear::{linearise, rotation_rows};
 use super::{Term, corrections_at};
@@ -13,35 +13,36 @@ use crate::identification::priors::Prior;
 use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Gauss-Newton steps: the links are found already, corrections are nearly linear, and each step leaves a thousandth.
+/// Number of Gauss-Newton steps. The links are already identified and corrections are nearly linear, so that each step reduces the error to a
+/// thousandth.
 const STEPS: usize = 4;
 
-/// What does not change from fit to fit.
+/// Everything that stays the same from fit to fit.
 pub struct Setting<'a> {
     /// The nominal robot.
     pub nominal: &'a KinematicModel,
     /// Gravity.
     pub mounting: Mounting,
-    /// What hung on the flange, where it is known.
+    /// Payload on the flange, if known.
     pub payload: Option<Payload>,
     /// The free parameters of links, base and targets.
     pub parameters: &'a [Parameter],
     /// Their scales, mm or rad.
     pub scale: &'a [f64],
-    /// What is known of each parameter beside the points.
+    /// Prior of each parameter.
     pub priors: &'a [Prior],
-    /// The points, every one with some weight.
+    /// The points, each with nonzero weight.
     pub observations: &'a [Observation],
 }
 
-/// Links with some corrections, fitted.
+/// A fit of links with some corrections.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted {
     /// Base, links and targets.
     pub model: KinematicModel,
-    /// The corrections' free numbers.
+    /// The free terms of the corrections.
     pub terms: Vec<Term>,
-    /// Their values.
+    /// Values of the terms.
     pub values: Vec<f64>,
     /// σ², mm².
     pub variance: f64,
@@ -62,7 +63,7 @@ pub struct Linear {
 }
 
 impl Setting<'_> {
-    /// The corrections of a fit.
+    /// The corrections at a fit.
     pub fn corrections(&self, fitted: &Fitted) -> Corrections {
         let mut corrections = corrections_at(
             self.nominal.links.len(),
@@ -74,8 +75,8 @@ impl Setting<'_> {
         corrections
     }
 
-    /// The linear problem at a fit. Every parameter is free: what the points cannot tell apart is settled by the priors of the links, so that base
-    /// and targets take up what they can, and not by how long the combinations of parameters are.
+    /// The linear problem at a fit. Every parameter is free. The links' priors settle what the points cannot tell apart, so that base and targets
+    /// absorb as much as they can.
     pub fn linear(&self, at: &Fitted) -> Linear {
         let corrections = self.corrections(at);
         let unknowns = (self.parameters, at.terms.as_slice());
@@ -90,7 +91,7 @@ impl Setting<'_> {
         for (j, scale) in self.scale.iter().enumerate() {
             by_parameter.column_mut(j).scale_mut(*scale);
         }
-        // what the points at hand hardly see moves no further than its scale in one step
+        // limits a step of poorly observable parameters to their scale
         let (mut prior, mut pull) = (
             DVector::<f64>::repeat(p + k, 1.0),
             DVector::<f64>::zeros(p + k),
@@ -122,13 +123,13 @@ impl Setting<'_> {
 }
 
 impl Linear {
-    /// The rows of an observation.
+    /// The rows of one observation.
     pub fn rows_of(&self, observation: usize) -> impl Iterator<Item = usize> + use<> {
         let of_rotation = self.rotation_rows[observation].map(|row| row..row + 3);
         (3 * observation..3 * observation + 3).chain(of_rotation.into_iter().flatten())
     }
 
-    /// x of the most probable answer, from the normal matrix AᵀA and Aᵀr of some of the rows.
+    /// x of the maximum a posteriori solution, from the normal matrix AᵀA and Aᵀr of some of the rows.
     pub fn solve(
         &self,
         normal: DMatrix<f64>,
@@ -152,7 +153,7 @@ impl Linear {
     }
 }
 
-/// Fits links and `terms` from `start`, whose own terms keep their values at first.
+/// Fits links and `terms`, beginning at `start`. Terms that `start` already has begin at their values there.
 pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitted> {
     let known = |term: &Term| {
         start

@@ -1,36 +1,36 @@
-//! Division of the points into parts, and what predictions of parts that were not fitted show.
+//! Divides the points into parts for cross-validation, and evaluates predictions of parts that were not fitted.
 
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
 use std::collections::BTreeMap;
 
-/// Parts of the cross-validation.
+/// Number of parts of the cross-validation.
 const FOLDS: usize = 5;
 
-/// Divisions into such parts, over which a configuration's error is averaged: with few configurations one division is a matter of luck.
+/// Number of divisions into parts. A configuration's error is averaged over them, because with few configurations a single division depends on luck.
 const DIVISIONS: u64 = 5;
 
-/// What a correction was found to do.
+/// Result of trying a correction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
     /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
-    /// `joint_harmonics`, `residual_network`, and at last `all_together` where something was kept.
+    /// `joint_harmonics`, `residual_network`, and `all_together` at the end if something was kept.
     pub kind: String,
-    /// It won, and the points to verify had nothing against it.
+    /// True if it won the cross-validation, and the verify points did not veto it.
     pub kept: bool,
-    /// It won, and was dropped with all others: on the points to verify the robot with corrections is further off than its links alone.
+    /// True if it won, but all corrections were dropped, because the robot with corrections was further from the verify points than its links alone.
     pub is_vetoed: bool,
-    /// Root mean square error of unseen points without it, mm.
+    /// Root mean square error of unseen points without this correction, mm.
     pub before_mm: f64,
-    /// And with it, mm.
+    /// Root mean square error of unseen points with this correction, mm.
     pub after_mm: f64,
     /// Mean gain in squared error over configurations, mm².
     pub gain_mm2: f64,
-    /// Standard error of that, mm².
+    /// Standard error of the mean gain, mm².
     pub standard_error_mm2: f64,
 }
 
-/// Squared error of each configuration when it was not fitted, mm² (mean over its points).
+/// Squared error of each configuration when it was not fitted, averaged over its points, mm².
 #[derive(Clone)]
 pub(super) struct Unseen {
     pub errors: Vec<f64>,
@@ -70,18 +70,18 @@ impl Unseen {
     }
 }
 
-/// How the points are divided.
+/// A division of the points into parts.
 pub(super) struct Folds {
     /// Configuration of each point, counted from 0.
     pub clusters: Vec<usize>,
     /// Part of each point.
     pub folds: Vec<usize>,
     pub n_folds: usize,
-    /// Configurations.
+    /// Number of configurations.
     pub n_clusters: usize,
 }
 
-/// By session where there are several; else the configurations at random, several times.
+/// Divides by session if there are several; otherwise divides the configurations at random, several times.
 pub(super) fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u64) -> Vec<Folds> {
     let n_clusters = clusters.iter().max().map_or(0, |last| last + 1);
     let mut labels: BTreeMap<&Option<String>, usize> = BTreeMap::new();
@@ -90,7 +90,7 @@ pub(super) fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u
         labels.entry(session).or_insert(next);
     }
     if labels.len() > 1 {
-        // whole sessions stay together; what a fold costs does not grow with how many there are
+        // whole sessions stay together; the number of parts is limited, because each costs a fit
         let folds = sessions
             .iter()
             .map(|session| labels[session] % FOLDS)
@@ -123,7 +123,7 @@ pub(super) fn divisions(clusters: &[usize], sessions: &[Option<String>], seed: u
 }
 
 impl Folds {
-    /// Means over configurations of a value of each point.
+    /// Mean of a value over the points of each configuration.
     pub fn by_configuration(&self, of_point: impl Fn(usize) -> f64) -> Unseen {
         let (mut sums, mut counts) = (vec![0.0; self.n_clusters], vec![0.0; self.n_clusters]);
         for (point, cluster) in self.clusters.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Residuals of a robot with corrections, and their derivatives by links and by corrections.
+//! Residuals of a robot with corrections, and their derivatives with respect to links and corrections.
 
 use super::{Term, across_gravity};
 use crate::identification::KinematicModel;
@@ -12,8 +12,9 @@ use crate::kinematics::rotation::{left_jacobian, rotation_exp};
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Rotation3, Vector3};
 
-/// sqrt(weight) · W · (measured − predicted), 3·N + 3·M, and the derivatives of the prediction by `parameters` and by `terms`, weighted alike: the
-/// positions of all observations, then the rotation rows of the M poses among them ([`rotation_rows`]). That a link moves the masses on it is left out of its own derivative: it is a thousandth of it.
+/// sqrt(weight) · W · (measured − predicted), 3·N + 3·M, and the derivatives of the prediction with respect to `parameters` and `terms`, weighted in
+/// the same way. The positions of all observations come first, then the rotation rows of the M poses among them ([`rotation_rows`]). A link's
+/// derivative neglects that the link moves the masses on it, which is a thousandth of the derivative.
 pub fn linearise(
     model: &KinematicModel,
     corrections: &Corrections,
@@ -34,7 +35,7 @@ pub fn linearise(
         residuals
             .fixed_rows_mut::<3>(3 * i)
             .copy_from(&(o.whitened(o.position_mm - pose.position_mm) * root));
-        // from a small turn of the prediction to the change of its rotation rows
+        // from a small rotation of the prediction to the change of its rotation rows
         let turned = rotation_rows[i].map(|row| {
             let measured = o.rotation.as_ref();
             let predicted = Rotation3::from_matrix_unchecked(pose.flange_rotation)
@@ -67,7 +68,7 @@ pub fn linearise(
     (residuals, by_parameter, by_term)
 }
 
-/// First rotation row of each observation, where it is a pose whose target's rotation the model has.
+/// First rotation row of each observation that is a pose and whose target has a rotation in the model.
 pub fn rotation_rows(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<usize>> {
     let mut next = 3 * observations.len();
     let mut row_of = |o: &Observation| {
@@ -79,7 +80,7 @@ pub fn rotation_rows(model: &KinematicModel, observations: &[Observation]) -> Ve
     observations.iter().map(&mut row_of).collect()
 }
 
-/// What a small change does to a target: it shifts it, and turns it by a rotation vector, both in the measuring frame.
+/// Effect of a small change on a target: a shift, and a rotation vector, both in the measuring frame.
 #[derive(Clone, Copy, Default)]
 struct Moved {
     shift: Vector3<f64>,
@@ -96,7 +97,8 @@ impl Moved {
     }
 }
 
-/// A frame's turn: `axes` takes a rotation vector of the frame to one of the measuring frame, and `lever` that to the shift of the target.
+/// A rotation of a frame. `axes` transforms a rotation vector of the frame to the measuring frame. `lever` transforms the result to the target's
+/// shift.
 struct Turn {
     lever: Matrix3<f64>,
     axes: Matrix3<f64>,
@@ -114,13 +116,13 @@ struct Pose<'a> {
     q_rad: &'a [f64],
     position_mm: Vector3<f64>,
     links: Vec<LinkColumns>,
-    /// ∂p/∂(turn of the whole robot about its base's origin).
+    /// ∂p/∂(rotation of the whole robot about its base's origin).
     base_rotation: Matrix3<f64>,
     flange_rotation: Matrix3<f64>,
-    /// What the rotation vector w = K∘M of each joint does, and that of the base.
+    /// Effects of the rotation vector w = K∘M of each joint, and of the base.
     by_turn: Vec<Turn>,
     by_base_turn: Turn,
-    /// Frames without corrections, in the base frame, and the moments there.
+    /// Frames without corrections, in the base frame, and the first moments there.
     chain: Vec<IsometryMatrix3<f64>>,
     first: Vec<Vector3<f64>>,
     first_base: Vector3<f64>,
@@ -152,7 +154,7 @@ impl<'a> Pose<'a> {
             at.rotation *= rotation_exp(&turn);
             turns.push(turn);
         }
-        // the network displaces the end of the chain without turning anything
+        // the network displaces the end of the chain without rotating anything
         let tip = at.rotation * model.targets_mm[o.target] + at.translation.vector;
         let net = corrections
             .residual
@@ -232,7 +234,7 @@ impl<'a> Pose<'a> {
             }
             Term::Gravity(axis) => {
                 let across = across_gravity(mounting)[axis];
-                // the direction is made a unit vector again
+                // the gravity direction is normalised to a unit vector again
                 let turned = (across - g * g.dot(&across)) * g.dot(&mounting.gravity_in_base);
                 self.turned_by(&self.first_base, &self.first, &turned)
             }
@@ -247,7 +249,7 @@ impl<'a> Pose<'a> {
         }
     }
 
-    /// What a first moment does, given about each frame's origin (mm), that the first `n_joints` joints and the base carry.
+    /// Effect of a first moment that loads the first `n_joints` joints and the base. `about` gives it about each frame's origin (mm).
     fn bent(
         &self,
         n_joints: usize,
@@ -261,7 +263,7 @@ impl<'a> Pose<'a> {
         self.turned_by(&about(&Vector3::zeros()), &joints, g)
     }
 
-    /// What happens when the moments change by `first` × `g`.
+    /// Effect of a change of the moments by `first` × `g`.
     fn turned_by(&self, base: &Vector3<f64>, joints: &[Vector3<f64>], g: &Vector3<f64>) -> Moved {
         let compliance = &self.corrections.compliance;
         let of_base = compliance.base_rad.component_mul(&base.cross(g));

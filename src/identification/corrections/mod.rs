@@ -1,5 +1,5 @@
-//! Identifying what link parameters cannot say ([`crate::kinematics::compliance`]): which numbers there are, how far each is expected to be
-//! from zero, how they are fitted together with the links, and which of them are kept.
+//! Identification of corrections for what link parameters cannot describe ([`crate::kinematics::compliance`]): their terms, the prior of each term,
+//! their fit together with the links, and the selection of those that are kept.
 
 mod fit;
 mod folds;
@@ -15,7 +15,7 @@ pub use selection::{Selected, refit, select};
 use crate::kinematics::{Corrections, Mounting};
 use nalgebra::{Unit, Vector3};
 
-/// One number of the corrections. All are 0 on a robot without.
+/// One term of the corrections. All terms are 0 for a robot without corrections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
     /// Compliance of a joint (0-based) about an axis of its frame, rad per unit moment.
@@ -32,22 +32,23 @@ pub enum Term {
     Harmonic(usize, usize, usize),
 }
 
-/// Compliance of a joint about its own axis (one standard deviation): how far a unit mass at the end of the reach turns it, rad. 1 mrad for each metre
-/// of an arm of 1.7 m.
+/// Prior of a joint's compliance about its own axis, one standard deviation: rotation by a unit mass at the end of the reach, rad. This is 1 mrad per
+/// metre for an arm of 1.7 m.
 const PRIOR_JOINT_RAD: f64 = 1.7e-3;
-/// And across it: bearings are stiffer than gears.
+/// The same across the joint's axis: bearings are stiffer than gears.
 const PRIOR_ACROSS_RAD: f64 = 0.85e-3;
-/// Compliance of the base, likewise.
+/// The same for the base.
 const PRIOR_BASE_RAD: f64 = 0.51e-3;
-/// Mass of a link beyond the first guess.
+/// Prior of a link's mass beyond its usual mass, one standard deviation.
 const PRIOR_MASS: f64 = 0.2;
-/// First moment of a link, as a share of the reach: such a mass, a quarter of a metre off its frame's origin on an arm of 1.7 m.
+/// Prior of a link's first moment, as a share of the reach: a mass of `PRIOR_MASS` at a quarter of a metre from its frame's origin, on an arm of 1.7
+/// m.
 const PRIOR_FIRST_MOMENT: f64 = 0.05 / 1.7;
-/// Amplitude of a harmonic, rad (0.01°): what eccentric gears and encoders show.
+/// Prior of a harmonic's amplitude, rad (0.01°): the usual eccentricity of gears and encoders.
 const PRIOR_HARMONIC_RAD: f64 = 2e-4;
 
 impl Term {
-    /// How far it is expected to be from zero on an arm of this reach, one standard deviation.
+    /// Prior standard deviation of the term for an arm of this reach.
     pub fn prior(&self, mounting: &Mounting, reach_mm: f64) -> f64 {
         let reach_m = 1e-3 * reach_mm.max(f64::MIN_POSITIVE);
         match self {
@@ -56,21 +57,21 @@ impl Term {
             Self::Base(_) => PRIOR_BASE_RAD / reach_m,
             Self::Mass(_) => PRIOR_MASS,
             Self::FirstMoment(..) => PRIOR_FIRST_MOMENT * reach_m,
-            // a direction that is stated to be exact stays, but for rounding
+            // a direction that is stated as exact may only change by rounding
             Self::Gravity(_) => mounting.std_rad.max(1e-9),
             Self::Harmonic(..) => PRIOR_HARMONIC_RAD,
         }
     }
 }
 
-/// Two axes across the mounting's gravity.
+/// Two axes perpendicular to the mounting's gravity.
 pub fn across_gravity(mounting: &Mounting) -> [Vector3<f64>; 2] {
     let g = &mounting.gravity_in_base;
     let first = g.cross(&Vector3::ith(g.iamin(), 1.0)).normalize();
     [first, g.cross(&first)]
 }
 
-/// The corrections at some values of the terms.
+/// The corrections at the given values of the terms.
 pub fn corrections_at(
     n_links: usize,
     mounting: &Mounting,

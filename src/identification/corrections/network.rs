@@ -1,7 +1,7 @@
-//! The robot's residual network: joints → what links and physics leave, trained by back-propagation on this robot alone.
+//! The robot's residual network: from joint values to the errors that links and physics leave, trained by back-propagation on this robot alone.
 //!
-//! Its samples are the residuals of the points, in the base frame. A network that is large enough fits noise as well: its weights are held
-//! back by a prior as wide as one (weight decay), and it is kept only where it wins on configurations that it has not seen.
+//! Its samples are the residuals of the points, in the base frame. A network that is large enough also fits noise. Its weights therefore have a prior
+//! of width one (weight decay), and it is kept only if it wins on configurations that it has not seen.
 
 use super::fit::{Fitted, Setting};
 use super::folds::{Evidence, Folds, Unseen};
@@ -10,19 +10,19 @@ use crate::kinematics::ResidualNetwork;
 use crate::solvers::bpnn::{self, Activation, Network};
 use nalgebra::{DVector, Vector3};
 
-/// Hidden neurons: beyond ten, unseen points of measured robots gain nothing.
+/// Number of hidden neurons. With more than ten, unseen points of measured robots gain nothing.
 const HIDDEN: usize = 10;
-/// Passes over the samples.
+/// Number of passes over the samples.
 const EPOCHS: usize = 300;
-/// With fewer configurations there is nothing left to learn from once links and physics are identified.
+/// Minimum number of configurations. With fewer there is not enough left to learn from after links and physics are identified.
 const FEWEST_CONFIGURATIONS: usize = 30;
-/// Samples at most, evenly taken.
+/// Maximum number of samples, evenly selected.
 const MOST_SAMPLES: usize = 1_000;
 
-/// What cross-validation of the other corrections leaves.
+/// Residuals of the cross-validation of the other corrections.
 pub(super) struct FoldedResiduals<'a> {
     pub folds: &'a Folds,
-    /// By part left out: weighted residuals of all points.
+    /// For each part left out: weighted residuals of all points.
     pub residuals: &'a [DVector<f64>],
     pub n_configurations: usize,
 }
@@ -30,21 +30,21 @@ pub(super) struct FoldedResiduals<'a> {
 /// A network that was tried.
 pub(super) struct Tried {
     pub evidence: Evidence,
-    /// Errors without it and with it, on the same division.
+    /// Errors without the network, on the network's division of the points.
     pub before: Unseen,
-    /// See `before`.
+    /// Errors with the network, on the same division.
     pub after: Unseen,
     /// The network, if it won.
     pub network: Option<ResidualNetwork>,
 }
 
-/// Poses and what is left there, in the base frame, mm.
+/// Poses and their residuals in the base frame, mm.
 struct Samples {
     poses: Vec<Vec<f64>>,
     left_mm: Vec<Vector3<f64>>,
 }
 
-/// Tries a network; `None` where there is too little to learn from, or nothing smooth is left.
+/// Tries a network. `None` if there is too little to learn from, or if the residuals have no smooth part.
 pub(super) fn choose_network(
     setting: &Setting<'_>,
     fitted: &Fitted,
@@ -78,7 +78,7 @@ pub(super) fn choose_network(
             errors[point] = o.weight * whitened_from_base(fitted, o, error).norm_squared();
         }
     }
-    // of the same division: what another division would leave is not the network's merit
+    // use the same division for both errors, so that differences between divisions are not credited to the network
     let before = folds.by_configuration(|point| {
         folded.residuals[folds.folds[point]]
             .fixed_rows::<3>(3 * point)
@@ -102,7 +102,7 @@ pub(super) fn choose_network(
     })
 }
 
-/// The network of all points.
+/// The network trained on all points.
 pub(super) fn train_network(
     setting: &Setting<'_>,
     fitted: &Fitted,
@@ -125,13 +125,13 @@ fn left_in_base(
     let to_base = fitted.model.t_instrument_base.rotation.inverse();
     let o = &setting.observations[point];
     let row: Vector3<f64> = residuals.fixed_rows::<3>(3 * point).into();
-    // a covariance has an inverse
+    // the whitening of a covariance is invertible
     let whitening = o.whitening.and_then(|w| w.try_inverse());
     let row = whitening.map_or(row, |back| back * row);
     to_base * row / o.weight.sqrt()
 }
 
-/// A vector of the base frame as rows of an observation have it, without their weight.
+/// Transforms a vector of the base frame to the rows of an observation, without their weight.
 fn whitened_from_base(fitted: &Fitted, o: &Observation, v: Vector3<f64>) -> Vector3<f64> {
     match o.whitening {
         Some(w) => w * (fitted.model.t_instrument_base.rotation * v),
@@ -139,8 +139,8 @@ fn whitened_from_base(fitted: &Fitted, o: &Observation, v: Vector3<f64>) -> Vect
     }
 }
 
-/// A cheap look before anything is trained: a smooth function of the joints makes the residuals of neighbouring poses alike. True if their
-/// mean product with the nearest other configuration is above its standard error.
+/// A fast check before training: a smooth function of the joints makes residuals of neighbouring poses similar. True if the mean product with the
+/// residual of the nearest other configuration exceeds its standard error.
 fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
     let residuals = setting.linear(fitted).residuals;
     let step = setting.observations.len().div_ceil(MOST_SAMPLES).max(1);
@@ -153,7 +153,7 @@ fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
         a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
     };
     let product = |point: &usize| -> Option<f64> {
-        // another target at the same pose, or the same pose again, says nothing about the joints
+        // another target at the same pose, or a repeated pose, carries no information about the joints
         let others = points
             .iter()
             .map(|other| (distance(*point, *other), *other))
@@ -192,8 +192,8 @@ fn samples(
     }
 }
 
-/// Trains a network on poses and what is left there (base frame, mm), from random weights or, where the robot has a network of the same
-/// size, from that one's. `None` without samples.
+/// Trains a network on poses and their residuals (base frame, mm). It starts from random weights or, if the robot has a network of the same size,
+/// from its weights. `None` without samples.
 fn train_residual_network(
     samples: &Samples,
     earlier: Option<&ResidualNetwork>,
@@ -272,7 +272,7 @@ fn train_residual_network(
     Some(found)
 }
 
-/// An earlier network's weights, so that they give the same displacements at the scales of the new one: the warm start.
+/// Warm start: an earlier network's weights, converted so that they give the same displacements at the scales of the new network.
 fn remembered(earlier: &ResidualNetwork, scales: &ResidualNetwork) -> Option<Network> {
     let n_joints = scales.centre_rad.len();
     if earlier.centre_rad.len() != n_joints || earlier.hidden_thresholds.len() != HIDDEN {
@@ -296,7 +296,7 @@ fn remembered(earlier: &ResidualNetwork, scales: &ResidualNetwork) -> Option<Net
             .collect(),
         output_activation: Activation::Identity,
     };
-    // w·(q − c)/h − t at the old scales is w'·(q − c')/h' − t' at the new ones
+    // w·(q − c)/h − t at the old scales equals w'·(q − c')/h' − t' at the new scales
     for k in 0..HIDDEN {
         for j in 0..n_joints {
             let old = earlier.hidden_weights[k * n_joints + j] / earlier.half_range_rad[j];

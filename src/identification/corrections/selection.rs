@@ -1,9 +1,10 @@
-//! Which corrections are kept: step by step, each only where it lowers the error of points that it was not fitted to.
+//! Selects the corrections that are kept, step by step: each must lower the error of points that it was not fitted to.
 //!
-//! The points are divided into five parts, whole configurations together (by session where there are several); each part is predicted by
-//! links and corrections fitted to the others. What a correction gains is the mean over configurations of the squared error without it less
-//! that with it (of a pose, its rotation counts by its weight beside the position); it is kept where that exceeds its own standard error. The fits to four parts are steps of the linear problem at the
-//! fit to all: both differ by noise, over which the robot is linear to a ten-thousandth.
+//! The points are divided into five parts that keep whole configurations together (by session if there are several). Each part is predicted by links
+//! and corrections fitted to the other parts. The gain of a correction is the squared error without it minus that with it, averaged over
+//! configurations. For a pose, its weighted rotation rows are included. A correction is kept if its gain exceeds the gain's standard error. The fits
+//! to four parts are steps of the linear problem at the fit to all points. Both fits differ only by noise, and over such a difference the robot is
+//! linear to a ten-thousandth.
 
 use super::fit::{Fitted, Linear, Setting, fit};
 use super::folds::{Evidence, Folds, Unseen, divisions};
@@ -14,22 +15,22 @@ use crate::kinematics::corrections::HARMONIC_ORDERS;
 use crate::kinematics::{Corrections, ResidualNetwork};
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// All that was kept, together, has to win by so many standard errors: each had its chance of winning by one through luck.
+/// All kept corrections together must win by this number of standard errors, because each of them may have won by one standard error through luck.
 const TOGETHER: f64 = 2.0;
-/// Fewer configurations than this say nothing about unseen ones.
+/// Minimum number of configurations for judging unseen ones.
 const FEWEST_CONFIGURATIONS: usize = 10;
 
-/// What was kept.
+/// The selected corrections.
 pub struct Selected {
-    /// Links and corrections, but for the network.
+    /// Links and corrections, without the network.
     pub fitted: Fitted,
     /// All corrections.
     pub corrections: Corrections,
-    /// What was tried, in order.
+    /// Corrections that were tried, in order.
     pub evidence: Vec<Evidence>,
 }
 
-/// Residuals of all points for each part left out of the fit; the points of that part are the unseen ones.
+/// Residuals of all points for each part that is left out of the fit. The points of that part are the unseen ones.
 pub(super) fn residuals_by_fold(
     linear: &Linear,
     folds: &Folds,
@@ -64,7 +65,7 @@ pub(super) fn residuals_by_fold(
     (0..folds.n_folds).map(left_out).collect()
 }
 
-/// Errors of unseen points over all divisions, and the residuals by part of the first.
+/// Errors of unseen points, averaged over all divisions, and the residuals by part of the first division.
 fn unseen(
     setting: &Setting<'_>,
     fitted: &Fitted,
@@ -87,8 +88,8 @@ fn unseen(
     ))
 }
 
-/// Chooses corrections for the robot that `links` is, the answer of links alone. `clusters` numbers each observation's configuration,
-/// `earlier` is the robot's last residual network. `None` where there is too little to choose from, and once `go_on` says no.
+/// Selects corrections for the robot of `links`, the fit of the links alone. `clusters` numbers each observation's configuration. `earlier` is the
+/// robot's last residual network. `None` if there are too few points, or when `go_on` returns false.
 pub fn select(
     setting: &Setting<'_>,
     links: &Fitted,
@@ -144,7 +145,7 @@ pub fn select(
     if let Some(tried) = choose_network(setting, &best, &folded, earlier, seed, go_on) {
         corrections.residual = tried.network;
         if tried.evidence.kept {
-            // it was tried on the first division alone: what it gained there, against what all of them left
+            // the network was tried on the first division alone: its gain there is subtracted from the error over all divisions
             let gains = tried
                 .before
                 .errors
@@ -175,8 +176,7 @@ pub fn select(
     })
 }
 
-/// What was selected, fitted to the points of another setting: the same terms, and a network if one was kept. `None` if the equations cannot
-/// be solved.
+/// Fits the selected terms to the points of another setting, and a network if one was kept. `None` if the equations cannot be solved.
 pub fn refit(
     setting: &Setting<'_>,
     selected: &Fitted,
@@ -192,7 +192,7 @@ pub fn refit(
     Some((fitted, corrections))
 }
 
-/// The corrections in the order in which they are tried, with the numbers that each adds.
+/// The corrections in the order in which they are tried, with the terms that each adds.
 fn kinds(setting: &Setting<'_>, links: &Fitted) -> Vec<(String, Vec<Term>)> {
     let n = setting.nominal.links.len();
     let gravity = [Term::Gravity(0), Term::Gravity(1)];
@@ -224,7 +224,7 @@ fn kinds(setting: &Setting<'_>, links: &Fitted) -> Vec<(String, Vec<Term>)> {
     ]
 }
 
-/// The two joints about whose axes gravity turns most: 2 and 3 of an arm on a floor.
+/// The two joints with the largest gravity moment about their axes: 2 and 3 of an arm on a floor.
 fn most_loaded(setting: &Setting<'_>, links: &Fitted) -> Vec<usize> {
     let n = links.model.links.len();
     let none = corrections_at(n, &setting.mounting, &[], &[]);

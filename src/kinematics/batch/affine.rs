@@ -1,10 +1,10 @@
-//! What lies between two commanded rotations, for as many robots as a register holds.
+//! The fixed transform between two commanded rotations, for as many robots as a register has lanes.
 
 use super::lane_link::{Between, Circle, LaneLink};
 use super::lanes::{LANES, Lanes, Vector};
 use nalgebra::Matrix3;
 
-/// Rotation and translation of as many robots as a register holds.
+/// Rotation and translation of as many robots as a register has lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Affine<const W: usize> {
     pub rotation: [[Vector<W>; 3]; 3],
@@ -86,7 +86,7 @@ pub(super) fn between<const W: usize>(link: &LaneLink, next: &LaneLink, part: us
     }
 }
 
-/// As [`between`] where beta_{i+1} is 0, without what is 0 then.
+/// As [`between`] for beta_{i+1} = 0, without the terms that are then 0.
 #[inline(always)]
 pub(super) fn store_untilted<const W: usize>(
     link: &LaneLink,
@@ -116,8 +116,8 @@ pub(super) fn store_untilted<const W: usize>(
     Vector::<W>::load(&link.d, part).store(&mut to.translation[2], part);
 }
 
-/// (I + a·[w]× + b·[w]×²) · R, with [w]×² = w·wᵀ − |w|². Lane by lane: of so many vectors at a time the compiler makes shuffles between
-/// registers, of this loop it makes vectors.
+/// (I + a·[w]× + b·[w]×²) · R, with [w]×² = w·wᵀ − |w|². It loops over lanes: the compiler vectorises this loop, whereas with so many vectors at a
+/// time it would shuffle between registers.
 #[inline(always)]
 pub(super) fn store_exponential(
     [x, y, z]: &[Lanes; 3],

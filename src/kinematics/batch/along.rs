@@ -1,21 +1,21 @@
-//! From derivatives along each moved quantity to those along the directions that are asked for: the chain rule, eight poses side by side.
+//! Chain rule: from derivatives along each moved quantity to those along the requested directions, eight poses side by side.
 
 use super::lanes::{LANES, Lanes, Vector};
 use super::robots::Moved;
 use nalgebra::Matrix3;
 
-/// The derivatives that are asked for: along `directions` (p × r, column-major) in the space of `moved`.
+/// The requested derivatives: along `directions` (p × r, column-major) in the space of `moved`.
 #[derive(Clone, Copy, Debug)]
 pub struct Along<'a> {
     /// p quantities.
     pub moved: &'a [Moved],
     /// p × r, column-major.
     pub directions: &'a [f64],
-    /// J(w) of the base's rotation vector: the base turns by J·dw.
+    /// J(w) of the base's rotation vector: the base rotates by J·dw.
     pub left_jacobian: &'a Matrix3<f64>,
 }
 
-/// Directions that are summed side by side.
+/// Number of directions that are summed side by side.
 const SIDE_BY_SIDE: usize = 4;
 
 /// −sqrt(weight) · Σ raw · direction, for all directions, into rows `first` … of the Jacobian's columns.

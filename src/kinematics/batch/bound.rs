@@ -1,8 +1,8 @@
-//! Losses that bound what one pose adds to the cost, as the kernel wants them: a function of the weighted square, without branches.
+//! Losses that bound the cost of one pose, in the form of the kernel: a branch-free function of the weighted square.
 
 use super::lanes::Vector;
 
-/// What a pose with the weighted squared error e² (mm²) adds to the cost.
+/// Cost of a pose with the weighted squared error e² (mm²).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bound {
     /// e² up to k², then the tangent k·(2e − k) (Huber 1964).

@@ -1,8 +1,8 @@
-//! F of a swarm's particles as far as it matters: a particle whose sum over the first poses is already above its own best is out, and
-//! those that are left close ranks, so that all lanes work.
+//! F of a swarm's particles with early exit. A particle is out when its sum over the first poses exceeds its own best cost. The remaining particles
+//! are packed together, so that all lanes work.
 //!
-//! The sum only grows from pose to pose, so whoever is out would not have improved; and whoever is left is summed in pose order, whatever
-//! lane it moved to, to the same bits as by `sum_of_squares`. In the paper's swarm a fifth of the work is left.
+//! The sum only grows from pose to pose, so a particle that is out would not have improved. The sums of the remaining particles run in pose order in
+//! every lane, and so have the same bits as in `sum_of_squares`. In the paper's swarm a fifth of the work is left.
 
 use super::kernel::add_squares;
 use super::lanes::{LANES, Lanes};
@@ -10,20 +10,20 @@ use super::poses::PreparedPoses;
 use super::robots::LaneRobots;
 use std::ops::Range;
 
-/// Share of the poses after which ranks are closed. After 16 of 50 poses one of five particles is left in the paper's swarm; to copy
-/// one costs as much as ten of its poses, so that closing twice gains nothing.
+/// Share of the poses after which the particles are packed. In the paper's swarm one of five particles is left after 16 of 50 poses. Copying one
+/// takes as long as ten of its poses, so that packing twice gains nothing.
 const RANKS_CLOSE_AT: f64 = 0.33;
-/// So many of eight are moved to another rank; more go on where they are: the rest of the poses for eight costs as much as to move three and
-/// to go on with them there.
+/// If at most this many of eight particles are left, they are moved to another rank. Otherwise they continue where they are: the remaining poses of
+/// eight particles take as long as moving three and continuing with them there.
 const WORTH_MOVING: usize = 2;
-/// Poses after which the last few are looked at again.
+/// Number of poses after which the last few particles are checked again.
 const LOOK_EVERY: usize = 10;
-/// With fewer poses nobody drops out early.
+/// Minimum number of poses for early exits.
 const FEWEST_POSES: usize = 12;
-/// Poses that the kernel pushes side by side: ranks close at a multiple.
+/// Number of poses that the kernel computes side by side; packing happens at a multiple of it.
 const SIDE_BY_SIDE: usize = 4;
 
-/// Particles that came as far as some pose.
+/// Particles that have been evaluated up to the same pose.
 #[derive(Clone, Debug)]
 struct Rank {
     robots: LaneRobots,
@@ -33,7 +33,7 @@ struct Rank {
     n: usize,
 }
 
-/// The swarm's evaluation, with room to work in.
+/// The swarm's evaluation, with its buffers.
 #[derive(Clone, Debug)]
 pub struct Elimination {
     close_at: usize,
@@ -41,7 +41,7 @@ pub struct Elimination {
 }
 
 impl Elimination {
-    /// Room for robots like these on these poses.
+    /// Allocates buffers for robots like these on these poses.
     pub fn new(robots: &LaneRobots, poses: &PreparedPoses) -> Self {
         let n = poses.len();
         let close_at = (RANKS_CLOSE_AT * n as f64) as usize / SIDE_BY_SIDE * SIDE_BY_SIDE;
@@ -60,8 +60,8 @@ impl Elimination {
         Self { close_at, rank }
     }
 
-    /// Evaluates particles, who are the first lanes of `robots`. `costs` holds everybody's bound, and for those who were evaluated gets F,
-    /// or something above their bound. Some may still be under way until [`Self::finish`].
+    /// Evaluates particles, which are the first lanes of `robots`. On entry, `costs` has the bound of every particle. For an evaluated particle it
+    /// becomes F, or some value above the bound. Some particles may remain unfinished until [`Self::finish`].
     pub fn add(
         &mut self,
         robots: &LaneRobots,
@@ -94,7 +94,7 @@ impl Elimination {
         }
     }
 
-    /// Evaluates who is still under way.
+    /// Evaluates the particles that are still unfinished.
     pub fn finish(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
         if self.rank.n > 0 {
             self.rank.run(poses, costs);
@@ -122,7 +122,7 @@ impl Rank {
     }
 }
 
-/// Goes on until the last pose, or until all are out.
+/// Continues to the last pose, or until all particles are out.
 fn go_on(
     robots: &LaneRobots,
     poses: &PreparedPoses,
@@ -147,7 +147,7 @@ fn go_on(
     }
 }
 
-/// Never for a bound of +∞, nor for a sum that is not a number.
+/// Never true for a bound of +∞ or a sum that is NaN.
 fn is_out(sum: f64, bound: f64) -> bool {
     sum > bound
 }

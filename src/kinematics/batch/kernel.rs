@@ -1,7 +1,7 @@
 //! The inner loop: F of eight particles over all poses.
 //!
-//! Several poses are pushed through one stage before the next stage begins: each multiply-add waits some cycles for the one
-//! before, and the other poses fill that time. As many poses as the registers hold without spilling.
+//! Several poses go through one stage before the next stage begins. Each multiply-add waits some cycles for the previous one, and the other poses use
+//! that time. The number of poses is what the registers hold without spilling.
 
 use super::lane_link::{Between, Circle};
 use super::lanes::{InstructionSet, Lanes, Vector};
@@ -11,9 +11,9 @@ use multiversion::multiversion;
 use nalgebra::Vector3;
 use std::ops::Range;
 
-/// Poses side by side with 32 registers.
+/// Number of poses side by side with 32 registers.
 const POSES_OF_32_REGISTERS: usize = 4;
-/// Poses side by side with 16 registers.
+/// Number of poses side by side with 16 registers.
 const POSES_OF_16_REGISTERS: usize = 2;
 
 /// F = Σ weight · |measured − predicted|² of eight particles [Gao 2018, eq. 8, 11], mm².
@@ -24,7 +24,7 @@ pub fn sum_of_squares(robots: &LaneRobots, poses: &PreparedPoses) -> Lanes {
     add_squares(robots, poses, 0..poses.len(), Lanes::ZERO)
 }
 
-/// As [`sum_of_squares`] of some of the poses, added to what the poses before gave: in parts it is the same bits as at once.
+/// As [`sum_of_squares`] over some of the poses, added to the sums of the poses before. Computing in parts gives the same bits as at once.
 pub(super) fn add_squares(
     robots: &LaneRobots,
     poses: &PreparedPoses,
@@ -157,7 +157,7 @@ impl SumOfSquares<'_> {
                 _ => minus(points[i], measured),
             };
             let square = x.mul_add(x, y.mul_add(y, z * z));
-            // 1 · square + sum is the same bits as square + sum
+            // 1 · square + sum has the same bits as square + sum
             *sum = match (LOSS, poses.bound) {
                 (UNWEIGHTED, _) => square + *sum,
                 (BOUNDED, Some(bound)) => {
@@ -174,7 +174,7 @@ const KNOWN: u8 = 0;
 const ANY: u8 = 1;
 const NONE: u8 = 2;
 
-/// How an error counts, as a constant of the compiled loop.
+/// How an error is weighted, as a constant of the compiled loop.
 const UNWEIGHTED: u8 = 0;
 const WEIGHTED: u8 = 1;
 const BOUNDED: u8 = 2;

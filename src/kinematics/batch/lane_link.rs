@@ -1,8 +1,8 @@
-//! Links of eight particles, and what lies between two of their commanded rotations.
+//! Links of eight particles, and the fixed transforms between two of their commanded rotations.
 
 use super::lanes::Lanes;
 
-/// An angle: the reference's and the particles' deviations from it.
+/// An angle: that of the reference, and the particles' deviations from it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Angle {
     /// (sin, cos) of the reference.
@@ -23,7 +23,7 @@ pub(super) struct LaneLink {
     pub beta: Angle,
 }
 
-/// M_i: rotation (row-major) and translation. With beta 0 the rotation's r20 is 0 too.
+/// M_i: rotation (row-major) and translation. With beta 0, the rotation's r20 is also 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Between {
     pub rotation: [[Lanes; 3]; 3],
@@ -31,7 +31,7 @@ pub(super) struct Between {
     pub is_tilted: bool,
 }
 
-/// The point behind the first commanded rotation: K + cos q · A + sin q · B.
+/// A target's point as a function of the angle of the last joint that moves it: K + cos q · A + sin q · B.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Circle {
     pub centre: [Lanes; 3],

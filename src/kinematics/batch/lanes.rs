@@ -1,8 +1,8 @@
-//! Eight values side by side, the arithmetic on as many of them as a register holds, and which registers there are.
+//! Eight values side by side, arithmetic on as many of them as a register holds, and detection of the CPU's registers.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// Particles per chunk; fixed, so that nothing depends on the machine's vector width.
+/// Particles per chunk. The number is fixed, so that results do not depend on the machine's vector width.
 pub const LANES: usize = 8;
 
 /// One value for each of the eight particles, in one cache line.
@@ -23,7 +23,7 @@ impl Lanes {
 /// The code paths of the kernel: one source, compiled for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
-    /// What every CPU of the target has: NEON on ARM; on x86-64 a fused multiply-add is then a call.
+    /// Instructions that every CPU of the target has: NEON on ARM. On x86-64 a fused multiply-add is then a function call.
     Baseline,
     /// Four lanes, 16 registers.
     Avx2,
@@ -32,7 +32,7 @@ pub enum InstructionSet {
 }
 
 impl InstructionSet {
-    /// All that this CPU has, the fastest first.
+    /// All instruction sets of this CPU, the fastest first.
     pub fn all_here() -> Vec<Self> {
         [Self::Avx512, Self::Avx2, Self::Baseline]
             .into_iter()
@@ -40,7 +40,7 @@ impl InstructionSet {
             .collect()
     }
 
-    /// The fastest that this CPU has.
+    /// The fastest instruction set of this CPU.
     pub fn fastest() -> Self {
         Self::all_here()[0]
     }
@@ -64,13 +64,13 @@ impl InstructionSet {
     }
 }
 
-/// W of the eight lanes, one register full. The compiler turns the loops into vector instructions where the code around is compiled for
-/// them. Nothing is fused but [`Vector::mul_add`].
+/// W of the eight lanes, one full register. The compiler turns the loops into vector instructions if the calling code is compiled for them. Only
+/// [`Vector::mul_add`] is fused.
 #[derive(Clone, Copy)]
 pub(super) struct Vector<const W: usize>([f64; W]);
 
 impl<const W: usize> Vector<W> {
-    /// Registers that eight lanes take.
+    /// Number of registers for eight lanes.
     pub const PER_CHUNK: usize = LANES / W;
 
     #[inline(always)]

@@ -1,37 +1,37 @@
-//! A lower bound of F for eight particles that costs a tenth of F: who is surely above its own best needs no F.
+//! A lower bound of F for eight particles in a tenth of the time of F. A particle whose bound exceeds its own best cost needs no F.
 //!
-//! Let r be all residuals times the roots of their weights, so that F = ‖r‖², and δ a particle's deviations from an anchor, where
-//! r is r₀ and its derivative J. With r(δ) = r₀ + J·δ + e and J = Q·R,
+//! Let r be all residuals times the roots of their weights, so that F = ‖r‖². Let δ be a particle's deviations from an anchor, where r is r₀ and its
+//! derivative is J. With r(δ) = r₀ + J·δ + e and J = Q·R,
 //!
 //! ```text
 //! sqrt(F) >= ‖r₀ + J·δ‖ − ‖e‖,  ‖r₀ + J·δ‖² = ‖c + R·δ‖² + ‖b‖²          (c, b) = Qᵀ·r₀
 //! ```
 //!
-//! **What e can be at most.** On the way from the anchor to the particle, δ(t) = t·δ, Taylor's formula with its remainder as an integral gives
-//! ‖e‖ ≤ ½·max‖r″(t)‖. Let the quantities be numbered from the base to the target. The position p is a product of
-//! elementary motions, and what lies nearer to the base moves all that lies behind it: for i before j, or i = j,
+//! **Upper bound of e.** On the path from the anchor to the particle, δ(t) = t·δ, Taylor's formula with an integral remainder gives ‖e‖ ≤
+//! ½·max‖r″(t)‖. Let the quantities be numbered from the base to the target. The position p is a product of elementary motions, and a quantity nearer
+//! to the base moves everything after it. For i before j, or i = j,
 //!
 //! ```text
 //! ∂²p/∂δᵢ∂δⱼ = axisᵢ × ∂p/∂δⱼ      if i is an angle, and 0 if it is a length
 //! ‖r″‖ <= Σⱼ |δⱼ|·mⱼ·(|δⱼ| if j is an angle  +  2·Σ |δᵢ| over the angles i before j)
 //! ```
 //!
-//! with mⱼ an upper bound of ‖∂r/∂δⱼ‖ on the way. For a length that does not change. For an angle it is the target's distance from the
-//! axis, over all poses, which changes by no more than the target moves as seen from the axis, and only what lies behind moves it there:
-//! mⱼ = ‖∂r/∂δⱼ‖ at the anchor + Σ |δₖ|·mₖ over k behind j. (Sums over poses by Minkowski's inequality.) One sweep from the target to the
-//! base makes all of these sums.
+//! with mⱼ an upper bound of ‖∂r/∂δⱼ‖ on the path. For a length, this norm is constant. For an angle, it is the target's distance from the axis, over
+//! all poses. This distance changes by no more than the target moves relative to the axis, and only quantities after the axis move it there: mⱼ =
+//! ‖∂r/∂δⱼ‖ at the anchor + Σ |δₖ|·mₖ over k after j. (Sums over poses by Minkowski's inequality.) One sweep from the target to the base computes all
+//! of these sums.
 //!
-//! The base's rotation vector w is one angle |w|. Along w + t·δ the base turns at ω = J(w)·δ, |ω| ≤ |δ| and |ω′| ≤ ½·|δ|², for
-//! J(w) = ∫ Exp(s·w) ds, so that its own second derivative is at most 3/2·|δ|² times the target's distance from the base's origin.
+//! The base's rotation vector w counts as one angle |w|. Along w + t·δ the base rotates at ω = J(w)·δ, |ω| ≤ |δ| and |ω′| ≤ ½·|δ|², for J(w) = ∫
+//! Exp(s·w) ds. Its own second derivative is therefore at most 3/2·|δ|² times the target's distance from the base's origin.
 //!
-//! Nothing of this asks for small deviations: large ones make a large e, and the bound says nothing. Nor does it ask for exact arithmetic:
-//! see [`Anchored::rounding`]. What is not a number is above nothing.
+//! The bound also holds for large deviations: they give a large e, and the bound is then useless, but not wrong. It does not require exact
+//! arithmetic: see [`Anchored::rounding`]. NaN exceeds nothing.
 
 use super::lanes::{InstructionSet, LANES, Lanes, Vector};
 use super::robots::Moved;
 use multiversion::multiversion;
 
-/// Rows of R that are summed side by side.
+/// Number of rows of R that are summed side by side.
 const ROWS: usize = 4;
 
 /// The lower bound around one anchor.
@@ -42,11 +42,11 @@ pub struct LowerBound {
     base_rotation: Vec<Quantity>,
     base_translation: Vec<Quantity>,
     base_arm_mm: f64,
-    /// c, filled up with zeros to a multiple of [`ROWS`].
+    /// c, padded with zeros to a multiple of [`ROWS`].
     constant: Vec<f64>,
-    /// ‖b‖², what no deviation changes, mm².
+    /// ‖b‖², which no deviation changes, mm².
     apart_mm2: f64,
-    /// R, [`ROWS`] rows after one another, of each the columns from its first row's diagonal on.
+    /// R in panels of [`ROWS`] rows. Each panel has the columns from its first row's diagonal on.
     panels: Vec<[f64; ROWS]>,
     rounding: f64,
     size_mm: f64,
@@ -56,9 +56,9 @@ pub struct LowerBound {
 /// A quantity in which robots differ.
 #[derive(Clone, Copy, Debug)]
 struct Quantity {
-    /// Its place among the deviations.
+    /// Its index among the deviations.
     at: usize,
-    /// What it is at the anchor, mm or rad.
+    /// Its value at the anchor, mm or rad.
     anchor: f64,
     /// 1 for an angle, 0 for a length.
     turns: f64,
@@ -67,7 +67,7 @@ struct Quantity {
 }
 
 impl Quantity {
-    /// The deviation from the anchor, which is kept for what comes after.
+    /// The deviation from the anchor. It is also stored in `deltas`.
     #[inline(always)]
     fn delta<const W: usize>(
         &self,
@@ -81,7 +81,7 @@ impl Quantity {
     }
 }
 
-/// What is known at an anchor.
+/// The linearisation at an anchor.
 #[derive(Clone, Copy, Debug)]
 pub struct Anchored<'a> {
     /// Deviations of the anchor from the reference, mm or rad.
@@ -94,17 +94,17 @@ pub struct Anchored<'a> {
     pub n_rows: usize,
     /// Qᵀ·r₀: c in its first entries, b in the others.
     pub qt_residuals: &'a [f64],
-    /// Root of Σ weight · (distance of the target from the base's origin)², mm, or more.
+    /// Root of Σ weight · (distance of the target from the base's origin)², mm, or an upper bound of it.
     pub base_arm_mm: f64,
-    /// Share of the sizes that are added by which the bound is lowered: many times what they are rounded by, here and in F.
+    /// The bound is lowered by this share of the sizes that are added: many times their rounding errors, here and in F.
     pub rounding: f64,
-    /// An upper bound of these sizes at the anchor, over all poses: residuals, measured positions, lengths, mm. What a deviation adds to
-    /// them is known here.
+    /// An upper bound of these sizes at the anchor, over all poses: residuals, measured positions, lengths, mm. The bound itself adds the effect of
+    /// deviations on them.
     pub size_mm: f64,
 }
 
 impl LowerBound {
-    /// Room for robots that differ in these quantities. It is above nothing until it is given an anchor.
+    /// Allocates the bound for robots that differ in these quantities. Without an anchor it exceeds nothing.
     pub fn new(moved: &[Moved]) -> Self {
         let p = moved.len();
         let quantity = |at: usize| {
@@ -145,7 +145,7 @@ impl LowerBound {
         }
     }
 
-    /// With another code path.
+    /// Selects another code path.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
         self.instructions = instructions;
         self
@@ -197,8 +197,8 @@ impl LowerBound {
             (anchored.base_arm_mm, anchored.rounding, anchored.size_mm);
     }
 
-    /// Whether F is surely above `limits`, mm², as the kernel computes it. `deviations` as for [`super::LaneRobots::set`]; `room` is for
-    /// as many.
+    /// True if F, as the kernel computes it, is certainly above `limits`, mm². `deviations` as for [`super::LaneRobots::set`]; `room` is a buffer of
+    /// the same size.
     pub fn exceeds(
         &self,
         deviations: &[Lanes],
@@ -216,8 +216,8 @@ impl LowerBound {
         excess_mm2.0.map(|excess_mm2| excess_mm2 > 0.0)
     }
 
-    /// By how much ‖r₀ + J·δ‖² is above what it may be. To memory: where single lanes are asked for, the compiler takes apart all that comes
-    /// before.
+    /// Excess of ‖r₀ + J·δ‖² over its allowed value. The result is written to memory: if single lanes were returned, the compiler would process
+    /// everything before lane by lane.
     #[inline(always)]
     fn excess_with<const W: usize, const P: usize>(
         &self,
@@ -236,8 +236,8 @@ impl LowerBound {
         }
     }
 
-    /// Upper bounds of ‖e‖ and of how far the targets move, over all poses; and the deltas, which are made on the way: in a loop of their own
-    /// the compiler gathers them across quantities, one lane after the other.
+    /// Upper bounds of ‖e‖ and of the targets' displacement, over all poses. The deltas are computed in the same loops: in a loop of their own, the
+    /// compiler would gather them across quantities, one lane after the other.
     #[inline(always)]
     fn remainder<const W: usize, const P: usize>(
         &self,
@@ -315,12 +315,12 @@ impl LowerBound {
     }
 }
 
-/// Of an angle's own second derivative: ½ of it at most.
+/// Bound of an angle's own second derivative, times ½.
 const HALF: f64 = 0.5;
-/// As [`HALF`] of a rotation vector: ½ · 3/2.
+/// As [`HALF`], for a rotation vector: ½ · 3/2.
 const THREE_QUARTERS: f64 = 0.75;
 
-/// A quantity that moves the target by `direct` where the anchor is, and by angle · way more for what lies behind.
+/// Adds a quantity that moves the target by `direct` at the anchor, and by angle · way more because of the quantities after it.
 #[inline(always)]
 fn turn<const W: usize>(
     angle: Vector<W>,
@@ -356,8 +356,8 @@ fn on_avx2(
     bound.excess_with::<4, 2>(deviations, limits, room, excess_mm2);
 }
 
-/// Where a quantity stands in the chain base … target; `None` for the base itself. Rx and Dx of a link commute, as do Rz and Dz: with the
-/// length nearer to the base its own angle does not turn it.
+/// Position of a quantity in the chain base … target; `None` for the base itself. Rx and Dx of a link commute, as do Rz and Dz. The length is placed
+/// nearer to the base, so that its own angle does not turn it.
 fn place(moved: &Moved) -> Option<(usize, u8)> {
     match *moved {
         Moved::BaseTranslation(_) | Moved::BaseRotation(_) => None,

@@ -1,6 +1,6 @@
-//! The fast cost kernel: F of eight particles at once over all poses, no trigonometry in the inner loop.
+//! The fast cost kernel: F of eight particles at once over all poses, without trigonometry in the inner loop.
 //!
-//! `forward.rs` is its oracle. What is commanded and what a particle says are kept apart. With
+//! `forward.rs` is its oracle. Commanded rotations and the particles' parameters are kept apart. With
 //!
 //! ```text
 //! M_0 = base · Rx(alpha_1) · Dx(a_1) · Ry(beta_1)
@@ -8,11 +8,11 @@
 //! M_n = Rz(theta_offset_n) · Dz(d_n) · target
 //! ```
 //!
-//! the chain of [Gao 2018, eq. 2, 3] is `M_0 · Rz(q_1) · M_1 · Rz(q_2) · … · Rz(q_n) · M_n`: the M depend on the particle alone and are
-//! made once per particle ([`LaneRobots::set`]), the rotations by q on the pose alone and are made once per job ([`PreparedPoses`]).
+//! the chain of [Gao 2018, eq. 2, 3] is `M_0 · Rz(q_1) · M_1 · Rz(q_2) · … · Rz(q_n) · M_n`. The M depend only on the particle and are computed once
+//! per particle ([`LaneRobots::set`]). The rotations by q depend only on the pose and are computed once per job ([`PreparedPoses`]).
 //!
-//! Lanes hold particles, so each particle's sum runs in pose order whatever the vector width, and products are added with an explicit
-//! fused multiply-add: the bits are the same on every CPU ([`InstructionSet`]).
+//! Lanes contain particles, so each particle's sum runs in pose order for every vector width. Products are added with an explicit fused multiply-add.
+//! The results are therefore the same on every CPU, to the last bit ([`InstructionSet`]).
 
 mod affine;
 mod along;

@@ -1,7 +1,7 @@
-//! One robot at many poses: residuals and their derivatives, eight poses side by side and no trigonometry per pose.
+//! One robot at many poses: residuals and their derivatives, eight poses side by side, without trigonometry per pose.
 //!
-//! `jacobian.rs` is its oracle, with the same columns: the axis itself for lengths, axis × lever arm for angles. Here lanes hold poses;
-//! what a pose gets depends on that pose alone, so the bits are the same on every CPU.
+//! `jacobian.rs` is its oracle, with the same columns: the axis itself for lengths, axis × lever arm for angles. Here lanes contain poses. The result
+//! of a pose depends on that pose alone, so the bits are the same on every CPU.
 
 use super::along::{Along, combine};
 use super::lanes::{InstructionSet, Lanes, Vector};
@@ -11,7 +11,7 @@ use crate::kinematics::model::Link;
 use multiversion::multiversion;
 use nalgebra::{IsometryMatrix3, Matrix3, Vector3};
 
-/// What a link says before the pose is known.
+/// The constants of a link that do not depend on the pose.
 #[derive(Clone, Copy, Debug)]
 struct Constants {
     a: f64,
@@ -21,7 +21,7 @@ struct Constants {
     theta: (f64, f64),
 }
 
-/// Axes and the points that they go through, in the measuring frame: x for a and alpha, y for beta, z for d and theta_offset.
+/// Axes and points on them, in the measuring frame: x for a and alpha, y for beta, z for d and theta_offset.
 #[derive(Clone, Copy, Debug)]
 struct Axes {
     x: [[Lanes; 3]; 2],
@@ -29,7 +29,7 @@ struct Axes {
     z: [[Lanes; 3]; 2],
 }
 
-/// A robot that is moved from evaluation to evaluation, with room to work in.
+/// A robot that changes from evaluation to evaluation, with its buffers.
 #[derive(Clone, Debug)]
 pub struct OneRobot {
     base: IsometryMatrix3<f64>,
@@ -40,7 +40,7 @@ pub struct OneRobot {
 }
 
 impl OneRobot {
-    /// Room for robots with so many links.
+    /// Allocates buffers for robots with `n_links` links.
     pub fn new(n_links: usize) -> Self {
         let still = Constants {
             a: 0.0,
@@ -63,7 +63,7 @@ impl OneRobot {
         }
     }
 
-    /// With another code path; the bits are the same.
+    /// Selects another code path; the results are the same to the last bit.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
         self.instructions = instructions;
         self
@@ -102,7 +102,7 @@ impl OneRobot {
         }
     }
 
-    /// sqrt(weight) · (measured − predicted), `poses.n_rows()` of them.
+    /// sqrt(weight) · (measured − predicted), `poses.n_rows()` values.
     pub fn residuals(&self, poses: &PoseLanes, residuals: &mut [f64]) {
         match self.instructions {
             InstructionSet::Avx512 => residuals_on_avx512(self, poses, residuals),
@@ -111,7 +111,7 @@ impl OneRobot {
         }
     }
 
-    /// As [`Self::residuals`], with their derivatives: rows × r, column-major. `raw` is room for one entry per moved quantity.
+    /// As [`Self::residuals`], with their derivatives: rows × r, column-major. `raw` is a buffer with one entry per moved quantity.
     pub fn linearise(
         &mut self,
         poses: &PoseLanes,
@@ -232,14 +232,14 @@ fn linearise_of<const W: usize>(
     robot.axes = axes;
 }
 
-/// Which axis of a link's chain.
+/// An axis of a link's chain.
 enum Axis {
     X,
     Y,
     Z,
 }
 
-/// Axes (columns of the rotation) and origin of as many frames as a register holds.
+/// Axes (columns of the rotation) and origin of as many frames as a register has lanes.
 #[derive(Clone, Copy)]
 struct Frame<const W: usize> {
     axes: [[Vector<W>; 3]; 3],
@@ -273,7 +273,7 @@ fn along<const W: usize>(
     ]
 }
 
-/// (c·a + s·b, c·b − s·a): two axes turned about the third.
+/// (c·a + s·b, c·b − s·a): two axes rotated about the third.
 #[inline(always)]
 fn turned<const W: usize>(
     a: [Vector<W>; 3],
@@ -289,7 +289,7 @@ fn turned<const W: usize>(
     (to_a, to_b)
 }
 
-/// The chain from the base to the flange; `keep` gets each axis and the point it goes through.
+/// Computes the chain from the base to the flange; `keep` receives each axis and a point on it.
 #[inline(always)]
 fn walk<const W: usize>(
     robot: &OneRobot,
@@ -372,7 +372,7 @@ fn column<const W: usize>(
     }
 }
 
-// functions, not closures: those would be compiled for the baseline
+// these are functions, because closures would be compiled for the baseline
 #[inline(always)]
 fn splat<const W: usize>(v: Vector3<f64>) -> [Vector<W>; 3] {
     [Vector::splat(v.x), Vector::splat(v.y), Vector::splat(v.z)]

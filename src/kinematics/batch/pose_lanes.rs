@@ -1,12 +1,12 @@
-//! Measured poses, eight side by side: what [`OneRobot`](super::OneRobot) is compared with.
+//! Measured poses, eight side by side, for comparison with [`OneRobot`](super::OneRobot).
 
 use super::lanes::{LANES, Lanes, Vector};
 use nalgebra::Vector3;
 
-/// Rows of residuals that eight poses take: x of each, y of each, z of each.
+/// Number of residual rows of eight poses: x of each, y of each, z of each.
 pub(super) const ROWS: usize = 3 * LANES;
 
-/// Measured poses, eight side by side, each eight on one target; where poses are missing the weight is zero.
+/// Measured poses, eight side by side, all eight with the same target. Missing poses have weight zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseLanes {
     pub(super) n_links: usize,
@@ -16,12 +16,12 @@ pub struct PoseLanes {
     pub(super) target: Vec<usize>,
     pub(super) measured_mm: Vec<[Lanes; 3]>,
     pub(super) root_weight: Vec<Lanes>,
-    /// Poses in the last chunk of each target so far.
+    /// For each target: its last chunk, and the number of poses in it.
     pub(super) filled: Vec<(usize, usize)>,
 }
 
 impl PoseLanes {
-    /// Room for poses of a robot with `n_links` links.
+    /// An empty set of poses for a robot with `n_links` links.
     pub fn new(n_links: usize) -> Self {
         Self {
             n_links,
@@ -33,7 +33,7 @@ impl PoseLanes {
         }
     }
 
-    /// Adds one pose: joint values (rad), the measured position (mm), the weight of its squared residual.
+    /// Adds one pose: joint values (rad), the measured position (mm), and the weight of its squared residual.
     ///
     /// # Panics
     /// When there is not one joint value per link.
@@ -49,7 +49,7 @@ impl PoseLanes {
         self.root_weight[chunk].0[lane] = weight.sqrt();
     }
 
-    /// The next free lane of a target's chunks.
+    /// The next free lane in a target's chunks.
     fn place(&mut self, target: usize) -> (usize, usize) {
         if self.filled.len() <= target {
             self.filled.resize(target + 1, (0, LANES));
@@ -73,7 +73,7 @@ impl PoseLanes {
         (chunk, lane)
     }
 
-    /// Residuals, those of the missing poses included, which are zero.
+    /// Number of residuals, including those of missing poses, which are zero.
     pub fn n_rows(&self) -> usize {
         ROWS * self.target.len()
     }

@@ -3,7 +3,7 @@
 use super::bound::Bound;
 use nalgebra::Vector3;
 
-/// Measured poses: the trigonometry of the commanded joints, and what was measured there.
+/// Measured poses: sine and cosine of the commanded joints, and the measured positions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PreparedPoses {
     /// (cos q, sin q) of the commanded joints, `[pose][link]`.
@@ -15,14 +15,14 @@ pub struct PreparedPoses {
     /// Target index of each pose.
     pub(super) target: Vec<usize>,
     pub(super) n_links: usize,
-    /// All weights are 1.
+    /// True if all weights are 1.
     pub(super) is_unweighted: bool,
-    /// What bounds a pose's share of the cost; squares without.
+    /// The loss that bounds a pose's cost; squares without one.
     pub(super) bound: Option<Bound>,
 }
 
 impl PreparedPoses {
-    /// Room for poses of a robot with `n_links` links.
+    /// An empty set of poses for a robot with `n_links` links.
     pub fn new(n_links: usize) -> Self {
         Self {
             cos_sin_q: vec![],
@@ -35,7 +35,7 @@ impl PreparedPoses {
         }
     }
 
-    /// Adds one pose: joint values (rad), the measured position (mm), the weight of its squared residual.
+    /// Adds one pose: joint values (rad), the measured position (mm), and the weight of its squared residual.
     ///
     /// # Panics
     /// When there is not one joint value per link.
@@ -60,7 +60,7 @@ impl PreparedPoses {
         self.measured_mm.len()
     }
 
-    /// No poses at all.
+    /// True if there are no poses.
     pub fn is_empty(&self) -> bool {
         self.measured_mm.is_empty()
     }

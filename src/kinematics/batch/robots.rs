@@ -1,4 +1,4 @@
-//! Eight particles' robots, as the kernel wants them: what lies between two commanded rotations, multiplied out.
+//! Eight particles' robots in the form of the kernel: the fixed transforms between two commanded rotations, multiplied out.
 
 use super::affine::{Affine, before_joint, between, store_exponential, store_untilted};
 use super::lane_link::{Angle, Between, Circle, LaneLink};
@@ -27,7 +27,7 @@ pub enum Moved {
     BaseRotation(usize),
     /// A target along an axis of the flange frame, mm.
     Target(usize, usize),
-    /// What moves no position: how a target is turned.
+    /// A quantity that moves no position: the rotation of a target.
     Nothing,
 }
 
@@ -38,7 +38,7 @@ pub(super) enum BaseStage {
     Known,
     /// Any M_0.
     Any,
-    /// A single joint turns the target: its circle already is in the measuring frame.
+    /// A single joint moves the target: its circle is already in the measuring frame.
     None,
 }
 
@@ -53,18 +53,18 @@ pub struct LaneRobots {
     targets_mm: Vec<[Lanes; 3]>,
     base_translation_mm: [Lanes; 3],
     base_rotation_rad: [Lanes; 3],
-    /// Joints that turn any target: one less than there are if all targets lie on the last axis.
+    /// Number of joints that move any target. If all targets are on the last axis, the last joint moves none of them.
     pub(super) n_joints: usize,
     pub(super) base_stage: BaseStage,
     /// Per target.
     pub(super) circles: Vec<Circle>,
-    /// M_0 … of the joints behind the circle.
+    /// M_0 … of the joints before the circle.
     pub(super) between: Vec<Between>,
     pub(super) instructions: InstructionSet,
 }
 
 impl LaneRobots {
-    /// Robots that all are the reference. `moved` says what [`Self::set`] will move.
+    /// Eight robots equal to the reference. `moved` lists the quantities that [`Self::set`] will change.
     pub fn new(
         base: &IsometryMatrix3<f64>,
         links: &[Link],
@@ -136,13 +136,13 @@ impl LaneRobots {
         self.links.len()
     }
 
-    /// With another code path; the bits are the same.
+    /// Selects another code path; the results are the same to the last bit.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Self {
         self.instructions = instructions;
         self
     }
 
-    /// Moves the robots: one deviation from the reference per entry of `moved`, in its order.
+    /// Changes the robots: one deviation from the reference per entry of `moved`, in its order.
     ///
     /// # Panics
     /// When there are fewer or more.
@@ -159,7 +159,7 @@ impl LaneRobots {
         }
     }
 
-    /// Makes one of these robots one of those, as far as the kernel looks.
+    /// Copies one robot of `from` to a lane, as far as the kernel uses it.
     #[inline]
     pub(super) fn copy_lane(&mut self, lane: usize, from: &Self, from_lane: usize) {
         let (lane, from_lane) = (lane % LANES, from_lane % LANES);
@@ -191,7 +191,7 @@ impl LaneRobots {
         }
     }
 
-    /// Stores the deviations where they belong.
+    /// Stores the deviations in the quantities that they belong to.
     #[inline(always)]
     fn place<const W: usize>(&mut self, deviations: &[Lanes]) {
         for (moved, deviation) in self.moved.iter().zip(deviations) {
@@ -275,7 +275,7 @@ impl Angle {
         }
     }
 
-    /// As above for the lanes where the polynomials do not hold.
+    /// As [`Self::refresh`], for the lanes in which the polynomials are not accurate.
     #[cold]
     fn refresh_large(&mut self) {
         for lane in (0..LANES).filter(|lane| self.deviation_rad.0[*lane].abs() > LARGEST_RAD) {
@@ -303,7 +303,7 @@ impl LaneRobots {
         self.refresh::<W>();
     }
 
-    /// Circles and M from lengths and angles.
+    /// Computes circles and M from lengths and angles.
     #[inline(always)]
     fn refresh<const W: usize>(&mut self) {
         let all_are_small = self.angles_are_small();
@@ -349,7 +349,7 @@ impl LaneRobots {
         }
     }
 
-    /// Whether the polynomials hold for all deviations of all lanes.
+    /// True if the polynomials are accurate for all deviations of all lanes.
     #[inline(always)]
     fn angles_are_small(&self) -> bool {
         let mut largest = [0.0; LANES];
@@ -393,7 +393,7 @@ impl LaneRobots {
         first
     }
 
-    /// The target as the last turning joint has it: M_n, or M_{n-1} · Dz(d_n) · target where the last joint turns nothing.
+    /// The target in the frame of the last joint that moves it: M_n, or M_{n-1} · Dz(d_n) · target if the last joint moves nothing.
     #[inline(always)]
     fn turned_point<const W: usize>(&self, target: &[Lanes; 3], part: usize) -> [Vector<W>; 3] {
         let last = self.links.len() - 1;

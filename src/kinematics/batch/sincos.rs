@@ -1,7 +1,7 @@
 //! Sine and cosine of deviations, all lanes at once.
 //!
-//! Deviations are small: below π/4 the polynomials of fdlibm's `k_sin.c` and `k_cos.c` (Sun Microsystems, 1993) are right to an ulp
-//! without any reduction; `libm` does what is larger, lane by lane. What a lane gets depends on its own angle alone.
+//! Deviations are small. Below π/4 the polynomials of fdlibm's `k_sin.c` and `k_cos.c` (Sun Microsystems, 1993) are accurate to one ulp without range
+//! reduction. `libm` computes larger angles, lane by lane. The result of a lane depends on its own angle alone.
 
 use super::lanes::{LANES, Lanes, Vector};
 use std::f64::consts::FRAC_PI_4;
@@ -25,7 +25,7 @@ const COS: [f64; 6] = [
     0.0416666666666666,
 ];
 
-/// Where the polynomials hold.
+/// Largest angle for which the polynomials are accurate.
 pub(super) const LARGEST_RAD: f64 = FRAC_PI_4;
 
 #[inline(always)]

@@ -1,21 +1,20 @@
-//! Forward pass and back-propagation over all samples. Lanes hold samples; every sum runs in a fixed order, so that the
-//! bits depend neither on the CPU nor on the width of its registers.
+//! Forward pass and back-propagation over all samples. Lanes contain samples. Every sum has a fixed order, so that the results do not depend on the
+//! CPU or on the width of its registers, to the last bit.
 
 use super::network::{Activation, Network};
 use super::tanh::tanh;
 use multiversion::multiversion;
 
-/// Samples side by side.
+/// Number of samples that are computed side by side.
 const LANES: usize = 8;
 
 /// One value of eight samples.
 type Lanes = [f64; LANES];
 
-/// Outputs computed together, so that each loaded input is used more than once.
+/// Number of outputs that are computed together, so that each loaded input is used more than once.
 const TILE: usize = 4;
 
-/// Values of all samples, eight samples to a block: `values[block * n_values + value][lane]`. The last block is filled
-/// up with zeros.
+/// Values of all samples, eight samples to a block: `values[block * n_values + value][lane]`. The last block is padded with zeros.
 #[derive(Clone, Debug)]
 pub(super) struct Samples {
     n_values: usize,
@@ -51,7 +50,7 @@ impl Samples {
     }
 }
 
-/// All that a pass over the samples needs, allocated once.
+/// Buffers for a pass over the samples, allocated once.
 pub(super) struct Pass {
     n_samples: usize,
     n_blocks: usize,
@@ -64,7 +63,7 @@ pub(super) struct Pass {
     sums: Vec<Lanes>,
 }
 
-/// d(error)/d(parameter), laid out as the network.
+/// d(error)/d(parameter), with the layout of the network.
 pub(super) struct Gradient {
     pub hidden_weights: Vec<f64>,
     pub hidden_thresholds: Vec<f64>,
@@ -190,14 +189,14 @@ fn activate(values: &mut [Lanes]) {
     }
 }
 
-/// Mean squared error; and its derivative by the arguments of the output activation, kept in `pass`.
+/// Mean squared error. Its derivative by the arguments of the output activation is stored in `pass`.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn output_deltas(network: &Network, targets: &Samples, pass: &mut Pass) -> f64 {
     let n_outputs = network.n_outputs;
     let share = 1.0 / (pass.n_samples * n_outputs) as f64;
     let mut squares = [0.0; LANES];
     for block in 0..pass.n_blocks {
-        // Lanes beyond the last sample count nothing.
+        // lanes beyond the last sample do not count
         let used: Lanes = std::array::from_fn(|lane| {
             if block * LANES + lane < pass.n_samples {
                 1.0
@@ -283,9 +282,9 @@ fn propagate(weights: &[f64], deltas: &Samples, hidden: &Samples, hidden_deltas:
     }
 }
 
-/// Σ over samples of δ_i x_j, for all i and j: first eight partial sums each, kept in `sums`, then their sums.
+/// Σ over samples of δ_i x_j, for all i and j: first eight partial sums each, in `sums`, then their totals.
 ///
-/// Summed up at once, LLVM packs the last additions of neighbours instead of the lanes, which costs three times as much.
+/// If the totals are formed directly, LLVM vectorises the last additions instead of the lanes, which takes three times as long.
 #[inline(always)]
 fn weight_gradient(deltas: &Samples, inputs: &Samples, sums: &mut [Lanes], gradient: &mut [f64]) {
     let n_in = inputs.n_values;

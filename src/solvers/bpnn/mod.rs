@@ -1,7 +1,7 @@
 //! A network with one hidden layer, trained by back-propagation [Gao 2018, section 3.2].
 //!
-//! Each neuron is P = f(Σ w_ij x_j − T_j) [Gao 2018, eq. 12], f = tanh in the hidden layer. Inputs and targets come
-//! scaled (positions by the half width of their search box), one row per sample.
+//! Each neuron is P = f(Σ w_ij x_j − T_j) [Gao 2018, eq. 12], f = tanh in the hidden layer. Inputs and targets are already scaled (positions by the
+//! half width of their search box), with one row per sample.
 
 mod kernel;
 mod network;
@@ -45,17 +45,17 @@ impl Network {
 /// How the gradient changes the weights. The paper says "trained by back-propagation" and no more.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UpdateRule {
-    /// iRprop⁻ [Igel, Hüsken 2000: Improving the Rprop learning algorithm]: every weight has a step of its own, which
-    /// grows by 1.2 while the sign of its gradient stays and halves when it changes.
+    /// iRprop⁻ [Igel, Hüsken 2000: Improving the Rprop learning algorithm]: every weight has its own step. The step grows by 1.2 while the sign of
+    /// its gradient stays the same, and halves when the sign changes.
     Rprop {
         /// First step of every weight.
         initial_step: f64,
         /// Longest step.
         largest_step: f64,
     },
-    /// Adam [Kingma, Ba 2015: Adam, a method for stochastic optimization], β₁ = 0.9, β₂ = 0.999, the rate falling
-    /// linearly to zero over the epochs. The most accurate here, but where all targets are the same it can go too far:
-    /// hidden neurons saturate, every answer is the target to the last bit, and a swarm moved there cannot move on.
+    /// Adam [Kingma, Ba 2015: Adam, a method for stochastic optimization], β₁ = 0.9, β₂ = 0.999, with a rate that falls linearly to zero over the
+    /// epochs. It is the most accurate rule here. With equal targets it can go too far: hidden neurons saturate, every answer is the target to the
+    /// last bit, and a swarm that is moved there cannot move on.
     Adam {
         /// First learning rate.
         learning_rate: f64,
@@ -64,35 +64,33 @@ pub enum UpdateRule {
     Momentum {
         /// Learning rate.
         learning_rate: f64,
-        /// Share of the last change that is kept.
+        /// Share of the last change that is added to the next.
         momentum: f64,
     },
 }
 
-/// How to train, and for [`choose_size_and_train`] how to choose the size. The paper prints none of these numbers.
+/// Options of the training, and of the choice of the size by [`choose_size_and_train`]. The paper prints none of these numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Passes over all samples at most: 10,000. In a swarm's follow-up a well trained network is better than a half
-    /// trained one.
+    /// Maximum number of passes over all samples: 10,000. In a swarm's follow-up, a well trained network is better than a half trained one.
     pub n_epochs: usize,
-    /// Stops when the mean squared error is at or below this: 0, that is only where every answer is exact.
+    /// Training stops when the mean squared error is at or below this: 0, so only if every answer is exact.
     pub target_error: f64,
-    /// How the gradient changes the weights: iRprop⁻ from steps of 0.01 to at most 1. It needs no learning rate, so it
-    /// does equally well for answers inside the search box and far outside; and with all targets the same it comes
-    /// close without collapsing onto the target.
+    /// Update rule: iRprop⁻ from steps of 0.01 to at most 1. It needs no learning rate, so it works equally well for answers inside the search box
+    /// and far outside. With equal targets it comes close without collapsing onto the target.
     pub update_rule: UpdateRule,
     /// f of the output neurons: the identity, see [`Activation`].
     pub output_activation: Activation,
-    /// λ: λ·Σ w² over the weights, thresholds not counted, is added to the error: 0. Weights of size one are as probable as not where it is
-    /// the noise's variance over samples and outputs.
+    /// λ: λ·Σ w² over the weights, without thresholds, is added to the error: 0. A prior of width one for the weights corresponds to λ equal to the
+    /// noise variance divided by samples × outputs.
     pub weight_decay: f64,
     /// Seed of the first weights, and of the split into training and validation: 0.
     pub seed: u64,
-    /// Share of the samples that are kept from training while sizes are compared: 0.2.
+    /// Share of the samples that are held out from training while sizes are compared: 0.2.
     pub validation_fraction: f64,
-    /// Epochs of each size that is tried: 300, by when the sizes differ by more than their first weights make them.
+    /// Number of epochs for each size that is tried: 300. By then, sizes differ by more than their initial weights do.
     pub n_trial_epochs: usize,
-    /// Sizes whose validation error is within this factor of the smallest are as good; the smallest size wins: 1.1.
+    /// Sizes whose validation error is within this factor of the smallest are equally good; the smallest size wins: 1.1.
     pub tie_factor: f64,
 }
 

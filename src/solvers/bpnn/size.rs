@@ -1,4 +1,4 @@
-//! How many hidden neurons: by trying [Gao 2018, section 3.2].
+//! Chooses the number of hidden neurons by trying several [Gao 2018, section 3.2].
 
 use super::training::{TrainingSummary, mean_squared_error, train};
 use super::{Network, Options};
@@ -18,31 +18,31 @@ pub fn hidden_size_candidates(n_inputs: usize, n_outputs: usize) -> Vec<usize> {
 /// One size that was tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// Hidden neurons.
+    /// Number of hidden neurons.
     pub n_hidden: usize,
     /// Mean squared error on the samples it was trained on.
     pub training_error: f64,
-    /// Mean squared error on those kept back.
+    /// Mean squared error on the held-out samples.
     pub validation_error: f64,
 }
 
-/// How the size was chosen and the training went.
+/// Result of the choice of the size, and of the training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SizeChoice {
     /// All sizes that were tried, smallest first.
     pub candidates: Vec<Candidate>,
-    /// Hidden neurons that were chosen.
+    /// Number of hidden neurons that was chosen.
     pub n_hidden: usize,
     /// Mean squared error of the network that was returned, on all samples.
     pub training_error: f64,
-    /// Mean squared error that the chosen size had in its trial, on the samples kept back.
+    /// Mean squared error of the chosen size in its trial, on the held-out samples.
     pub validation_error: f64,
     /// Training of the chosen size on all samples.
     pub training: TrainingSummary,
 }
 
-/// Tries all sizes of [`hidden_size_candidates`] briefly on a part of the samples, takes the one that predicts the
-/// others best, and trains that size on all samples.
+/// Briefly tries all sizes of [`hidden_size_candidates`] on a part of the samples, takes the one that best predicts the others, and trains that size
+/// on all samples.
 ///
 /// # Panics
 /// When there are no samples, or inputs and targets differ in number, or rows in length.
@@ -63,7 +63,7 @@ pub fn choose_size_and_train(
         select(&training_rows, inputs),
         select(&training_rows, targets),
     );
-    // A single sample is trained on and looked at again.
+    // a single sample is used for both training and validation
     let kept = if validation_rows.is_empty() {
         &training_rows
     } else {
@@ -105,7 +105,7 @@ pub fn choose_size_and_train(
     )
 }
 
-/// The first, that is smallest, candidate within the tie factor of the smallest error.
+/// The first (smallest) candidate within the tie factor of the smallest error.
 fn choose(candidates: &[Candidate], tie_factor: f64) -> Candidate {
     let smallest = candidates
         .iter()

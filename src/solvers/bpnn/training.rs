@@ -18,14 +18,14 @@ pub enum Termination {
     ErrorReached,
 }
 
-/// How training went.
+/// Summary of a training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingSummary {
-    /// Weight updates done.
+    /// Number of weight updates.
     pub n_epochs: usize,
-    /// Mean squared error of the network that was returned, over samples and outputs, with the decay of its weights.
+    /// Mean squared error of the returned network, over samples and outputs, including the decay of its weights.
     pub training_error: f64,
-    /// Mean squared error before each update, and after the last.
+    /// Mean squared error before each update, and after the last one.
     pub convergence: Vec<f64>,
     /// Why training ended.
     pub termination: Termination,
@@ -64,7 +64,7 @@ pub fn mean_squared_error(network: &Network, inputs: &[Vec<f64>], targets: &[Vec
     pass.error(network, &Samples::from_rows(targets, network.n_outputs))
 }
 
-/// Mean squared error and its gradient by back-propagation, as a network whose weights are derivatives.
+/// Mean squared error and its gradient by back-propagation. The gradient has the form of a network whose weights are derivatives.
 pub fn error_and_gradient(
     network: &Network,
     inputs: &[Vec<f64>],
@@ -99,7 +99,7 @@ pub fn error_and_gradient(
 
 /// Trains a network with `n_hidden` hidden neurons on all samples (rows of `inputs` and `targets`).
 ///
-/// The network with the smallest error seen is returned. The time is bounded by the epochs alone.
+/// Returns the network with the smallest error seen. Only the number of epochs limits the time.
 ///
 /// # Panics
 /// When there are no samples, or inputs and targets differ in number, or rows in length.
@@ -121,7 +121,7 @@ pub fn train(
     )
 }
 
-/// As [`train`], from a network that is there already.
+/// As [`train`], starting from an existing network.
 ///
 /// # Panics
 /// As [`train`], and when rows do not fit the network.
@@ -177,7 +177,7 @@ pub fn train_from(
     (best.1, summary)
 }
 
-/// Adds λ·Σ w² over the weights (thresholds are free) to the gradient; its value.
+/// Adds the gradient of λ·Σ w² over the weights (not thresholds) to `gradient`, and returns λ·Σ w².
 fn decay(network: &Network, gradient: &mut Gradient, lambda: f64) -> f64 {
     let mut sum = 0.0;
     let pairs = [
@@ -193,8 +193,7 @@ fn decay(network: &Network, gradient: &mut Gradient, lambda: f64) -> f64 {
     lambda * sum
 }
 
-/// What an update rule remembers of each weight: Rprop its step and last gradient, Adam its two means, momentum the
-/// last change.
+/// Memory of an update rule for each weight: step and last gradient for Rprop, two means for Adam, the last change for momentum.
 struct Memory {
     first: Vec<f64>,
     second: Vec<f64>,
@@ -277,7 +276,7 @@ fn momentum_step(
     }
 }
 
-/// iRprop⁻: a weight whose gradient changed its sign waits for one epoch.
+/// iRprop⁻: a weight whose gradient changed sign is not changed for one epoch.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, largest_step: f64) {
     let n = weights.len();

@@ -5,18 +5,17 @@ use crate::solvers::qr::norm;
 use crate::solvers::qr::triangularise;
 use nalgebra::DMatrix;
 
-/// What the residuals say about the parameters' uncertainty.
+/// Covariance of the parameters, as determined by the residuals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Covariance {
-    /// variance · (JᵀJ)⁺, parameters × parameters. Directions that the residuals cannot see contribute nothing, though
-    /// their uncertainty is unbounded: look at `rank`.
+    /// variance · (JᵀJ)⁺, parameters × parameters. Unobservable directions contribute nothing, although their uncertainty is unbounded: check `rank`.
     pub matrix: DMatrix<f64>,
-    /// Number of directions that the residuals can see.
+    /// Number of observable directions.
     pub rank: usize,
 }
 
-/// Covariance of the parameters from the Jacobian at the minimum, and the variance of one residual, usually
-/// Σ r_i² / (residuals − rank). `None` where the Jacobian is not finite or its singular values were not found.
+/// Covariance of the parameters from the Jacobian at the minimum and the variance of one residual, usually Σ r_i² / (residuals − rank). `None` if the
+/// Jacobian is not finite, or if the singular value decomposition failed.
 ///
 /// Singular values are those of the Jacobian with its columns scaled to norm one; those below 1e-12 of the largest
 /// count as zero.

@@ -4,21 +4,21 @@ use crate::solvers::qr::dot;
 use crate::solvers::qr::norm;
 use nalgebra::DMatrix;
 
-/// Singular values of R·D⁻¹, relative to the largest, that count as zero. Jacobians are right to about 1e-15 of their
-/// columns, so below 1e-12 a singular vector is mostly rounding.
+/// Singular values of R·D⁻¹, relative to the largest, that count as zero. Jacobians are accurate to about 1e-15 of their columns, so a singular
+/// vector below 1e-12 is mostly rounding.
 pub(super) const SMALLEST_SINGULAR_VALUE: f64 = 1e-12;
 
-/// Iterations of the singular value decomposition per parameter at most; it takes two or three.
+/// Maximum number of iterations of the singular value decomposition per parameter; it takes two or three.
 pub(super) const SVD_ITERATIONS_PER_PARAMETER: usize = 100;
 
-/// The step may be this much longer or shorter than Δ [Moré 1978, σ].
+/// Relative tolerance of the step's length about Δ [Moré 1978, σ].
 pub(super) const RADIUS_TOLERANCE: f64 = 0.1;
 
-/// Tries to fit the step's length to Δ; MINPACK's limit. Two are usual.
+/// Maximum number of tries to fit the step's length to Δ; MINPACK's limit. Two are usual.
 const MAX_DAMPING_TRIES: usize = 10;
 
-/// The linearised problem along its singular directions: with R·D⁻¹ = U·S·Vᵀ and D·p = V·w, it is to minimise
-/// Σ (σ_k w_k + b_k)², b = UᵀQᵀr. Directions that the residuals cannot see are left out.
+/// The linearised problem along its singular directions. With R·D⁻¹ = U·S·Vᵀ and D·p = V·w, it minimises Σ (σ_k w_k + b_k)², b = UᵀQᵀr. Unobservable
+/// directions are left out.
 pub(super) struct Directions {
     /// σ.
     singular_values: Vec<f64>,
@@ -29,8 +29,8 @@ pub(super) struct Directions {
 }
 
 impl Directions {
-    /// Of the scaled triangle T = R·D⁻¹ (n × n, column-major) and Qᵀr. `None` where the decomposition fails, which no finite matrix is
-    /// known to do.
+    /// From the scaled triangle T = R·D⁻¹ (n × n, column-major) and Qᵀr. `None` if the decomposition fails, which is not known to happen for any
+    /// finite matrix.
     pub fn of(triangle: &[f64], qt_residuals: &[f64], scale: &[f64]) -> Option<Self> {
         let n = scale.len();
         let matrix = DMatrix::from_column_slice(n, n, triangle);
@@ -75,8 +75,8 @@ impl Directions {
         dot(&change, &change)
     }
 
-    /// λ and w(λ): λ = 0 if that step is not longer than Δ, else such that its length is Δ to 10 %, by Newton's method
-    /// on 1/Δ − 1/‖w(λ)‖ from `guess`, between bounds [Moré 1978, algorithm 5.5].
+    /// λ and w(λ). λ = 0 if that step is not longer than Δ. Otherwise λ is such that the step's length is Δ to 10 %, by Newton's method on 1/Δ −
+    /// 1/‖w(λ)‖ from `guess`, between bounds [Moré 1978, algorithm 5.5].
     pub fn step_within(&self, radius: f64, guess: f64) -> (f64, Vec<f64>) {
         let mut w = self.step(0.0);
         if norm(&w) <= (1.0 + RADIUS_TOLERANCE) * radius {

@@ -7,7 +7,7 @@ use crate::solvers::qr::triangularise;
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 
-/// A triangle whose singular values are surely above this many times [`SMALLEST_SINGULAR_VALUE`] of the largest needs no decomposition.
+/// A triangle needs no decomposition if its singular values are certainly above this multiple of [`SMALLEST_SINGULAR_VALUE`] of the largest.
 const SURELY: f64 = 100.0;
 
 /// T = R·D⁻¹ and b = Qᵀr with J = Q·R: the step is p = D⁻¹·w with w minimising ‖T·w + b‖.
@@ -16,19 +16,19 @@ pub(super) struct LinearModel {
     triangle: Vec<f64>,
     /// b in its first n entries.
     qt_residuals: Vec<f64>,
-    /// Where there are fewer residuals than parameters: the Jacobian with rows of zeros.
+    /// The Jacobian with rows of zeros, if there are fewer residuals than parameters.
     padded: Vec<f64>,
-    /// The shortest minimiser of ‖T·w + b‖, and ‖T·w‖ there; `None` where its rank is not clear.
+    /// The shortest minimiser of ‖T·w + b‖, and ‖T·w‖ there; `None` if the rank of T is not clear.
     undamped: Vec<f64>,
     undamped_change: Option<f64>,
     minimum_norm: MinimumNorm,
-    /// Made when first needed.
+    /// Computed when first needed.
     directions: Option<Directions>,
     /// p.
     step: Vec<f64>,
 }
 
-/// A step that was chosen; it is in [`LinearModel::step`].
+/// The chosen step. Its vector is in [`LinearModel::step`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step {
     /// λ.
@@ -40,7 +40,7 @@ pub(super) struct Step {
 }
 
 impl LinearModel {
-    /// Room for a problem's linearisations.
+    /// Allocates buffers for a problem's linearisations.
     pub fn new(n_residuals: usize, n: usize) -> Self {
         let n_rows = n_residuals.max(n);
         Self {
@@ -59,7 +59,7 @@ impl LinearModel {
         }
     }
 
-    /// Takes over a linearisation; the Jacobian is overwritten.
+    /// Reduces a linearisation; the Jacobian is overwritten.
     pub fn reduce(&mut self, jacobian: &mut DMatrix<f64>, residuals: &[f64], scale: &[f64]) {
         let n = scale.len();
         self.directions = None;
@@ -89,8 +89,8 @@ impl LinearModel {
         };
     }
 
-    /// λ and p: λ = 0 if that step is not longer than Δ, else such that its length is Δ to 10 %; `guess` is where the search for λ
-    /// begins. `None` where a decomposition fails, which no finite matrix is known to do.
+    /// λ and p. λ = 0 if that step is not longer than Δ. Otherwise λ is such that the step's length is Δ to 10 %; the search for λ begins at `guess`.
+    /// `None` if a decomposition fails, which is not known to happen for any finite matrix.
     pub fn step_within(&mut self, radius: f64, guess: f64, scale: &[f64]) -> Option<Step> {
         if let Some(change) = self.undamped_change {
             let length = norm(&self.undamped);
@@ -130,7 +130,7 @@ impl LinearModel {
     }
 }
 
-/// The Jacobian with rows of zeros below.
+/// The Jacobian with rows of zeros appended.
 fn padded<'a>(jacobian: &DMatrix<f64>, n_rows: usize, padded: &'a mut [f64]) -> &'a mut [f64] {
     let m = jacobian.nrows();
     for (j, to) in padded.chunks_exact_mut(n_rows).enumerate() {
@@ -140,11 +140,11 @@ fn padded<'a>(jacobian: &DMatrix<f64>, n_rows: usize, padded: &'a mut [f64]) -> 
     padded
 }
 
-/// Solves T·w = −b in place by back-substitution; false where T may be singular, and w is then of no use.
+/// Solves T·w = −b in place by back-substitution. Returns false if T may be singular; w is then not valid.
 ///
-/// With the columns of T at most of norm one, its largest singular value is at most sqrt(n); its smallest is at least
-/// 1 / (sqrt(n)·‖T⁻¹‖∞), and ‖T⁻¹‖∞ is at most ‖x‖∞ with M(T)·x = (1, …, 1), M(T) having |t_jj| on and −|t_ij| off the diagonal
-/// [Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem 8.12].
+/// If the columns of T have at most norm one, its largest singular value is at most sqrt(n). Its smallest is at least 1 / (sqrt(n)·‖T⁻¹‖∞). ‖T⁻¹‖∞ is
+/// at most ‖x‖∞ with M(T)·x = (1, …, 1), where M(T) has |t_jj| on and −|t_ij| off the diagonal [Higham, Accuracy and Stability of Numerical
+/// Algorithms, 2002, theorem 8.12].
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn solve(triangle: &[f64], b: &mut [f64]) -> bool {
     const MOST: usize = 256;

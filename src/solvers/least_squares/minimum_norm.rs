@@ -1,25 +1,25 @@
-//! The shortest minimiser of ‖T·w + b‖ where the rank of T is clear: some combinations of its columns vanish to rounding or none, and
-//! all others are far from it. Where that is not so, singular values have to decide.
+//! The shortest minimiser of ‖T·w + b‖ if the rank of T is clear: some combinations of its columns (possibly none) vanish to rounding, and all others
+//! are far from zero. If the rank is not clear, singular values have to decide.
 
 use super::directions::SMALLEST_SINGULAR_VALUE;
 use crate::solvers::qr::{add_scaled, dot, householder};
 use multiversion::multiversion;
 
-/// What is kept is above this many times [`SMALLEST_SINGULAR_VALUE`] of the largest column, what is left out below its reciprocal.
+/// Columns are kept above this multiple of [`SMALLEST_SINGULAR_VALUE`] of the largest column, and left out below that share divided by this factor.
 const CLEARLY: f64 = 30.0;
 
-/// Room for the computation, for n columns.
+/// Buffers of the computation, for n columns.
 pub(super) struct MinimumNorm {
-    /// T, then its triangle with the columns in the order of their pivots; the columns that are left out become a null space.
+    /// T, then its triangle with the columns in pivot order. The omitted columns become a null space.
     matrix: Vec<f64>,
     /// b, then Qᵀb.
     rhs: Vec<f64>,
-    /// Column of T at each place.
+    /// Column of T at each position.
     order: Vec<usize>,
 }
 
 impl MinimumNorm {
-    /// For n columns.
+    /// Allocates buffers for n columns.
     pub fn new(n: usize) -> Self {
         Self {
             matrix: vec![0.0; n * n],
@@ -28,7 +28,7 @@ impl MinimumNorm {
         }
     }
 
-    /// Fills w and gives ‖T·w‖, or `None` where the rank of T is zero or not clear.
+    /// Fills w and returns ‖T·w‖, or `None` if the rank of T is zero or not clear.
     pub fn solve(&mut self, triangle: &[f64], b: &[f64], w: &mut [f64]) -> Option<f64> {
         self.matrix.copy_from_slice(triangle);
         self.rhs.copy_from_slice(b);
@@ -45,8 +45,8 @@ impl MinimumNorm {
     }
 }
 
-/// Householder triangularisation, the longest remaining column first [Golub & Van Loan, Matrix Computations, 2013, algorithm 5.4.1]; gives
-/// the rank.
+/// Householder triangularisation with column pivoting, the longest remaining column first [Golub & Van Loan, Matrix Computations, 2013, algorithm
+/// 5.4.1]. Returns the rank.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn pivot(matrix: &mut [f64], rhs: &mut [f64], order: &mut [usize]) -> Option<usize> {
     let n = rhs.len();
@@ -89,7 +89,7 @@ fn pivot(matrix: &mut [f64], rhs: &mut [f64], order: &mut [usize]) -> Option<usi
     Some(n)
 }
 
-/// Of all solutions of [R11 R12]·y = −c the one that is perpendicular to their differences, the null space [−R11⁻¹·R12; 1].
+/// Of all solutions of [R11 R12]·y = −c, the one perpendicular to the null space [−R11⁻¹·R12; 1].
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn shortest(matrix: &mut [f64], rhs: &mut [f64], rank: usize) {
     let n = rhs.len();
@@ -102,7 +102,7 @@ fn shortest(matrix: &mut [f64], rhs: &mut [f64], rank: usize) {
         back_substitute(triangle, &mut v[..rank], n);
         v[rank..].fill(0.0);
         v[rank + j] = 1.0;
-        // twice: once leaves what rounding of a long vector leaves
+        // twice: after one pass, the rounding errors of a long vector remain
         for _ in 0..2 {
             for unit in earlier.chunks_exact(n) {
                 let factor = -dot(unit, v);
@@ -139,10 +139,10 @@ mod tests {
     use nalgebra::DMatrix;
     use rand::Rng;
 
-    /// Condition numbers of some hundreds times the roundings of sums of twenty numbers of order one.
+    /// Rounding error of sums of twenty numbers of order one, times condition numbers of some hundreds.
     const ROUNDING: f64 = 1e-11;
 
-    /// R of a random matrix of `n` columns, of which the last `n - rank` are combinations of the others.
+    /// R of a random matrix with `n` columns, of which the last `n - rank` are combinations of the others.
     fn singular_triangle(seed: u64, n: usize, rank: usize) -> Vec<f64> {
         let mut random = chacha8(seed, 0);
         let mut next = || 2.0 * unit_interval(random.next_u64()) - 1.0;

@@ -1,13 +1,13 @@
 //! Levenberg-Marquardt for Σ r_i², with a trust region [Moré 1978: The Levenberg-Marquardt algorithm, implementation
 //! and theory, Lecture Notes in Mathematics 630, 105–116], the algorithm of MINPACK's `lmder`.
 //!
-//! Each step minimises ‖r + J·p‖ over ‖D·p‖ ≤ Δ. D holds the running maxima of the Jacobian's column norms, so a change
-//! of a parameter's unit changes nothing; Δ grows and shrinks with the ratio of actual to predicted reduction.
+//! Each step minimises ‖r + J·p‖ over ‖D·p‖ ≤ Δ. D has the running maxima of the Jacobian's column norms, so that the units of parameters do not
+//! matter. Δ grows and shrinks with the ratio of actual to predicted reduction.
 //!
-//! One thing differs from MINPACK. J is reduced to a triangle R by Householder reflections, as there; but where the step must be
-//! damped, R·D⁻¹ is decomposed into singular values, where MINPACK pivots. Directions in the parameters that the residuals cannot see
-//! are then known, and no step goes along them; and each damping λ costs only a sum over the singular values. An undamped step is the
-//! shortest solution instead, by back-substitution: the same, where the rank is clear.
+//! There is one difference from MINPACK. J is reduced to a triangle R by Householder reflections, as in MINPACK. If the step must be damped, R·D⁻¹ is
+//! decomposed into singular values, whereas MINPACK uses pivoting. The unobservable directions of the parameters are then known, and no step is made
+//! along them; and each damping λ costs only a sum over the singular values. An undamped step is the shortest solution by back-substitution, which is
+//! the same if the rank is clear.
 
 mod covariance;
 mod directions;
@@ -22,24 +22,24 @@ use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
-/// A step is taken if it brings this part of the predicted reduction [Moré 1978, algorithm 7.1].
+/// A step is accepted if it reaches this share of the predicted reduction [Moré 1978, algorithm 7.1].
 const ACCEPTED_RATIO: f64 = 1e-4;
 
-/// When to stop.
+/// Stopping criteria.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Trial steps at most: 200. From far starts the hardest of NIST's problems take up to 800.
+    /// Maximum number of trial steps: 200. From distant starts the hardest of NIST's problems take up to 800.
     pub max_iterations: usize,
-    /// Stops when actual and predicted relative reduction of the cost are both at most this: 1e-15, a few roundings.
+    /// Stops when actual and predicted relative reduction of the cost are both at most this: 1e-15, a few rounding errors.
     pub cost_tolerance: f64,
-    /// Stops when Δ is at most this part of ‖D·x‖: 1e-12.
+    /// Stops when Δ is at most this share of ‖D·x‖: 1e-12.
     pub step_tolerance: f64,
     /// Stops when the cosine between the residuals and every column of the Jacobian is at most this: 1e-12.
     pub gradient_tolerance: f64,
     /// Stops as soon as the cost is at or below this: never.
     pub stop_at_cost: Option<f64>,
-    /// First Δ as a multiple of ‖D·x‖, or of the residuals' norm where x is zero: 10. Smaller is more careful with a
-    /// far start; with MINPACK's 100 one of NIST's starts (BoxBOD) overshoots and ends on a plateau.
+    /// First Δ as a multiple of ‖D·x‖, or of the residuals' norm if x is zero: 10. A smaller value is safer from a distant start. With MINPACK's 100,
+    /// one of NIST's starts (BoxBOD) overshoots and ends on a plateau.
     pub initial_radius: f64,
 }
 
@@ -56,12 +56,12 @@ impl Default for Options {
     }
 }
 
-/// What the monitor is told, once for the start (iteration 0) and once after each trial step.
+/// The information for the monitor, once for the start (iteration 0) and once after each trial step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Iteration {
-    /// Trial steps done, taken or rejected.
+    /// Trial steps done, accepted or rejected.
     pub iteration: usize,
-    /// The limit.
+    /// Maximum number of trial steps.
     pub max_iterations: usize,
     /// Σ r_i² at the best point so far.
     pub cost: f64,
@@ -78,24 +78,24 @@ pub enum Termination {
     GradientTolerance,
     /// The cost reached [`Options::stop_at_cost`], or is exactly zero.
     CostReached,
-    /// Rounding allows no further progress, though a tolerance asks for it.
+    /// Rounding errors prevent further progress, although the tolerances are not reached.
     NoFurtherProgress,
     /// [`Options::max_iterations`].
     IterationLimit,
-    /// Residuals at the start, or a Jacobian, were not finite.
+    /// The residuals at the start, or a Jacobian, were not finite.
     NotFinite,
     /// The monitor asked to stop.
     Stopped,
 }
 
 impl Termination {
-    /// Whether a minimum was reached to the asked or to the possible accuracy.
+    /// True if a minimum was reached to the requested accuracy or to the limit of rounding.
     pub fn converged(self) -> bool {
         !matches!(self, Self::IterationLimit | Self::NotFinite | Self::Stopped)
     }
 }
 
-/// What the search found.
+/// Result of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     /// The best point.
@@ -104,11 +104,11 @@ pub struct Summary {
     pub cost: f64,
     /// Residuals there.
     pub residuals: DVector<f64>,
-    /// Trial steps done, taken or rejected.
+    /// Trial steps done, accepted or rejected.
     pub n_iterations: usize,
-    /// Evaluations of the residuals, those with a Jacobian included.
+    /// Number of evaluations of the residuals, including those with a Jacobian.
     pub n_evaluations: usize,
-    /// Evaluations of the Jacobian.
+    /// Number of evaluations of the Jacobian.
     pub n_jacobians: usize,
     /// Cost of the best point at the start (index 0) and after each trial step; never rises.
     pub convergence: Vec<f64>,
@@ -116,16 +116,16 @@ pub struct Summary {
     pub termination: Termination,
 }
 
-/// Fills the residuals at x and, where asked, also the Jacobian d(residual)/dx, residuals × parameters.
+/// Fills the residuals at x and, if requested, also the Jacobian d(residual)/dx, residuals × parameters.
 ///
-/// The sign matters: residual = measured − predicted, so the Jacobian is that of the residual, the *negative* of the
-/// prediction's. Residuals that are not finite mean "not here": the step is rejected and a shorter one tried.
+/// The sign matters: residual = measured − predicted, so the Jacobian is that of the residual, the *negative* of the prediction's. Residuals that are
+/// not finite reject the step; a shorter one is then tried.
 pub type Problem<'a> = dyn FnMut(&[f64], &mut DVector<f64>, Option<&mut DMatrix<f64>>) + 'a;
 
-/// Gets each iteration; `Break` stops the search.
+/// Receives each iteration; `Break` stops the search.
 pub type Monitor<'a> = dyn FnMut(Iteration) -> ControlFlow<()> + 'a;
 
-/// Minimises Σ r_i² from `x0`, where `problem` has `n_residuals` residuals.
+/// Minimises Σ r_i² from `x0`; `problem` has `n_residuals` residuals.
 pub fn minimize(
     problem: &mut Problem<'_>,
     n_residuals: usize,
@@ -166,14 +166,14 @@ pub fn minimize(
     }
 }
 
-/// The state between trial steps. All room is made once: a step allocates nothing unless it meets directions that the residuals cannot see.
+/// The state between trial steps. All buffers are allocated once. A step allocates only if there are unobservable directions.
 struct Search {
     x: Vec<f64>,
     residuals: DVector<f64>,
     cost: f64,
     trial: Vec<f64>,
     trial_residuals: DVector<f64>,
-    /// Only good between its evaluation and its reduction, which overwrites it.
+    /// Valid only between its evaluation and its reduction, which overwrites it.
     jacobian: DMatrix<f64>,
     column_norms: Vec<f64>,
     linearisation_is_stale: bool,
@@ -232,7 +232,7 @@ impl Search {
                 .then_some(Termination::IterationLimit))
     }
 
-    /// Evaluates the Jacobian, updates D, and at the first call sets Δ.
+    /// Evaluates the Jacobian, updates D, and sets Δ at the first call.
     fn linearise(&mut self, problem: &mut Problem<'_>, options: &Options) -> Option<Termination> {
         problem(&self.x, &mut self.residuals, Some(&mut self.jacobian));
         self.n_evaluations += 1;
@@ -274,7 +274,7 @@ impl Search {
         None
     }
 
-    /// Tries one step and takes it if the cost falls as predicted [Moré 1978, algorithm 7.1].
+    /// Tries one step and accepts it if the cost falls as predicted [Moré 1978, algorithm 7.1].
     fn try_step(&mut self, problem: &mut Problem<'_>, options: &Options) {
         let Some(Step {
             damping,
@@ -299,7 +299,7 @@ impl Search {
         self.n_iterations += 1;
         let cost = sum_of_squares(self.trial_residuals.as_slice());
 
-        // Reductions relative to the present cost; a tenfold growth counts as -1 (also where it is infinite).
+        // reductions relative to the present cost; a tenfold (or infinite) growth counts as -1
         let actual = if 0.01 * cost < self.cost {
             1.0 - cost / self.cost
         } else {
@@ -324,7 +324,7 @@ impl Search {
         self.outcome = self.outcome_of(actual, predicted, ratio, options);
     }
 
-    /// Shrinks Δ after a bad step, by the minimiser of the parabola through what is known; grows it after a good one.
+    /// Shrinks Δ after a bad step, using the minimiser of a fitted parabola; enlarges it after a good one.
     fn adapt_radius(&mut self, ratio: f64, actual: f64, slope: f64, cost: f64, length: f64) {
         if ratio <= 0.25 {
             let mut factor = if actual >= 0.0 {
@@ -371,7 +371,7 @@ impl Search {
     }
 }
 
-/// Sum of squares; infinite where it is no number.
+/// Sum of squares; infinite if it is not finite.
 pub fn sum_of_squares(residuals: &[f64]) -> f64 {
     let sum = squares(residuals);
     if sum.is_finite() { sum } else { f64::INFINITY }

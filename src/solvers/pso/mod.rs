@@ -7,12 +7,11 @@
 //! x <- x + v                                                   [Gao 2018, eq. 10]
 //! ```
 //!
-//! then evaluates all of them at once and keeps the best (a synchronous swarm: within one iteration every particle
-//! sees the same swarm best, so the order of evaluation does not matter).
+//! then evaluates all of them at once and keeps the best. The swarm is synchronous: within one iteration every particle sees the same swarm best, so
+//! the order of evaluation does not matter.
 //!
-//! The paper prints w, c1, c2 and the number of particles. It does not print the bounds, what happens at them, a limit
-//! of the velocity, the first velocities, how r1 and r2 are drawn, or when to stop: each is an option here, and its
-//! default is the closest reading.
+//! The paper prints w, c1, c2 and the number of particles. It does not print the bounds, the behaviour at the bounds, a velocity limit, the initial
+//! velocities, how r1 and r2 are drawn, or when to stop. Each is an option here, and its default is the closest reading.
 
 mod options;
 mod swarm;
@@ -23,16 +22,16 @@ use super::random::LaneRandom;
 use std::ops::ControlFlow;
 use swarm::Swarm;
 
-/// Separate uses of one seed.
+/// Streams that separate the uses of one seed.
 const STREAM_INITIAL: u64 = 1;
 const STREAM_UPDATE: u64 = 2;
 
-/// What the monitor is told, once for the first swarm (iteration 0) and once after each iteration.
+/// The information for the monitor, once for the first swarm (iteration 0) and once after each iteration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Iteration {
     /// Swarm updates done.
     pub iteration: usize,
-    /// The limit.
+    /// Maximum number of swarm updates.
     pub n_iterations: usize,
     /// Smallest cost so far.
     pub best_cost: f64,
@@ -49,7 +48,7 @@ pub enum Termination {
     Stopped,
 }
 
-/// What the search found.
+/// Result of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
     /// The best position that was evaluated.
@@ -62,7 +61,7 @@ pub struct Summary {
     pub n_evaluations: usize,
     /// Best cost so far after the first swarm (index 0) and after each iteration; never rises.
     pub convergence: Vec<f64>,
-    /// Positions as drawn, before `move_particles` saw them.
+    /// Positions as drawn, before `move_particles` changed them.
     pub initial_positions: Positions,
     /// Each particle's own best position.
     pub own_best_positions: Positions,
@@ -72,15 +71,15 @@ pub struct Summary {
     pub termination: Termination,
 }
 
-/// Changes the positions before they are evaluated: called with 0 before the first evaluation, and with k ≥ 1 after
-/// update k. It decides itself when to act; velocities and bests stay as they are.
+/// Changes the positions before they are evaluated. It is called with 0 before the first evaluation, and with k ≥ 1 after update k. It decides itself
+/// when to act; velocities and bests stay as they are.
 pub type MoveParticles<'a> = dyn FnMut(usize, &mut Positions) + 'a;
 
-/// Gets each iteration; `Break` stops the search.
+/// Receives each iteration; `Break` stops the search.
 pub type Monitor<'a> = dyn FnMut(Iteration) -> ControlFlow<()> + 'a;
 
-/// The first swarm as drawn: uniform in the box. [`minimize`] starts from these, and the network of
-/// [Gao 2018, section 3.2] is trained on them.
+/// The first swarm as drawn: uniform in the box. [`minimize`] starts from these positions, and the network of [Gao 2018, section 3.2] is trained on
+/// them.
 ///
 /// # Panics
 /// When centre and half width differ in length.
@@ -88,7 +87,7 @@ pub fn initial_positions(search_box: &SearchBox, options: &Options) -> Positions
     draw_initial(search_box, options).0
 }
 
-/// First positions, and the generator, from which the first velocities are drawn next.
+/// First positions, and the random generator, from which the first velocities are drawn next.
 fn draw_initial(search_box: &SearchBox, options: &Options) -> (Positions, LaneRandom) {
     let SearchBox { centre, half_width } = search_box;
     assert_eq!(
@@ -108,7 +107,7 @@ fn draw_initial(search_box: &SearchBox, options: &Options) -> (Positions, LaneRa
     (positions, random)
 }
 
-/// Searches the minimum of `cost`.
+/// Searches for the minimum of `cost`.
 ///
 /// # Panics
 /// When there are no particles, or the box has no coordinates or unequal lengths.

@@ -1,4 +1,4 @@
-//! Particles, their box, and every choice that the paper leaves open.
+//! Particles, their search box, and an option for every choice that the paper leaves open.
 
 /// Positions of a swarm, coordinate-major: all particles' first coordinate, then all particles' second, …
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +26,7 @@ impl Positions {
         &self.values[j * self.n_particles..(j + 1) * self.n_particles]
     }
 
-    /// Coordinate j of all particles, to be changed.
+    /// Coordinate j of all particles, mutable.
     pub fn coordinate_mut(&mut self, j: usize) -> &mut [f64] {
         &mut self.values[j * self.n_particles..(j + 1) * self.n_particles]
     }
@@ -62,8 +62,7 @@ impl Positions {
     }
 }
 
-/// Where the first positions are drawn, uniformly: centre ± half width. Whether the swarm may leave it is
-/// [`Options::boundary`].
+/// The box in which the first positions are drawn, uniformly: centre ± half width. [`Options::boundary`] states whether the swarm may leave it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SearchBox {
     /// Centre, one value per coordinate.
@@ -75,9 +74,9 @@ pub struct SearchBox {
 /// How r1 and r2 of [Gao 2018, eq. 9] are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RandomNumbers {
-    /// Anew for every coordinate of every particle: the usual reading of the formula.
+    /// Separately for every coordinate of every particle: the usual reading of the formula.
     PerCoordinate,
-    /// Once per particle and iteration: each pull is then along a straight line.
+    /// Once per particle and iteration: each attraction is then along a straight line.
     PerParticle,
 }
 
@@ -98,32 +97,31 @@ pub enum InitialVelocity {
 pub enum Boundary {
     /// Nothing: the box only says where the swarm starts.
     None,
-    /// The coordinate is set to the wall and its velocity to zero. With an answer at a corner of the box this looks
-    /// like very fast convergence and is an artefact.
+    /// The coordinate is set to the wall and its velocity to zero. If the answer is at a corner of the box, this looks like very fast convergence,
+    /// which is an artefact.
     Clamp,
-    /// The coordinate is mirrored at the wall and its velocity reversed; what overshoots by more than the whole box
-    /// ends at the wall.
+    /// The coordinate is mirrored at the wall and its velocity reversed. A particle that overshoots by more than the whole box ends at the wall.
     Reflect,
 }
 
-/// How to search. The default is the closest reading of the paper.
+/// Options of the search. The default is the closest reading of the paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Number of particles n: 200 [Gao 2018, section 3.1].
     pub n_particles: usize,
-    /// Swarm updates at most: 492, what the paper's experiment took [Gao 2018, section 4].
+    /// Maximum number of swarm updates: 492, as in the paper's experiment [Gao 2018, section 4].
     pub n_iterations: usize,
     /// Inertia weight w: 0.9 [Gao 2018, eq. 9].
     pub inertia_weight: f64,
-    /// Cognitive factor c1, the pull to the particle's own best: 0.5 [Gao 2018, eq. 9].
+    /// Cognitive factor c1, the attraction to the particle's own best: 0.5 [Gao 2018, eq. 9].
     pub cognitive: f64,
-    /// Social factor c2, the pull to the swarm's best: 1.25 [Gao 2018, eq. 9].
+    /// Social factor c2, the attraction to the swarm's best: 1.25 [Gao 2018, eq. 9].
     pub social: f64,
     /// How r1 and r2 are drawn: per coordinate (not printed in the paper).
     pub random_numbers: RandomNumbers,
     /// First velocities: zero (not printed).
     pub initial_velocity: InitialVelocity,
-    /// What happens at the walls of the box: nothing (not printed).
+    /// Behaviour at the walls of the box: none (not printed).
     pub boundary: Boundary,
     /// Largest velocity per coordinate, as a fraction of the half width: no limit (not printed).
     pub velocity_limit: Option<f64>,
@@ -151,6 +149,6 @@ impl Default for Options {
     }
 }
 
-/// The cost of all positions at once: fills one cost per particle. A cost that is not finite counts as +∞. What comes in is each
-/// particle's own best cost so far: a cost that is not below it may be left unfinished, with anything that is not below it either.
+/// Computes the cost of all positions at once, one per particle. A cost that is not finite counts as +∞. On entry, `costs` has each particle's own
+/// best cost so far. A cost that is not below it may be left incomplete, with any value that is not below it either.
 pub type Cost<'a> = dyn FnMut(&Positions, &mut [f64]) + 'a;

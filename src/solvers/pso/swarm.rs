@@ -1,5 +1,5 @@
-//! The moving swarm: update [Gao 2018, eq. 9, 10], evaluation, best-keeping. Nothing in here allocates after `new`,
-//! and every inner loop runs over particles, which lie side by side in memory.
+//! The moving swarm: update [Gao 2018, eq. 9, 10], evaluation, and storing of the best. Nothing here allocates after `new`, and every inner loop runs
+//! over particles, which are contiguous in memory.
 
 use super::options::{
     Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox,
@@ -7,7 +7,7 @@ use super::options::{
 use crate::solvers::random::{LANES, LaneRandom};
 use multiversion::multiversion;
 
-/// All that changes during a search.
+/// The state that changes during a search.
 pub(super) struct Swarm {
     pub positions: Positions,
     pub velocities: Positions,
@@ -20,7 +20,7 @@ pub(super) struct Swarm {
     random_numbers: Vec<f64>,
 }
 
-/// What eq. 9 and 10 need to know of one coordinate, besides the particles.
+/// Inputs of eq. 9 and 10 for one coordinate, except the particles.
 struct Coordinate {
     inertia_weight: f64,
     cognitive: f64,
@@ -54,8 +54,8 @@ impl Swarm {
         }
     }
 
-    /// Evaluates all positions and keeps each particle's and the swarm's best. An equal cost replaces nothing, and of
-    /// equal particles the first is the swarm's best.
+    /// Evaluates all positions and keeps each particle's and the swarm's best. An equal cost replaces nothing. Among equal particles, the first is
+    /// the swarm's best.
     pub fn evaluate(&mut self, cost: &mut Cost<'_>) {
         self.costs.copy_from_slice(&self.own_best_costs);
         cost(&self.positions, &mut self.costs);
@@ -126,7 +126,8 @@ fn initial_velocities(
     velocities
 }
 
-/// Makes costs that are not finite +∞, copies cost and coordinates of the particles that improved, and gives the first of the cheapest.
+/// Sets costs that are not finite to +∞, stores cost and coordinates of the particles that improved, and returns the index of the first cheapest
+/// particle.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
 fn keep_own_best(
     costs: &mut [f64],
@@ -147,7 +148,7 @@ fn keep_own_best(
         }
     }
     let lowest = lowest.into_iter().fold(f64::INFINITY, f64::min);
-    // few particles improve
+    // only few particles improve
     for i in 0..n {
         if costs[i] < own_best_costs[i] {
             own_best_costs[i] = costs[i];
@@ -217,7 +218,7 @@ fn step<const LIMITED: bool>(
     }
 }
 
-/// Sets what is outside to the wall, at rest.
+/// Moves coordinates that are outside to the wall and sets their velocity to zero.
 #[inline(always)]
 fn clamp(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
     for (x, v) in x.iter_mut().zip(v) {
@@ -227,7 +228,7 @@ fn clamp(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
     }
 }
 
-/// Mirrors what is outside at the wall it went through.
+/// Mirrors coordinates that are outside at the wall that they crossed.
 #[inline(always)]
 fn reflect(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
     for (x, v) in x.iter_mut().zip(v) {

@@ -1,16 +1,16 @@
-//! How near predicted points come to measured ones, before base and target are fitted: their scatter, and what no affine image explains.
+//! Distances of predicted points from measured ones before base and target are fitted: scatter, and the part that no affine map explains.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Of so many compared points one is left out where the base is known, for gross rows.
+/// With a known base, one of this many compared points is left out, because it may be a gross row.
 const LEFT_OUT: usize = 5;
-/// Share of a vector's length below which there is nothing but rounding.
+/// Components below this share of a vector's length are rounding.
 const SEEN: f64 = 1e-9;
 
 /// Rotation and origin of a link's frame, mm.
 pub(super) type LinkFrame = (Matrix3<f64>, Vector3<f64>);
 
-/// Squared distances from their centre, mm², without the points that lie farthest from the centre of all.
+/// Sum of squared distances from the centre, mm², without the points that lie farthest from the centre of all points.
 pub(super) fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
     let sum: Vector3<f64> = points.iter().sum();
     let centre = sum / points.len() as f64;
@@ -25,8 +25,8 @@ pub(super) fn scatter_mm2(points: &[Vector3<f64>]) -> f64 {
     kept.iter().map(|(_, p)| (*p - centre).norm_squared()).sum()
 }
 
-/// An orthonormal basis, in rows, of what is orthogonal to the measured coordinates and to a constant: the rest that is left of anything when
-/// its best affine image of the measured positions is taken away.
+/// Orthonormal basis, in rows, of the space orthogonal to the measured coordinates and to a constant. Projecting data onto it leaves the remainder
+/// after the best affine function of the measured positions is subtracted.
 pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
     let n = positions.len();
     let columns = DMatrix::from_fn(n, 4, |row, column| {
@@ -43,7 +43,7 @@ pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
     for (i, seed) in seeds.chain(units).enumerate() {
         let length = seed.norm();
         let mut rest = seed;
-        // twice is enough [Giraud 2005]
+        // orthogonalising twice is enough [Giraud 2005]
         for _ in 0..2 {
             for known in &basis {
                 let along = known.dot(&rest);
@@ -60,8 +60,8 @@ pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
     DMatrix::from_rows(&rows)
 }
 
-/// Σ |t + R·x − affine image of the measured positions|² with the best target x and the best affine image, mm². The right base is such an
-/// image; a wrong one may be too, so what is near is fitted afterwards.
+/// Σ |t + R·x − affine image of the measured positions|², minimised over the target x and the affine map, mm². The right base is such a map. A wrong
+/// model may also come near, so candidates with a small cost are fitted afterwards.
 pub(super) fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]) -> f64 {
     let (mut normal, mut right, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
     for row in beyond_affine.row_iter() {
@@ -74,7 +74,7 @@ pub(super) fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]
         right += r.tr_mul(&t);
         squares += t.norm_squared();
     }
-    // so little that it only keeps what is not seen from growing
+    // a small ridge, which only bounds unobservable components
     let ridge = normal.trace() * SEEN + f64::MIN_POSITIVE;
     let along = (normal + Matrix3::identity() * ridge)
         .cholesky()

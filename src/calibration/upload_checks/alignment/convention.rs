@@ -1,32 +1,31 @@
-//! A joint convention, relative to the robot's joints as they are: what it makes of joint values, the joint map that it stands for, and how it is
-//! told.
+//! A joint convention relative to the robot's current joints: its effect on joint values, its joint map, and its description.
 
 use crate::identification::objective::Observation;
 use crate::kinematics::{JointMap, Robot};
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;
 
-/// Signs that makers of six-axis arms have, against axes that all turn alike: KUKA's, and FANUC's.
+/// Joint signs of makers of six-axis arms, relative to axes that all turn in the same direction: KUKA, and FANUC.
 pub(super) const MAKERS: [[bool; 6]; 2] = [
     [true, false, false, true, false, true],
     [false, false, true, true, true, true],
 ];
-/// What joint 2's value may be multiplied by before it is added to joint 3's.
+/// Factors by which joint 2's value may be multiplied before it is added to joint 3's.
 pub(super) const COUPLINGS: [f64; 3] = [0.0, 1.0, -1.0];
 
-/// One convention, relative to the robot's joints as they are.
+/// A joint convention relative to the robot's current joints.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Convention {
-    /// Joints that count the other way round.
+    /// True for each joint that counts in the opposite direction.
     pub reversed: Vec<bool>,
-    /// What joint 2's value is multiplied by when it is added to joint 3's: 0, 1 or -1.
+    /// Factor of joint 2's value when it is added to joint 3's: 0, 1 or -1.
     pub coupling: f64,
     /// Quarter turns added to each joint, 0 to 3.
     pub quarter_turns: Vec<u8>,
 }
 
 impl Convention {
-    /// Makers' signs, and those of the robot as it is, with each coupling.
+    /// The makers' signs and the robot's own signs, each with every coupling.
     pub fn of_makers(n_joints: usize) -> impl Iterator<Item = Self> {
         let makers = MAKERS.iter().filter(move |maker| maker.len() == n_joints);
         let signs = makers.map(|maker| maker.to_vec());
@@ -40,7 +39,7 @@ impl Convention {
         })
     }
 
-    /// The model's joint values with it.
+    /// The model's joint values with this convention.
     pub fn applied(&self, q_rad: &[f64]) -> Vec<f64> {
         let mut q: Vec<f64> = q_rad
             .iter()
@@ -56,7 +55,7 @@ impl Convention {
         q
     }
 
-    /// The points with it.
+    /// The observations with this convention.
     pub fn observations(&self, observations: &[Observation]) -> Vec<Observation> {
         observations
             .iter()
@@ -67,13 +66,13 @@ impl Convention {
             .collect()
     }
 
-    /// True where a zero is quarter turns away.
+    /// True if a zero is shifted by quarter turns.
     pub fn is_turned(&self) -> bool {
         self.quarter_turns.iter().any(|turns| *turns > 0)
     }
 
-    /// Turned zeros count most, then the coupling, then signs: a turned zero of one joint may stand for the sign of another. A maker's signs
-    /// count as one, so that a joint that is not seen has the direction that goes with the others.
+    /// Complexity of the convention. Turned zeros count most, then the coupling, then signs, because a turned zero of one joint may replace the sign
+    /// of another. A maker's signs count as a single sign. An unobservable joint thus gets the direction that goes with the others.
     pub fn complexity(&self) -> usize {
         let turned = self
             .quarter_turns
@@ -87,7 +86,7 @@ impl Convention {
         4 * turned + 3 * usize::from(self.coupling != 0.0) + reversed
     }
 
-    /// The same with the last joint counted the other way round.
+    /// The same convention with the last joint reversed.
     pub fn with_last_reversed(&self) -> Self {
         let mut other = self.clone();
         if let Some(last) = other.reversed.last_mut() {
@@ -96,7 +95,7 @@ impl Convention {
         other
     }
 
-    /// The robot's joint map with it: `q_model = coupling · (sign ∘ q_controller) + offset`, after the one that the robot has.
+    /// The robot's joint map with this convention: `q_model = coupling · (sign ∘ q_controller) + offset`, applied after the robot's own map.
     pub fn joint_map(&self, robot: &Robot) -> JointMap {
         let n = self.reversed.len();
         let mut rates = DMatrix::<f64>::identity(n, n);
@@ -127,7 +126,7 @@ impl Convention {
                 }
             })
             .collect();
-        // adding 0 keeps -0 out of what is shown
+        // adding 0 turns -0 into 0, which is displayed
         let coupling = DMatrix::from_fn(n, n, |i, j| rates[(i, j)] * sign[j] + 0.0);
         JointMap {
             sign,
@@ -136,7 +135,7 @@ impl Convention {
         }
     }
 
-    /// Columns that it is about, as they stand in a CSV header.
+    /// Columns concerned, as named in a CSV header.
     pub fn columns(&self) -> String {
         let is_meant = |joint: usize| {
             self.reversed[joint]
@@ -150,7 +149,7 @@ impl Convention {
         columns.join(", ")
     }
 
-    /// What is the case, in words.
+    /// Description of the convention, in words.
     pub fn words(&self) -> String {
         let reversed: Vec<usize> = joints(&self.reversed, |reversed| *reversed);
         let mut words = Vec::new();
@@ -183,7 +182,7 @@ impl Convention {
     }
 }
 
-/// Quarter turns from -1 to 2.
+/// Quarter turns as a number from -1 to 2.
 fn signed(quarter_turns: u8) -> i8 {
     if quarter_turns == 3 {
         -1
@@ -192,7 +191,7 @@ fn signed(quarter_turns: u8) -> i8 {
     }
 }
 
-/// The numbers, from 1, of the joints of which something holds.
+/// Numbers, from 1, of the joints for which `holds` is true.
 fn joints<T>(of: &[T], holds: impl Fn(&T) -> bool) -> Vec<usize> {
     (0..of.len())
         .filter(|joint| holds(&of[*joint]))

@@ -1,4 +1,4 @@
-//! What a check of an upload finds, its thresholds, and the points that it looks at.
+//! Result of an upload check, its thresholds, and the points that it uses.
 
 use crate::identification::objective::Observation;
 use crate::kinematics::{JointMap, Robot};
@@ -6,29 +6,29 @@ use crate::measurement::{MeasurementSet, Point};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// The nominal robot fits right data of real robots, unmastered joints placed, to 0.5 % of its reach; above twice that something is worth a
-/// look, rms as a share of the reach. A set that nothing explains, other joint zeros included, is refused from there on.
+/// Threshold of the rms as a share of the reach. With unmastered joints placed, the nominal robot fits correct data of real robots to 0.5 % of its
+/// reach. Above twice that, a set is examined. A set that nothing explains, other joint zeros included, is refused above this threshold.
 pub const FITS: f64 = 0.01;
 
-/// A hypothesis has to fit this many times better before a set is called wrong.
+/// A hypothesis has to fit better by this factor before a set is called wrong.
 pub const BETTER: f64 = 5.0;
 
-/// A hypothesis that comes within this share of the reach is told, if it fits [`BETTER`] times better. Positions that are in another frame by
-/// less than this are a base frame that is known badly.
+/// A hypothesis with an rms within this share of the reach is reported if it fits [`BETTER`] times better. Positions whose frame is off by less than
+/// this are in a poorly known base frame, not in another frame.
 pub const COMES_NEAR: f64 = 0.02;
 
-/// A joint that was never mastered may be off by so much, rad (45°); more is another convention, or another frame.
+/// Largest zero error of a joint that was never mastered, rad (45°). A larger one means another convention, or another frame.
 pub const UNMASTERED_RAD: f64 = PI / 4.0;
 
-/// Points that are looked at, evenly from the whole set: enough to tell, and few enough for every upload.
+/// Maximum number of points that are examined, evenly from the whole set: enough to decide, and fast enough for every upload.
 const MAX_POINTS: usize = 40;
 
-/// What is probably wrong.
+/// Probable cause of a misfit.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Explanation {
-    /// The set is to be refused, unless the caller insists.
+    /// The set is refused, unless the caller insists.
     Refusal(Suspicion),
-    /// It is accepted with a warning.
+    /// The set is accepted with a warning.
     Warning {
         /// `joint_offset_suspect`, `frame_suspect` or `poor_alignment`.
         code: &'static str,
@@ -42,7 +42,7 @@ pub enum Explanation {
 pub struct Suspicion {
     /// One of [`SUSPICIONS`].
     pub code: &'static str,
-    /// The columns that it is about, as they stand in a CSV header.
+    /// Columns concerned, as named in a CSV header.
     pub columns: Option<String>,
     /// In words, with both figures and what to do.
     pub detail: String,
@@ -51,7 +51,7 @@ pub struct Suspicion {
 }
 
 impl Suspicion {
-    /// What is said where the set is not kept.
+    /// The message if the set is not kept.
     pub fn refusal(&self) -> String {
         format!(
             "{}{} To keep it as it is all the same: ?insist={}, and no release rests on it",
@@ -62,7 +62,7 @@ impl Suspicion {
     }
 }
 
-/// The points of the station that has most: for the others the base is unknown anew.
+/// Points of the station with the most points. Other stations have other unknown bases.
 pub(super) fn of_one_station(set: &MeasurementSet) -> Vec<Point> {
     let mut stations: BTreeMap<Option<&str>, Vec<&Point>> = BTreeMap::new();
     for point in &set.points {
@@ -79,7 +79,7 @@ pub(super) fn of_one_station(set: &MeasurementSet) -> Vec<Point> {
     largest.unwrap_or_default().into_iter().cloned().collect()
 }
 
-/// Some of the points, evenly taken, the targets numbered from 0. A target with one point shows nothing but itself and is left out.
+/// Evenly selected points, with targets numbered from 0. A target with one point gives no information and is left out.
 pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let some: Vec<&Point> = points.iter().step_by(step).collect();
@@ -102,7 +102,7 @@ pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> 
     some.iter().filter_map(observation).collect()
 }
 
-/// Number of targets that the points are of.
+/// Number of targets that the points belong to.
 pub(super) fn n_targets(observations: &[Observation]) -> usize {
     observations.iter().map(|o| o.target + 1).max().unwrap_or(0)
 }

@@ -1,5 +1,5 @@
-//! How near the nominal robot comes to measured points, its base, targets and joint zeros placed as well as can be. Gross rows do not decide:
-//! the rows that fit worst are left out of the fit and of its rms.
+//! How well the nominal robot fits measured points, with base, targets and joint zeros fitted. Gross rows have no influence: the rows that fit worst
+//! are left out of the fit and of its rms.
 
 use super::explanation::{UNMASTERED_RAD, n_targets};
 use crate::identification::KinematicModel;
@@ -15,42 +15,43 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
-/// Equations beyond the unknowns that are needed before anything is said. A wrong robot, whose points are off by a tenth of its reach, fits to a
-/// hundredth by chance in one of 10⁶ files.
+/// Minimum redundancy for any conclusion. With it, a wrong robot whose points are off by a tenth of its reach fits to a hundredth by chance in one of
+/// 10⁶ files.
 const SPARE_EQUATIONS: usize = 6;
-/// Numbers of a free base in closed form: nine of its rotation, three of its translation.
+/// Unknowns of a free base in closed form: nine of its rotation, three of its translation.
 const CLOSED_FORM_BASE: usize = 12;
-/// One row of so many may be gross and is left out: files with a tenth of gross rows happen.
+/// One of this many rows may be gross and is left out. Files with a tenth of gross rows occur.
 const LEFT_OUT: usize = 5;
-/// Concentration steps at most [Rousseeuw & Van Driessen 2006]; they settle in a few.
+/// Maximum number of concentration steps [Rousseeuw & Van Driessen 2006]; they converge in a few.
 const CONCENTRATIONS: usize = 6;
-/// Small subsets that a placement starts from: with a tenth of gross rows, eight rows hold none with probability 0.43.
+/// Number of small subsets that a placement starts from. With a tenth of gross rows, eight rows contain none with probability 0.43.
 const SUBSETS: usize = 8;
-/// Rows of such a subset beyond those that the closed form needs: eight with one target.
+/// Rows of such a subset in addition to those that the closed form needs: eight rows with one target.
 const SPARE_ROWS: usize = 3;
-/// Starts with other joint zeros, how many of their ends are gone on from without the gross rows, and how far the widest are off, rad (45°).
+/// Number of starts with other joint zeros, number of their results that are refined without gross rows, and the largest zero error of a start, rad
+/// (45°).
 const ZERO_STARTS: usize = 10;
 const ZERO_ENDS: usize = 3;
 const WIDEST_RAD: f64 = PI / 4.0;
-/// Starts of one joint's zero to either side, up to what a joint that was never mastered may be off by: 9° apart.
+/// Starts of one joint's zero to either side, 9° apart, up to [`UNMASTERED_RAD`].
 const ZERO_STEPS: i32 = 5;
 /// Two fits whose rms differ by less than this factor are equally good.
 const EQUALLY_GOOD: f64 = 1.5;
-/// Points this close together, as a share of the arm's reach, may be in a larger unit than they seem.
+/// If the points' spread is below this share of the arm's reach, their unit may be larger than assumed.
 const SMALL_SPREAD: f64 = 0.02;
-/// Poses whose flanges lie this close together, as a share of the arm's reach, are one pose, its joints read to 0.001°.
+/// If the flanges' spread is below this share of the arm's reach, the poses are one pose with joints read to 0.001°.
 const SAME_POSE: f64 = 1e-5;
 
-/// A robot laid onto points.
+/// A robot fitted to points.
 #[derive(Clone, Debug)]
 pub(super) struct Fitted {
-    /// rms of the distances, mm, by the degrees of freedom that are left.
+    /// rms of the distances, mm, computed with the redundancy of the fit.
     pub rms_mm: f64,
-    /// The robot as it lies.
+    /// The fitted model.
     pub model: KinematicModel,
 }
 
-/// The robot's length along its links; no less than how far the points lie apart, for an arm without lengths.
+/// The robot's length along its links, but at least the spread of the points, for an arm without lengths.
 pub(super) fn reach_mm(links: &[Link], observations: &[Observation]) -> f64 {
     let of_links: f64 = links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
     of_links.max(spread_mm(observations))
@@ -61,7 +62,7 @@ fn spread_mm(observations: &[Observation]) -> f64 {
     rms_from_centre(observations.iter().map(|o| o.position_mm))
 }
 
-/// The same of the flange, as the joints have it.
+/// The same for the flange positions that the joint values give.
 fn flange_spread_mm(links: &[Link], observations: &[Observation]) -> f64 {
     let flange = |o: &Observation| t_base_flange(links, &o.q_rad).translation.vector;
     rms_from_centre(observations.iter().map(flange))
@@ -75,7 +76,7 @@ fn rms_from_centre(points: impl Iterator<Item = Vector3<f64>>) -> f64 {
     (squares / n).sqrt()
 }
 
-/// The parameters that place a robot: its targets, and its base where it is not known.
+/// The free parameters of a placement: targets, and the base if it is unknown.
 fn placing(frame: Frame, n_targets: usize) -> Vec<Parameter> {
     let n_base = if frame == Frame::Instrument { 3 } else { 0 };
     let base = (0..n_base)
@@ -86,32 +87,32 @@ fn placing(frame: Frame, n_targets: usize) -> Vec<Parameter> {
     base.chain(targets).collect()
 }
 
-/// Unknowns of a free base and the targets in closed form.
+/// Number of unknowns of a free base and the targets in closed form.
 fn closed_form_unknowns(n_targets: usize) -> usize {
     CLOSED_FORM_BASE + 3 * n_targets
 }
 
-/// Equations beyond the unknowns; `None` where they are too few to tell anything.
+/// Redundancy; `None` if it is too small for a conclusion.
 fn spare_equations(n_points: usize, n_free: usize) -> Option<usize> {
     let spare = (3 * n_points).checked_sub(n_free)?;
     (spare >= SPARE_EQUATIONS).then_some(spare)
 }
 
-/// rms by the degrees of freedom that are left; more where the points hardly differ in position, which any robot fits that hardly moves:
-/// metres taken for millimetres. `None` where too few equations are left to tell.
+/// The fit with its rms, computed with the redundancy. The rms is scaled up if the points hardly differ in position, as with metres taken for
+/// millimetres: such points would always seem to fit. `None` if the redundancy is too small for a conclusion.
 fn fitted(model: KinematicModel, observations: &[Observation], n_free: usize) -> Option<Fitted> {
     let spare = spare_equations(observations.len(), n_free)?;
     let reach_mm = kinematics::reach_mm(&model.links);
     let unlike = match flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {
         true => (SMALL_SPREAD * reach_mm / spread_mm(observations)).max(1.0),
-        // poses that do not differ put any robot's points close together
+        // poses that do not differ give close points for any robot
         false => 1.0,
     };
     let rms_mm = (3.0 * cost(&model, observations) / spare as f64).sqrt() * unlike;
     rms_mm.is_finite().then_some(Fitted { rms_mm, model })
 }
 
-/// All rows, in closed form: quick, and good to some millimetres where the file is right.
+/// Places the robot from all rows in closed form: fast, and accurate to some millimetres if the file is right.
 pub(super) fn quickly_placed(
     links: &[Link],
     observations: &[Observation],
@@ -141,7 +142,7 @@ fn closed_form(
     }
 }
 
-/// The robot in its base frame, each target where the median of its points lies in the flange's frame.
+/// The robot in its base frame, with each target at the median of its points in the flange's frame.
 fn with_median_targets(links: &[Link], observations: &[Observation]) -> KinematicModel {
     let in_flange = |o: &Observation| {
         let flange = t_base_flange(links, &o.q_rad);
@@ -157,7 +158,7 @@ fn with_median_targets(links: &[Link], observations: &[Observation]) -> Kinemati
     model
 }
 
-/// With the gross rows left out.
+/// Places the robot with the gross rows left out.
 pub(super) fn placed(links: &[Link], observations: &[Observation], frame: Frame) -> Option<Fitted> {
     let parameters = placing(frame, n_targets(observations));
     let concentrate = |start| concentrated(start, &parameters, observations);
@@ -168,7 +169,7 @@ pub(super) fn placed(links: &[Link], observations: &[Observation], frame: Frame)
     )
 }
 
-/// Likewise, from bases in all directions: before a set is said not to fit.
+/// As [`placed`], and also from bases in all directions. Used before a set is said not to fit.
 pub(super) fn placed_thoroughly(
     links: &[Link],
     observations: &[Observation],
@@ -187,7 +188,7 @@ pub(super) fn placed_thoroughly(
     )
 }
 
-/// Places to begin at, some of them found without the gross rows.
+/// Starts of a placement. Some come from small subsets, which may be free of gross rows.
 fn starts(links: &[Link], observations: &[Observation], frame: Frame) -> Vec<KinematicModel> {
     if observations.is_empty() {
         return vec![];
@@ -214,7 +215,7 @@ fn starts(links: &[Link], observations: &[Observation], frame: Frame) -> Vec<Kin
         .collect()
 }
 
-/// The median along each axis.
+/// Median along each axis.
 fn median(vectors: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
         let mut values: Vec<f64> = vectors.iter().map(|v| v[axis]).collect();
@@ -227,7 +228,7 @@ fn best(fits: impl Iterator<Item = Fitted>) -> Option<Fitted> {
     fits.min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm))
 }
 
-/// Fits again and again the rows that fit best.
+/// Repeatedly fits the rows that fit best.
 fn concentrated(
     start: KinematicModel,
     parameters: &[Parameter],
@@ -238,11 +239,11 @@ fn concentrated(
     for _ in 0..CONCENTRATIONS {
         let mut kept = best_fitting(&model, observations, LEFT_OUT);
         if spare_equations(kept.len(), parameters.len()).is_none() {
-            kept = observations.to_vec(); // too few to do without one
+            kept = observations.to_vec(); // too few rows to leave any out
         }
         model = fit_least_squares(&model, parameters, &kept).model;
         let next = fitted(model.clone(), &kept, parameters.len())?;
-        // a rms that falls by less than a hundredth has settled
+        // an rms that falls by less than one per cent has converged
         let is_settled = found
             .as_ref()
             .is_some_and(|last| next.rms_mm > 0.99 * last.rms_mm);
@@ -254,17 +255,17 @@ fn concentrated(
     found
 }
 
-/// The robot with every joint's zero free.
+/// A fit with every joint's zero free.
 #[derive(Clone, Debug)]
 pub(super) struct Zeroed {
-    /// How near it comes.
+    /// rms of the fit, mm.
     pub rms_mm: f64,
-    /// By how much each joint's zero is off, rad, within half a turn.
+    /// Zero error of each joint, rad, within half a turn.
     pub offsets_rad: Vec<f64>,
 }
 
 impl Zeroed {
-    /// The largest offset, rad.
+    /// The largest zero error, rad.
     pub fn largest_rad(&self) -> f64 {
         self.offsets_rad
             .iter()
@@ -272,7 +273,7 @@ impl Zeroed {
     }
 }
 
-/// With every joint's zero free, from the robot as it stands.
+/// Fast fit with every joint's zero free, from the robot as it stands.
 pub(super) fn quickly_with_free_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -281,8 +282,8 @@ pub(super) fn quickly_with_free_zeros(
     with_zeros_from(links, observations, frame, 0, 0.0)
 }
 
-/// Thoroughly, with every joint's zero free; `enough_mm` ends the search for a better start. The last joint's zero is the target's turn, and
-/// the first one's is the base's where that is free: neither can be seen.
+/// Thorough fit with every joint's zero free, from several starts. An rms of `enough_mm` ends the search for a better start. Two zeros are not
+/// observable: the last joint's is a rotation of the target, and the first joint's is a rotation of the base if the base is free.
 pub(super) fn with_free_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -292,7 +293,8 @@ pub(super) fn with_free_zeros(
     with_zeros_from(links, observations, frame, ZERO_STARTS, enough_mm)
 }
 
-/// With the zero of one joint free, the one that helps most: from wherever that joint may stand, where all zeros at once lead elsewhere.
+/// Fit with one joint's zero free, for the joint that helps most. It starts from many angles of that joint. A fit of all zeros at once may end
+/// elsewhere.
 pub(super) fn with_one_free_zero(
     links: &[Link],
     observations: &[Observation],
@@ -315,13 +317,13 @@ pub(super) fn with_one_free_zero(
     concentrated(start, &parameters, observations).map(|fit| zeroed(&fit, links))
 }
 
-/// Joints whose zero can be seen: the last one's is the target's turn, and the first one's is the base's where that is free.
+/// Joints whose zero is observable. The last joint's is a rotation of the target, and the first joint's a rotation of the base if the base is free.
 fn seen_joints(links: &[Link], frame: Frame) -> Range<usize> {
     let first = usize::from(frame == Frame::Instrument);
     first..links.len().saturating_sub(1).max(first)
 }
 
-/// How near it comes, and by how much each zero is off.
+/// The rms and the zero errors of a fit.
 fn zeroed(fit: &Fitted, links: &[Link]) -> Zeroed {
     let offset = |(found, link): (&Link, &Link)| {
         let offset = found.theta_offset_rad - link.theta_offset_rad;
@@ -380,7 +382,7 @@ fn with_zeros_from(
         .fold(None, better)
 }
 
-/// The one that comes nearer; of two that come equally near, the one whose zeros are less off.
+/// The better fit by rms. If both are equally good, the one with the smaller zero errors.
 fn better(a: Option<Zeroed>, b: Option<Zeroed>) -> Option<Zeroed> {
     let (Some(a), Some(b)) = (&a, &b) else {
         return a.or(b);

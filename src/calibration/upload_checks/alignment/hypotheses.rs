@@ -1,40 +1,40 @@
-//! What may be wrong with a set as a whole, and the set as it would then be right.
+//! Possible errors of a whole set, and the set corrected for each.
 
 use crate::measurement::Point;
 use nalgebra::Vector3;
 use std::f64::consts::PI;
 
-/// One way in which a file may be wrong.
+/// One possible error of a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Hypothesis {
-    /// Joints and positions in other units than the header says: what the numbers have to be multiplied by.
+    /// Joints and positions in other units than the header says. The fields are the factors that correct them.
     Units {
-        /// Of the joint values.
+        /// Factor of the joint values.
         joints: f64,
-        /// Of the positions.
+        /// Factor of the positions.
         positions: f64,
     },
-    /// The position's columns stand in another order: column `order[axis]` holds this axis.
+    /// The position's columns are in another order: column `order[axis]` contains this axis.
     PositionColumns([usize; 3]),
     /// One coordinate has the wrong sign.
     MirroredAxis(usize),
     /// Two joints' columns are exchanged.
     JointColumns(usize, usize),
-    /// Positions stand this many rows further down than their joint values.
+    /// Positions stand this many rows below their joint values.
     ShiftedRows(isize),
-    /// Another robot, by its place in a list.
+    /// Measured on another robot, given by its index in a list.
     Robot(usize),
 }
 
 const TO_DEGREES: f64 = 180.0 / PI;
 const TO_RADIANS: f64 = PI / 180.0;
 const AXES: [char; 3] = ['x', 'y', 'z'];
-/// Orders of the columns but the right one.
+/// Wrong orders of the columns.
 const ORDERS: [[usize; 3]; 5] = [[1, 0, 2], [2, 1, 0], [0, 2, 1], [1, 2, 0], [2, 0, 1]];
-/// Wrong units that happen: metres, inches.
+/// Factors for confused length units: metres, inches.
 const LENGTHS: [f64; 4] = [1.0, 1000.0, 0.001, 25.4];
 
-/// All that are tried, for a robot of `n_joints` and as many other robots.
+/// All hypotheses that are tried, for a robot of `n_joints` joints and `n_others` other robots.
 pub fn hypotheses(n_joints: usize, n_others: usize) -> Vec<Hypothesis> {
     let mut all = Vec::new();
     for joints in [1.0, TO_DEGREES, TO_RADIANS] {
@@ -56,7 +56,7 @@ pub fn hypotheses(n_joints: usize, n_others: usize) -> Vec<Hypothesis> {
 }
 
 impl Hypothesis {
-    /// The points as they would be right.
+    /// The points corrected under this hypothesis.
     pub fn applied(&self, points: &[Point]) -> Vec<Point> {
         if let Self::ShiftedRows(by) = *self {
             let position = |row: usize| {
@@ -95,7 +95,7 @@ impl Hypothesis {
         point
     }
 
-    /// The other robot that it speaks of.
+    /// Index of the other robot, if this hypothesis names one.
     pub fn robot(&self) -> Option<usize> {
         if let Self::Robot(index) = self {
             Some(*index)
@@ -104,7 +104,7 @@ impl Hypothesis {
         }
     }
 
-    /// True where the axes would be left-handed.
+    /// True if the axes are left-handed under this hypothesis.
     pub fn is_left_handed(&self) -> bool {
         match self {
             Self::MirroredAxis(_) => true,
@@ -113,7 +113,7 @@ impl Hypothesis {
         }
     }
 
-    /// The problem's code.
+    /// Code of the problem.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Units { .. } => "unit_suspect",
@@ -122,7 +122,7 @@ impl Hypothesis {
         }
     }
 
-    /// The columns that it is about.
+    /// Columns concerned.
     pub fn columns(&self) -> Option<String> {
         let axes = |order: &[usize; 3]| {
             (0..3)
@@ -144,7 +144,7 @@ impl Hypothesis {
         })
     }
 
-    /// What would be the case, in words; `others` are the names of the other robots.
+    /// The hypothesis in words; `others` are the names of the other robots.
     pub fn words(&self, others: &[&str]) -> String {
         match self {
             Self::Units { joints, positions } => [joint_unit(*joints), length_unit(*positions)]
@@ -180,7 +180,7 @@ impl Hypothesis {
         }
     }
 
-    /// How to mend it.
+    /// How to correct it.
     pub fn hint(&self) -> &'static str {
         match self {
             Self::Units { .. } => "name the columns by the unit that they are in, or convert them",

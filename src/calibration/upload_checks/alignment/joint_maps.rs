@@ -1,6 +1,6 @@
-//! Makers' joint conventions: which joints count the other way round, whether joint 3 moves with joint 2 (FANUC, arms with linkages), and which
-//! zeros are quarter turns away. All sign patterns are tried with each coupling and with up to three turned zeros, on some of the points; the
-//! simplest convention of those that fit best is then fitted to all of them.
+//! Makers' joint conventions: reversed joints, coupling of joint 3 to joint 2 (FANUC, arms with linkages), and zeros shifted by quarter turns. All
+//! sign patterns are tried with each coupling and with up to three turned zeros, on some of the points. The simplest of the best-fitting conventions
+//! is then fitted to all points.
 
 use super::affine::{LinkFrame, affine_cost_mm2, beyond_affine, scatter_mm2};
 use super::convention::{COUPLINGS, Convention};
@@ -16,54 +16,55 @@ use crate::kinematics::model::MAX_LINKS;
 use crate::measurement::Frame;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-/// Points that conventions are compared on.
+/// Number of points that conventions are compared on.
 const COMPARED_POINTS: usize = 18;
-/// With fewer points of one target only makers' conventions are tried: one of all conventions would fit by chance. Twelve points give 36 equations
-/// for the fifteen numbers of base and target.
+/// Minimum number of points of one target for trying all conventions. With fewer, one of them would fit by chance, and only makers' conventions are
+/// tried. Twelve points give 36 equations for the fifteen unknowns of base and target.
 const FEWEST_POINTS: usize = 12;
-/// Disjoint choices of points, tried in turn: a gross row spoils those that hold it.
+/// Number of disjoint selections of points, tried in turn. A gross row spoils the selection that contains it.
 const CHOICES: usize = 2;
-/// Joints whose zero is quarter turns away at the same time, at most: the first and the last are often not seen, and the number of
-/// conventions grows with each.
+/// Maximum number of joints with a turned zero. The first and the last joint are often unobservable, and the number of conventions grows with each
+/// joint.
 const MOST_TURNED: usize = 3;
-/// ... and for long arms, where signs alone are many: joints from which on fewer are tried.
+/// Long arms have many sign patterns, so fewer turned zeros are tried. From these numbers of joints on: at most two, at most one, and none.
 const TWO_TURNED_FROM: usize = 7;
 const ONE_TURNED_FROM: usize = 8;
 const NONE_TURNED_FROM: usize = 10;
-/// Conventions whose rms is within this factor of the best one's fit as well: symmetric arms have several that are the same.
+/// Conventions whose rms is within this factor of the best one's are equally good. Symmetric arms have several equivalent conventions.
 const AS_GOOD: f64 = 2.0;
-/// Conventions that are fitted to all points, at most.
+/// Maximum number of conventions that are fitted to all points.
 const FITTED: usize = 40;
-/// ... and without gross rows.
+/// Maximum number of conventions that are fitted without gross rows.
 const FITTED_THOROUGHLY: usize = 6;
-/// Signs and couplings that are fitted with free joint zeros, beside those of makers: the nearest without.
+/// Number of sign and coupling patterns that are fitted with free joint zeros, in addition to those of makers. The nearest without free zeros are
+/// taken.
 const WITH_ZEROS: usize = 12;
-/// ... and thoroughly where they come within so many times of what fits.
+/// Such a pattern is fitted thoroughly if its rms is within this factor of `fits_mm`.
 const WORTH_A_SEARCH: f64 = 5.0;
-/// Makers' conventions are about joints 2 and 3, too.
+/// Minimum number of joints: makers' conventions concern joints 2 and 3.
 const FEWEST_JOINTS: usize = 3;
 
-/// What a joint's turning looks like in a convention, at each of the compared points.
+/// One possible turning of a joint in a convention, at each of the compared points.
 struct Turning {
     reversed: bool,
-    /// What joint 2's own value, before its sign, is multiplied by.
+    /// Factor of joint 2's own value, before its sign.
     of_joint_2: f64,
     sine_cosine: Vec<(f64, f64)>,
 }
 
-/// A convention that was tried, in few bytes: there may be hundreds of thousands.
+/// A convention that was tried, in compact form: there may be hundreds of thousands.
 #[derive(Clone, Copy)]
 struct Tried {
     cost_mm2: f64,
     path: Path,
 }
 
-/// Which turning and how many quarter turns each joint has.
+/// Index of the turning and number of quarter turns for each joint.
 #[derive(Clone, Copy, Default)]
 struct Path([u8; MAX_LINKS]);
 
-/// The simplest convention of those that fit best, and how near it comes; never the one that the robot has. With few points only makers' signs and
-/// couplings are tried; `None` where there are too few even for them.
+/// The simplest of the best-fitting conventions, with its fit. It is never the robot's own convention. With few points only makers' signs and
+/// couplings are tried; `None` if there are too few points even for them.
 pub(super) fn search(
     links: &[Link],
     observations: &[Observation],
@@ -83,7 +84,7 @@ pub(super) fn search(
             .iter()
             .map(|(_, fit)| fit.rms_mm)
             .fold(f64::INFINITY, f64::min);
-        // candidates come simplest first
+        // candidates are sorted, simplest first
         let simplest = fits
             .into_iter()
             .find(|(_, fit)| fit.rms_mm <= AS_GOOD * best_mm);
@@ -98,7 +99,7 @@ pub(super) fn search(
     found
 }
 
-/// The simplest of the makers' signs and couplings that fit best.
+/// The simplest of the best-fitting makers' signs and couplings.
 fn of_makers(
     links: &[Link],
     observations: &[Observation],
@@ -119,8 +120,8 @@ fn of_makers(
         .min_by_key(|(convention, _)| convention.complexity())
 }
 
-/// As [`search`], with every joint's zero free: joints that were never mastered hide a maker's convention. Zeros that are quarter turns away are
-/// [`search`]'s. Only what fits is answered.
+/// As [`search`], with every joint's zero free: joints that were never mastered hide a maker's convention. Zeros shifted by quarter turns are left to
+/// [`search`]. Only a convention that fits is returned.
 pub(super) fn search_with_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -143,13 +144,13 @@ pub(super) fn search_with_zeros(
         .map(|tried| search.convention(&tried.path))
         .collect();
     for maker in Convention::of_makers(links.len()) {
-        // a coupling alone is among the nearest, if it is near
+        // a coupling alone is among the nearest patterns if it fits well
         if maker.reversed.contains(&true) && !all.contains(&maker) {
             all.push(maker);
         }
     }
     all.retain(|convention| convention.complexity() > 0);
-    // one joint that was never mastered is the likeliest, and found from wherever it stands
+    // a single unmastered joint is the most likely case, and it is found from any angle of that joint
     let with_one = all.iter().filter_map(|convention| {
         let points = convention.observations(observations);
         let zeros = with_one_free_zero(links, &points, frame)?;
@@ -163,7 +164,7 @@ pub(super) fn search_with_zeros(
     })
 }
 
-/// Those of the conventions that come near with every joint's zero free.
+/// The conventions that come near with every joint's zero free.
 fn with_all_zeros(
     links: &[Link],
     observations: &[Observation],
@@ -191,8 +192,8 @@ fn with_all_zeros(
     quick.into_iter().filter_map(thoroughly).collect()
 }
 
-/// The simplest of those that fit about as well as the best one, with zeros that joints which were never mastered may have; of equally simple ones
-/// that with the smallest zeros.
+/// The simplest of the conventions that fit about as well as the best one, with zero errors that unmastered joints may have. Of equally simple ones,
+/// the one with the smallest zero errors.
 fn simplest(mut fits: Vec<(Convention, Zeroed)>, fits_mm: f64) -> Option<(Convention, Zeroed)> {
     fits.retain(|(_, zeros)| zeros.rms_mm <= fits_mm && zeros.largest_rad() <= UNMASTERED_RAD);
     let best_mm = fits
@@ -206,7 +207,8 @@ fn simplest(mut fits: Vec<(Convention, Zeroed)>, fits_mm: f64) -> Option<(Conven
     })
 }
 
-/// The conventions that fit all points about as well as the best one, in their order: quickly, then those that are left without gross rows.
+/// The conventions that fit all points about as well as the best one, in their order. All are fitted fast, then the remaining ones without gross
+/// rows.
 fn fitted(
     links: &[Link],
     candidates: Vec<Convention>,
@@ -233,7 +235,7 @@ fn fitted(
         .collect()
 }
 
-/// The points of the target that has most.
+/// Points of the target with the most points.
 fn of_one_target(observations: &[Observation]) -> Vec<Observation> {
     let n_of = |target: usize| observations.iter().filter(|o| o.target == target).count();
     let most = (0..n_targets(observations)).max_by_key(|target| n_of(*target));
@@ -245,7 +247,7 @@ fn of_one_target(observations: &[Observation]) -> Vec<Observation> {
     of_most.collect()
 }
 
-/// Some of the points, evenly taken.
+/// Evenly selected points.
 fn chosen(observations: &[Observation], choice: usize) -> Vec<Observation> {
     let step = (observations.len() / COMPARED_POINTS).max(1);
     let first = choice % step;
@@ -285,7 +287,7 @@ fn candidates(
         .filter(|(complexity, ..)| *complexity > 0)
         .collect();
     near.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // the best of all, however intricate, then the simplest
+    // first the best-fitting ones, however complex, then the simplest
     let few = near.len().min(FITTED / 4);
     let mut rest = near.split_off(few);
     rest.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -297,16 +299,16 @@ fn candidates(
         .collect()
 }
 
-/// The tree of conventions, one level for each joint: what the first joints do is computed once for all that differ in the later ones.
+/// Tree of conventions with one level per joint. The first joints are computed once for all conventions that differ only in later joints.
 struct Search<'a> {
     links: &'a [Link],
     frame: Frame,
     most_turned: usize,
     turnings: Vec<Vec<Turning>>,
-    /// From the frame of a link to that of the next before its joint turns.
+    /// Transform from each link's frame to the next one, before its joint turns.
     fixed: Vec<LinkFrame>,
     positions: Vec<Vector3<f64>>,
-    /// What no affine image of the measured positions takes up.
+    /// Basis of what no affine image of the measured positions explains.
     beyond_affine: DMatrix<f64>,
     tried: Vec<Tried>,
 }
@@ -353,8 +355,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Quarter turns worth trying. The last joint's zero is the target's turn, and the first one's is the base's where that is free: neither
-    /// can be seen.
+    /// Number of quarter turns to try. Two zeros are not observable: the last joint's is a rotation of the target, and the first joint's is a
+    /// rotation of the base if the base is free.
     fn n_quarter_turns(&self, joint: usize, n_turned: usize) -> u8 {
         let is_seen = joint + 1 < self.links.len() && (joint > 0 || self.frame == Frame::Base);
         if is_seen && n_turned < self.most_turned {
@@ -364,7 +366,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// With the base known: the measured points in the frame of each link in turn. In the flange's frame they are one point, if the
+    /// With a known base: transforms the measured points into the frame of each link in turn. In the flange's frame they are one point if the
     /// convention is right.
     fn towards_flange(
         &mut self,
@@ -397,7 +399,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// With the base free: the frame of each link in turn, in the base's frame.
+    /// With a free base: computes the frame of each link in turn, in the base's frame.
     fn outwards_from_base(
         &mut self,
         joint: usize,
@@ -474,7 +476,7 @@ fn turned((s, c): (f64, f64), quarter_turns: u8) -> (f64, f64) {
     }
 }
 
-/// Both directions of a joint; of the third one with each coupling to the second.
+/// Both directions of a joint. For joint 3, each direction with every coupling to joint 2.
 fn turnings(links: &[Link], compared: &[Observation], joint: usize) -> Vec<Turning> {
     let couplings = if joint == 2 { &COUPLINGS[..] } else { &[0.0] };
     let turning = |reversed: bool, of_joint_2: f64| {

@@ -1,6 +1,6 @@
-//! Whether a measurement set can have been measured on this robot as it says: the nominal robot is laid onto the points, and where it
-//! does not fit, another frame, makers' joint conventions, wrong units, columns, rows and robots are tried. A set is refused where one of
-//! these fits several times better, or where nothing comes near; an unmastered joint alone is no reason to refuse.
+//! Checks whether a measurement set can come from this robot as stated. The nominal robot is fitted to the points. If it does not fit, another frame,
+//! makers' joint conventions, wrong units, columns, rows and robots are tried. A set is refused if one of these fits several times better, or if
+//! nothing comes near. An unmastered joint alone is no reason to refuse.
 
 mod affine;
 mod convention;
@@ -20,16 +20,16 @@ use explanation::{observations, of_one_station};
 use fitting::{placed_thoroughly, quickly_placed, reach_mm};
 use suspect::Suspect;
 
-/// Whether the nominal robot fits a set that arrives, with the best alignment of base and target.
+/// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alignment {
     /// It fits, or there are too few points to tell.
     Fits,
-    /// It does not: rms, mm.
+    /// It does not fit: rms, mm.
     Misses(f64),
 }
 
-/// Codes of refusals by suspicion: a caller may insist on the upload all the same.
+/// Codes of refusals by suspicion. A caller may insist on the upload.
 pub const SUSPICIONS: [&str; 7] = [
     "unit_suspect",
     "column_suspect",
@@ -40,7 +40,7 @@ pub const SUSPICIONS: [&str; 7] = [
     ROTATION_SUSPECT,
 ];
 
-/// The check of every upload.
+/// Checks every upload.
 pub fn align(robot: &Robot, set: &MeasurementSet) -> Alignment {
     let observations = observations(robot, &of_one_station(set));
     let fits_mm = FITS * reach_mm(&robot.links, &observations);
@@ -55,7 +55,7 @@ pub fn align(robot: &Robot, set: &MeasurementSet) -> Alignment {
     }
 }
 
-/// What explains a set that fits only to `off_mm`. `others` are robots that the set may have been measured on instead.
+/// Explains a set that fits only to `off_mm`. `others` are robots that the set may have been measured on instead.
 pub fn explain(
     robot: &Robot,
     set: &MeasurementSet,
@@ -65,7 +65,7 @@ pub fn explain(
     let suspect = Suspect::new(robot, set, off_mm);
     let zeros = suspect.zeros(set.frame);
     let best = suspect.best_hypothesis(others);
-    // whatever joints that were never mastered explain nearly as well is none of the others' fault
+    // no other hypothesis is blamed if unmastered joints explain the set nearly as well
     let is_unmastered = |rms_mm: f64| {
         zeros.as_ref().is_some_and(|zeros| {
             zeros.rms_mm <= suspect.fits_mm
@@ -75,7 +75,7 @@ pub fn explain(
     };
     let explains = |rms_mm: f64| BETTER * rms_mm <= off_mm && !is_unmastered(rms_mm);
     let best = best.filter(|best| explains(best.rms_mm));
-    // joint 1's zero, quarter turns away, looks like a frame that is turned: frames go before zeros
+    // joint 1's zero, shifted by quarter turns, looks like a rotated frame: frames are tried before zeros
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
         && !best.what.is_turned()
     {

@@ -1,4 +1,4 @@
-//! A set that the nominal robot does not fit: what may be the case, how near the robot then comes, and how it is told.
+//! A set that the nominal robot does not fit: possible causes, how well the robot then fits, and the messages.
 
 use super::convention::Convention;
 use super::explanation::{
@@ -14,13 +14,13 @@ use crate::kinematics::{JointMap, Robot};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use std::collections::BTreeSet;
 
-/// Hypotheses whose rms differ by less than this factor fit equally well: the likelier one is told.
+/// Hypotheses whose rms differ by less than this factor fit equally well. The most likely one is reported.
 const EQUALLY_GOOD: f64 = 2.0;
-/// Hypotheses that are fitted thoroughly, at most.
+/// Maximum number of hypotheses that are fitted thoroughly.
 const TRIED_THOROUGHLY: usize = 8;
-/// Fewer distinct poses than this are no reason to refuse where nothing explains a set.
+/// Minimum number of distinct poses for refusing a set that nothing explains.
 const FEWEST_POSES: usize = 5;
-/// Smaller offsets of a joint's zero are not worth naming, degrees.
+/// Zero errors of a joint below this are not reported, degrees.
 const OFFSET_DEG: f64 = 0.3;
 
 /// A set that the nominal robot does not fit.
@@ -30,21 +30,21 @@ pub(super) struct Suspect<'a> {
     points: Vec<Point>,
     observations: Vec<Observation>,
     off_mm: f64,
-    /// [`FITS`] and [`COMES_NEAR`], mm.
+    /// Limits of the rms by [`FITS`] and [`COMES_NEAR`], mm.
     pub fits_mm: f64,
     /// See `fits_mm`.
     pub near_mm: f64,
 }
 
-/// What may be the case, and how near the robot then comes.
+/// A possible cause, and how well the robot then fits.
 pub(super) struct Supposed {
     pub what: What,
     pub rms_mm: f64,
-    /// What would look the same.
+    /// A hypothesis about the file that looks the same.
     or: Option<Hypothesis>,
-    /// Joints that would look the same as a left-handed file.
+    /// A joint convention that looks the same as a left-handed file.
     or_joints: Option<Box<Convention>>,
-    /// With joint zeros that are off as well.
+    /// Joint zero errors in addition.
     zeros: Option<Zeroed>,
 }
 
@@ -54,13 +54,13 @@ pub(super) enum What {
 }
 
 impl What {
-    /// True for joint zeros that are quarter turns away.
+    /// True for a convention with zeros shifted by quarter turns.
     pub fn is_turned(&self) -> bool {
         matches!(self, Self::Joints(convention) if convention.is_turned())
     }
 
-    /// Of those that fit equally well the first one is told. A left-handed frame and a maker's signs look the same on most arms, and makers
-    /// count so; turned zeros are rarer than columns in another order.
+    /// Order of likelihood: of the causes that fit equally well, the one with the smallest rank is reported. A left-handed frame and a maker's signs
+    /// look the same on most arms, and makers do use these signs. Turned zeros are rarer than exchanged columns.
     fn rank(&self, frame: Frame) -> usize {
         match self {
             Self::File(Hypothesis::Units { .. }) => 0,
@@ -91,7 +91,7 @@ impl<'a> Suspect<'a> {
     }
 
     pub fn zeros(&self, frame: Frame) -> Option<Zeroed> {
-        // half of what fits: nearer than that, no other start is needed
+        // an rms of half the limit is good enough; no other start is needed
         with_free_zeros(
             &self.robot.links,
             &self.observations,
@@ -100,7 +100,7 @@ impl<'a> Suspect<'a> {
         )
     }
 
-    /// The points as they would be in an instrument's frame.
+    /// The fit if the positions are in an instrument's frame.
     pub fn in_another_frame(&self) -> Option<Fitted> {
         placed_thoroughly(&self.robot.links, &self.observations, Frame::Instrument)
             .filter(|free| free.rms_mm <= self.fits_mm)
@@ -118,7 +118,7 @@ impl<'a> Suspect<'a> {
         })
     }
 
-    /// A convention that fits where joints that were never mastered are allowed for.
+    /// A convention that fits if joints may also be unmastered.
     pub fn convention_and_zeros(&self, frame: Frame) -> Option<Supposed> {
         let links = &self.robot.links;
         let (convention, zeros) =
@@ -132,7 +132,7 @@ impl<'a> Suspect<'a> {
         })
     }
 
-    /// The likeliest of those that fit best.
+    /// The most likely of the best-fitting hypotheses.
     pub fn best_hypothesis(&self, others: &[(String, Robot)]) -> Option<Supposed> {
         let mut quick: Vec<(f64, Hypothesis)> = hypotheses(self.robot.links.len(), others.len())
             .into_iter()
@@ -264,7 +264,7 @@ impl<'a> Suspect<'a> {
         }
     }
 
-    /// Whether the points would fit worse if the last joint counted the other way round.
+    /// True if the points would fit worse with the last joint reversed.
     fn sees_last_direction(&self, convention: &Convention, rms_mm: f64) -> bool {
         let other = convention
             .with_last_reversed()
@@ -273,7 +273,7 @@ impl<'a> Suspect<'a> {
             .is_none_or(|other| other.rms_mm > EQUALLY_GOOD * rms_mm)
     }
 
-    /// Positions in another frame: refused where they are far off, else the base frame is known badly.
+    /// Positions in another frame. The set is refused if they are far off; otherwise the base frame is poorly known, and there is a warning.
     pub fn frame(&self, free: &Fitted, also: &str) -> Explanation {
         let base = &free.model.t_instrument_base;
         let (at, turned_deg) = (base.translation.vector, base.rotation.angle().to_degrees());
@@ -300,7 +300,7 @@ impl<'a> Suspect<'a> {
         Explanation::Refusal(suspicion("frame_suspect", None, detail))
     }
 
-    /// Another frame, and joints that are off or counted otherwise as well.
+    /// Another frame, together with joint zero errors or another joint convention.
     pub fn frame_and_joints(&self) -> Option<Explanation> {
         let free = placed(&self.robot.links, &self.observations, Frame::Instrument)?;
         let with = |rms_mm: f64| Fitted {
@@ -334,7 +334,7 @@ impl<'a> Suspect<'a> {
         Some(self.frame(&with(supposed.rms_mm), &also))
     }
 
-    /// Joints that were never mastered: a remark that names them.
+    /// Warning that names joints that were probably never mastered.
     pub fn unmastered(&self, zeros: &Zeroed) -> Option<Explanation> {
         let detail = format!(
             "the nominal robot fits these points only to {} mm; with joint values that are off by {} it fits to {} mm: an unmastered joint?",
@@ -348,7 +348,7 @@ impl<'a> Suspect<'a> {
         })
     }
 
-    /// Distinct poses of the arm: what repeats one says nothing more of the robot.
+    /// Number of distinct poses of the arm. Repeated poses give no further information about the robot.
     fn n_poses(&self) -> usize {
         let poses: BTreeSet<Vec<u64>> = self
             .observations
@@ -358,7 +358,7 @@ impl<'a> Suspect<'a> {
         poses.len()
     }
 
-    /// Nothing explains it.
+    /// The result if no hypothesis explains the set.
     pub fn poor(&self, zeros: Option<&Zeroed>) -> Explanation {
         let nearest_mm = zeros.map_or(self.off_mm, |zeros| zeros.rms_mm.min(self.off_mm));
         let detail = format!(
@@ -391,7 +391,7 @@ fn suspicion(code: &'static str, columns: Option<String>, detail: String) -> Sus
     }
 }
 
-/// A length in words: a tenth of a millimetre, or three digits of what is smaller.
+/// A length as text: to a tenth of a millimetre, or with three digits if it is smaller.
 fn mm(length_mm: f64) -> String {
     let digits = [10.0, 1.0, 0.1, 0.01]
         .iter()
@@ -400,7 +400,7 @@ fn mm(length_mm: f64) -> String {
     format!("{length_mm:.0$}", digits + 1)
 }
 
-/// The joints whose zeros are off, with by how much.
+/// The joints whose zeros are off, with their zero errors.
 fn offsets(zeros: &Zeroed) -> Option<String> {
     let words: Vec<String> = zeros
         .offsets_rad
@@ -413,7 +413,7 @@ fn offsets(zeros: &Zeroed) -> Option<String> {
     (!words.is_empty()).then(|| words.join(", "))
 }
 
-/// A joint map as it stands in a robot's JSON.
+/// A joint map in the form of a robot's JSON.
 fn in_words(map: &JointMap) -> String {
     let list = |values: &mut dyn Iterator<Item = f64>| {
         let numbers: Vec<String> = values.map(|value| format!("{value}")).collect();
@@ -432,7 +432,7 @@ fn in_words(map: &JointMap) -> String {
     )
 }
 
-/// Degrees, without the last digits that radians leave.
+/// Degrees, without the rounding errors of the conversion from radians.
 fn rounded_deg(rad: f64) -> f64 {
     (rad.to_degrees() * 1e9).round() / 1e9
 }
