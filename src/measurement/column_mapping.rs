@@ -1,8 +1,8 @@
-//! What a caller says about the columns of a file, once, where the file does not say it itself.
+//! Column mapping: what a caller states about the columns of a file that the file itself does not state.
 
 use crate::measurement::conventions::Decimal;
 
-/// What stands between two columns.
+/// Column separator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Separator {
     /// `,`
@@ -18,7 +18,7 @@ pub enum Separator {
 }
 
 impl Separator {
-    /// All of them.
+    /// All separators.
     pub const ALL: [Self; 5] = [
         Self::Comma,
         Self::Semicolon,
@@ -38,7 +38,7 @@ impl Separator {
         }
     }
 
-    /// The one of this name.
+    /// The separator with this name.
     pub fn parse(name: &str) -> Option<Self> {
         let named = |separator: &Self| separator.as_str() == name;
         Self::ALL.into_iter().find(named).or(match name {
@@ -48,7 +48,7 @@ impl Separator {
         })
     }
 
-    /// The byte that the reader splits at. Runs of spaces become tabs before.
+    /// The byte at which the reader splits. Runs of spaces are replaced by tabs before.
     pub(super) fn byte(self) -> u8 {
         match self {
             Self::Comma => b',',
@@ -59,7 +59,7 @@ impl Separator {
     }
 }
 
-/// A column of a file.
+/// Reference to a column of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ColumnRef {
     /// By the text in its header.
@@ -68,25 +68,25 @@ pub enum ColumnRef {
     Number(usize),
 }
 
-/// Where the names of the columns stand.
+/// Where the names of the columns are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeaderRow {
     /// On this line of the file, counted from 1.
     Line(usize),
-    /// Nowhere: all lines are data, and columns have numbers.
+    /// The file has no header: all lines are data, and columns are referred to by number.
     None,
 }
 
-/// What a caller says about a file. What it does not say is read from the file, if there is one reading only.
+/// What a caller states about a file. Everything else is taken from the file, if it is unambiguous.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Mapping {
-    /// Meaning with unit (`q1_deg`, `x_mm`, `station`, `name` …) and the column that has it.
+    /// Meanings with units (`q1_deg`, `x_mm`, `station`, `name` …), each with its column.
     pub columns: Vec<(String, ColumnRef)>,
-    /// Columns to leave aside although their names are known.
+    /// Columns to ignore although their names are known.
     pub ignore: Vec<ColumnRef>,
     /// The decimal mark.
     pub decimal: Option<Decimal>,
-    /// What separates columns.
+    /// The column separator.
     pub separator: Option<Separator>,
     /// Where the header is.
     pub header_row: Option<HeaderRow>,
@@ -94,16 +94,16 @@ pub struct Mapping {
     pub comments: Option<bool>,
     /// The sheet of a workbook.
     pub sheet: Option<String>,
-    /// Unit of joint values whose columns name none: `deg` or `rad`.
+    /// Unit of joint values in columns without a unit: `deg` or `rad`.
     pub joint_unit: Option<&'static str>,
-    /// Unit of positions whose columns name none, one of [`LENGTHS`](crate::measurement::column_names::LENGTHS).
+    /// Unit of positions in columns without a unit, one of [`LENGTHS`](crate::measurement::column_names::LENGTHS).
     pub position_unit: Option<&'static str>,
-    /// Nothing is added from the names of columns: all that is meant is in `columns`.
+    /// If true, `columns` is complete: no further column is recognised by its name.
     pub is_complete: bool,
 }
 
 impl Mapping {
-    /// Whether a header has a text that the mapping names.
+    /// Whether the mapping refers to a column with this header.
     pub(super) fn names(&self, header: &str) -> bool {
         let columns = self.columns.iter().map(|(_, column)| column);
         columns.chain(&self.ignore).any(|column| match column {
@@ -113,7 +113,7 @@ impl Mapping {
     }
 }
 
-/// Whether two headers are the same text, letter case and spaces around aside.
+/// Whether two headers are equal, ignoring letter case and surrounding spaces.
 pub(super) fn same_header(a: &str, b: &str) -> bool {
     a.trim().to_lowercase() == b.trim().to_lowercase()
 }
@@ -123,8 +123,8 @@ pub(super) fn same_header(a: &str, b: &str) -> bool {
 pub enum Needs {
     /// Joint values and positions.
     Points,
-    /// Joint values: the robot's file of two.
+    /// Joint values: the robot's file, if there are two files.
     Joints,
-    /// Positions: the instrument's file of two.
+    /// Positions: the instrument's file, if there are two files.
     Positions,
 }

@@ -1,11 +1,11 @@
-//! Meanings of columns as mappings say them: `q1_deg`, `x_mm`, `station`, `name`.
+//! Meanings of columns as written in mappings: `q1_deg`, `x_mm`, `station`, `name`.
 
 use crate::measurement::column_names::{Key, LENGTHS, TimeUnit};
 use crate::measurement::csv_columns::{Column, column_of};
 use crate::measurement::csv_issue::Issue;
 use std::collections::BTreeSet;
 
-/// A column that is read as a measurement.
+/// The column type of a meaning, if the column is read as a measurement.
 pub(super) fn column(means: &str, n_joints: usize) -> Option<Column> {
     if let Some((axis, unit)) = means.split_once('_') {
         let axis = ["x", "y", "z"].iter().position(|name| *name == axis);
@@ -17,7 +17,7 @@ pub(super) fn column(means: &str, n_joints: usize) -> Option<Column> {
     column_of(means, n_joints).ok()
 }
 
-/// The key that a meaning is, if it is one.
+/// The join key of a meaning, if the meaning is one.
 pub fn key(means: &str) -> Option<Key> {
     Some(match means {
         "name" => Key::Name,
@@ -30,10 +30,10 @@ pub fn key(means: &str) -> Option<Key> {
     })
 }
 
-/// Most links of a robot.
+/// Maximum number of links of a robot.
 const MAX_LINKS: usize = 12;
 
-/// Whether a text is the meaning of a column of some robot.
+/// Whether a text is the meaning of a column, for any robot.
 pub fn is_meaning(means: &str) -> bool {
     column(means, MAX_LINKS).is_some() || key(means).is_some()
 }
@@ -48,7 +48,7 @@ pub(super) fn key_name(key: Key) -> String {
     }
 }
 
-/// The thing that a meaning is about: `q1`, `x`, `time`, `station`.
+/// The quantity of a meaning, without its unit: `q1`, `x`, `time`, `station`.
 pub(super) fn thing(means: &str) -> &str {
     let (base, _) = means.split_once('_').unwrap_or((means, ""));
     let is_axis = matches!(base, "x" | "y" | "z" | "time");
@@ -58,7 +58,7 @@ pub(super) fn thing(means: &str) -> &str {
     if is_axis || is_joint { base } else { means }
 }
 
-/// The refusal of joints or coordinates in two units.
+/// The issue to report if joints or coordinates are in two units.
 pub(super) fn mixed_units<'m>(means: impl Iterator<Item = &'m str>) -> Option<Issue> {
     let (mut lengths, mut angles) = (BTreeSet::new(), BTreeSet::new());
     for (base, unit) in means.filter_map(|means| means.split_once('_')) {

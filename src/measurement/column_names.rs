@@ -1,39 +1,39 @@
-//! What the common names of columns mean. A name that has two meanings, or needs a unit and has none, is not decided here.
+//! Recognises the common names of columns. This module does not decide about names with two meanings, or names without a required unit.
 
 use std::collections::BTreeSet;
 
-/// What a header says.
+/// The meaning of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Known {
-    /// A joint value. The number is the one that the name has, `None` as unit means that it names none.
+    /// A joint value, with the number in the name and the unit.
     Joint(usize, Unit),
-    /// A coordinate, 0 to 2.
+    /// A coordinate, 0 to 2 for x to z, with its unit.
     Position(usize, Unit),
-    /// One of the other columns under the name that the file format gives it, letter case aside.
+    /// A column of [`PLAIN`], or `sweep_joint`, under exactly this name (ignoring letter case).
     Plain(String),
-    /// A name of the file format with a unit that it does not have.
+    /// A name of kincal's file format with a unit that this format does not allow.
     WrongUnit,
-    /// What pairs rows of two files.
+    /// Join key: pairs the rows of two files.
     Key(Key),
-    /// Nothing that is known.
+    /// An unknown name.
     Unknown,
 }
 
-/// What pairs rows of two files.
+/// Join key: pairs the rows of two files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
-    /// A point's name.
+    /// Name of a point.
     Name,
-    /// A point's number.
+    /// Number of a point.
     Number,
-    /// When a row was taken, with the factor from its unit to seconds.
+    /// Time of the row, with the unit of the column.
     Time(TimeUnit),
 }
 
 /// Unit of a column of times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeUnit {
-    /// None is named: times of day and dates can be read, bare numbers not.
+    /// No unit is stated. Times of day and dates can be read, plain numbers cannot.
     Unstated,
     /// Seconds.
     Seconds,
@@ -44,7 +44,7 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
-    /// Its unit.
+    /// Name of the unit.
     pub fn as_str(self) -> Option<&'static str> {
         match self {
             Self::Unstated => None,
@@ -54,7 +54,7 @@ impl TimeUnit {
         }
     }
 
-    /// Seconds in one.
+    /// Number of seconds in one unit.
     pub fn seconds(self) -> f64 {
         match self {
             Self::Unstated | Self::Seconds => 1.0,
@@ -64,18 +64,18 @@ impl TimeUnit {
     }
 }
 
-/// A unit, as far as a header has one.
+/// The unit in a header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// None is named.
+    /// No unit is stated.
     Missing,
-    /// One that has two meanings: a German `Grad` is a degree, and a grad is a gon.
+    /// An ambiguous unit: German `Grad` means degree, English `grad` means gon.
     TwoReadings,
-    /// This one, as the file format writes it.
+    /// This unit, as written in kincal's file format.
     Is(&'static str),
 }
 
-/// Units of lengths, and mm in one.
+/// Units of length, with the number of mm in one unit.
 pub const LENGTHS: [(&str, f64); 5] = [
     ("mm", 1.0),
     ("m", 1000.0),
@@ -84,7 +84,7 @@ pub const LENGTHS: [(&str, f64); 5] = [
     ("in", 25.4),
 ];
 
-/// Columns that need no unit.
+/// Columns with fixed names. The name includes the unit if the column has one.
 pub const PLAIN: [&str; 24] = [
     "configuration",
     "target",
@@ -129,20 +129,20 @@ fn unit_of(text: &str) -> Option<Unit> {
     }))
 }
 
-/// The unit that a cell names and nothing else, for a row of units under the header.
+/// The unit in a cell that contains nothing but a unit. Used for a row of units below the header.
 pub fn unit_alone(cell: &str) -> Option<Unit> {
     let plain = simplified(cell);
     unit_of(plain.trim_matches(|c: char| "[](){} ".contains(c)))
 }
 
-/// Lower case, `°` as deg, µ as u.
+/// Lower case, with `°` replaced by `deg` and `µ` by `u`.
 fn simplified(text: &str) -> String {
     let text = text.trim().to_lowercase();
     text.replace(['°', 'º', '˚'], "deg")
         .replace(['µ', 'μ'], "u")
 }
 
-/// What a header means; `below` is the unit that stands under it, if there is a row of units.
+/// The meaning of a header. `below` is the unit below the header, if there is a row of units.
 pub fn recognise(header: &str, below: Option<Unit>) -> Known {
     let text = simplified(header);
     if PLAIN.contains(&text.as_str()) || text == "sweep_joint" {
@@ -151,7 +151,7 @@ pub fn recognise(header: &str, below: Option<Unit>) -> Known {
     if let Some(known) = own_form(&text) {
         return known;
     }
-    // the field of Universal Robots' RTDE, in radians by its definition
+    // Field of the RTDE interface of Universal Robots. It is defined to be in radians.
     if let Some(number) = text.strip_prefix("actual_q_").and_then(|n| n.parse().ok())
         && below.is_none()
     {
@@ -171,7 +171,8 @@ pub fn recognise(header: &str, below: Option<Unit>) -> Known {
         .unwrap_or(Known::Unknown)
 }
 
-/// `q1_deg` and `x_mm`, as the file format writes them, in any case. Other units in this form are refused, as ever.
+/// Recognises `q1_deg` and `x_mm` as written in kincal's file format, ignoring letter case. Other units in this notation are refused, as they always
+/// were.
 fn own_form(text: &str) -> Option<Known> {
     let (base, unit) = text.split_once('_')?;
     let known = unit_of(unit)?;
@@ -189,7 +190,7 @@ fn own_form(text: &str) -> Option<Known> {
     })
 }
 
-/// The name without its unit, which stands in brackets or as its last word.
+/// Splits a name into the name without unit and the unit. The unit is in brackets or is the last word.
 fn without_unit(text: &str) -> (String, Option<Unit>) {
     for (open, close) in [('[', ']'), ('(', ')'), ('{', '}'), ('<', '>')] {
         let Some(inner) = text.strip_suffix(close) else {
@@ -202,13 +203,13 @@ fn without_unit(text: &str) -> (String, Option<Unit>) {
             return (base.into(), Some(unit));
         }
     }
-    // J1deg, as `J1°` is written here
+    // `J1deg`, which also results from `J1°`.
     let short = text.strip_suffix("deg");
     if let Some(base) = short.filter(|base| base.ends_with(|c: char| c.is_ascii_digit())) {
         return (base.into(), Some(Unit::Is("deg")));
     }
     if let Some((base, unit)) = text.rsplit_once(|c: char| " _/,.-:".contains(c)) {
-        // "x in" may be inches or the beginning of "x in mm"
+        // "in" as the last word is not accepted as a unit: "x in" may mean inches or may be the beginning of "x in mm".
         let unit = unit_of(unit).filter(|unit| *unit != Unit::Is("in"));
         if let Some(unit) = unit.filter(|_| !base.trim().is_empty()) {
             let base = base.trim_end_matches(|c: char| " _/,.-:".contains(c));
@@ -218,7 +219,7 @@ fn without_unit(text: &str) -> (String, Option<Unit>) {
     (text.into(), None)
 }
 
-/// Words and numbers of a name: `Joint_1`, `joint1` and `joint[1]` are the same two.
+/// Splits a name into words and numbers: `Joint_1`, `joint1` and `joint[1]` give the same two parts.
 fn words(text: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut before = ' ';
@@ -235,7 +236,7 @@ fn words(text: &str) -> Vec<String> {
     words
 }
 
-/// Words that stand beside a joint's name without changing what it means.
+/// Words next to the name of a joint that do not change its meaning.
 const BESIDE_JOINT: [&str; 8] = [
     "angle", "pos", "position", "value", "winkel", "actual", "act", "ist",
 ];
@@ -263,7 +264,8 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
     (angle && is_base(&base)).then_some(Known::Joint(number, unit))
 }
 
-/// Words that stand beside a coordinate's name without changing what it means. Not `tcp`, `nominal` or `target`: those are no measurements.
+/// Words next to the name of a coordinate that do not change its meaning. `tcp`, `nominal` and `target` are not among them, because such columns are
+/// not measurements.
 const BESIDE_POSITION: [&str; 15] = [
     "pos",
     "position",
@@ -329,7 +331,7 @@ fn key(words: &[&str], unit: Unit) -> Option<Known> {
     Some(Known::Key(key))
 }
 
-/// The column that a name is one letter away from, so that a slip of the keyboard is not left aside as something unknown.
+/// The column whose name differs from this header by one letter. With it, a typing error is reported and not ignored as an unknown column.
 pub fn nearly(header: &str) -> Option<&'static str> {
     let text = simplified(header);
     PLAIN.into_iter().find(|name| differs_by_one(name, &text))
@@ -351,8 +353,8 @@ fn differs_by_one(a: &str, b: &str) -> bool {
     same_start + same_end + 1 >= longest
 }
 
-/// The six axes S, L, U, R, B, T of Yaskawa (place, axis counted from 1, unit), if a table has exactly one column for each. Alone such a letter means
-/// nothing.
+/// The six axes S, L, U, R, B, T of Yaskawa (place, axis counted from 1, unit), if a table has exactly one column for each of them. A single such
+/// letter has no meaning.
 pub(super) fn yaskawa_axes(
     names: &[(&str, Option<Unit>)],
     taken: &BTreeSet<usize>,

@@ -1,4 +1,4 @@
-//! Measurement sets as CSV: header with units, one row per measured point. Parses bytes, never corrects silently.
+//! Measurement sets as CSV: a header with units, one row per measured point. The parser never corrects anything silently.
 
 use crate::measurement::conventions::{Decimal, Frame, Subset};
 use crate::measurement::csv_columns::{Column, parse_header};
@@ -15,35 +15,35 @@ use std::borrow::Cow;
 
 pub use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 
-/// Most rows a set may have: a hundred times the largest campaign we know of; half a minute to identify from.
+/// Maximum number of rows of a set: a hundred times the largest data set that we know. An identification from so many rows takes half a minute.
 pub const MAX_ROWS: usize = 100_000;
-/// Farthest a measured coordinate may be from the instrument or base, mm: trackers reach 80 m.
+/// Largest absolute measured coordinate, mm. Laser trackers reach 80 m.
 pub const MAX_COORDINATE_MM: f64 = 100_000.0;
-/// Largest joint value, rad: ten turns.
+/// Largest absolute joint value, rad: ten turns.
 pub const MAX_JOINT_RAD: f64 = 20.0 * std::f64::consts::PI;
-/// Most reflectors on one tool.
+/// Maximum number of reflectors on one tool.
 pub const MAX_TARGETS: usize = 32;
-/// Smallest standard uncertainty of a point, mm: no instrument is better than a nanometre, and weights are 1/std².
+/// Smallest standard uncertainty of a point, mm. No instrument is better than a nanometre. A limit is needed because weights are 1/std².
 pub const MIN_STD_MM: f64 = 1.0e-6;
 /// Largest standard uncertainty of a point, mm.
 pub const MAX_STD_MM: f64 = 1000.0;
-/// Farthest a temperature may be from 0 °C.
+/// Largest absolute temperature, °C.
 pub const MAX_TEMPERATURE_C: f64 = 1000.0;
-/// Longest label (configuration, station, session).
+/// Maximum length of a label (configuration, station, session), bytes.
 pub const MAX_LABEL_LENGTH: usize = 200;
 
-/// RFC 3339, with its distance from UTC.
+/// Examples of a time with its offset from UTC, for messages.
 pub const EXAMPLE_OF_A_TIME: &str = "2026-03-01T08:15:30Z or 2026-03-01T09:15:30+01:00 (RFC 3339)";
 
 /// Parses a CSV file with decimal points. `n_joints` is the robot's number of links.
 ///
 /// # Errors
-/// [`ParseError`] with row, column and a hint for everything that is wrong (at most [`MAX_ISSUES`]).
+/// [`ParseError`] with the row, the column and a hint for each error (at most [`MAX_ISSUES`]).
 pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
     parse_with(Decimal::Point, bytes, frame, n_joints)
 }
 
-/// As [`parse`], for either way of writing numbers.
+/// As [`parse`], with the given decimal mark.
 ///
 /// # Errors
 /// As [`parse`].
@@ -56,7 +56,7 @@ pub fn parse_with(
     parse_with_times(decimal, bytes, frame, n_joints, |_| true)
 }
 
-/// As [`parse_with`], with what `measured_at` may hold: nothing in the core reads a time.
+/// As [`parse_with`], with a check of the texts in `measured_at`. The check is passed in, because the core itself does not parse times.
 ///
 /// # Errors
 /// As [`parse`].
@@ -75,18 +75,18 @@ pub fn parse_with_times(
     parse_as(conventions, bytes, frame, n_joints)
 }
 
-/// What a file does not say of itself.
+/// Conventions that a file does not state itself.
 #[derive(Clone, Copy)]
 pub struct Conventions {
-    /// How it writes numbers.
+    /// The decimal mark.
     pub decimal: Decimal,
-    /// What rx_deg, ry_deg and rz_deg mean.
+    /// The rotation convention of rx_deg, ry_deg and rz_deg.
     pub rotation: Option<RotationConvention>,
-    /// What `measured_at` may hold.
+    /// Check of the text in `measured_at`.
     pub is_time: fn(&str) -> bool,
 }
 
-/// As [`parse_with_times`], of a file that may have poses.
+/// As [`parse_with_times`], for a file that may contain poses.
 ///
 /// # Errors
 /// As [`parse`].
@@ -223,7 +223,7 @@ pub(super) fn parse_row(
     (issues.len() == before).then_some(point)
 }
 
-/// What is wrong with a row that has not as many cells as the header, and what may be the reason.
+/// Message for a row whose number of cells differs from the header, with a possible reason.
 pub(super) fn wrong_cell_count(
     row: usize,
     record: &csv::StringRecord,
@@ -253,7 +253,7 @@ pub(super) fn wrong_cell_count(
 
 type CellError = (&'static str, String);
 
-/// How cells are read.
+/// Options for reading the cells of a row.
 pub(super) struct Reading {
     pub(super) n_joints: usize,
     pub(super) decimal: Decimal,
@@ -261,7 +261,7 @@ pub(super) struct Reading {
     pub(super) is_time: fn(&str) -> bool,
 }
 
-/// The cell of a column that only poses have.
+/// Reads the cell of a [`PoseColumn`].
 fn fill_pose(
     cells: &mut PoseCells,
     column: PoseColumn,
@@ -330,13 +330,13 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
             }
             point.sweep_joint = Some(joint);
         }
-        // see fill_pose
+        // `fill_pose` reads these columns.
         Column::OfPose(_) => {}
     }
     Ok(())
 }
 
-/// How cells say that nothing was measured.
+/// Texts in cells that mean that nothing was measured.
 const NOTHING: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
 
 fn not_a_number(cell: &str) -> String {

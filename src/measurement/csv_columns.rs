@@ -1,11 +1,11 @@
-//! The header of a file of measurements: which columns there are, and in which unit.
+//! The header of a measurement file: its columns and their units.
 
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::csv_pose::{PoseColumn, header_issues, pose_column};
 use crate::measurement::rotation_convention::RotationConvention;
 use std::collections::BTreeMap;
 
-/// What a column holds, and the factor from its unit to mm or rad.
+/// Content of a column. For joints and positions: the index, and the factor from the column's unit to rad or mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Column {
     Joint(usize, f64),
@@ -23,7 +23,7 @@ pub(super) enum Column {
     OfPose(PoseColumn),
 }
 
-/// What each column of a header holds; refused where one is unknown, missing or in two units.
+/// Parses a header. It is refused if a column is unknown, missing or duplicate, or if the units are mixed.
 pub(super) fn parse_header(
     header: &csv::StringRecord,
     n_joints: usize,

@@ -1,18 +1,18 @@
-//! What is wrong with a file of measurements, and where.
+//! Errors in a measurement file, with their positions.
 
-/// Most errors reported at once; a wrong column makes one per row.
+/// Maximum number of errors that are reported at once. A wrong column causes one error per row.
 pub const MAX_ISSUES: usize = 20;
 
-/// One thing that is wrong with a file.
+/// One error in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Issue {
-    /// 0-based data row (the header is not counted), where it is about a row.
+    /// Data row, 0-based (the header is not counted), if the error is about a row.
     pub row: Option<usize>,
-    /// Column name, where it is about a column.
+    /// Name of the column, if the error is about a column.
     pub column: Option<String>,
     /// Stable code.
     pub code: &'static str,
-    /// What is wrong and how to mend it.
+    /// What is wrong and how to correct it.
     pub detail: String,
 }
 
@@ -20,7 +20,7 @@ pub struct Issue {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the measurement file cannot be used: {} problem(s), the first: {}", .issues.len(), .issues.first().map_or("", |i| &i.detail))]
 pub struct ParseError {
-    /// What is wrong, at most [`MAX_ISSUES`].
+    /// The errors, at most [`MAX_ISSUES`].
     pub issues: Vec<Issue>,
 }
 

@@ -1,37 +1,37 @@
-//! The cells of a row that say how its target was turned, and how uncertain that is.
+//! Cells of a row with the orientation of the target, and with uncertainties by axis.
 
 use crate::measurement::position_noise::PositionNoise;
 use crate::measurement::rotation_convention::{CONVENTIONS, RotationConvention};
 use crate::measurement::set::Point;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 
-/// How far the length of a quaternion may be from 1: files with three digits are a thousandth off.
+/// Largest deviation of a quaternion's length from 1. In files with three digits the length is off by a thousandth.
 pub const MAX_QUATERNION_OFF: f64 = 2e-3;
-/// Largest angle of a rotation, rad: ten turns.
+/// Largest absolute angle of a rotation, rad: ten turns.
 pub const MAX_ROTATION_RAD: f64 = 20.0 * std::f64::consts::PI;
 /// Largest standard uncertainty of a rotation, rad (90°).
 pub const MAX_STD_ROTATION_RAD: f64 = std::f64::consts::FRAC_PI_2;
-/// Smallest one, rad: no instrument is better than a nanoradian.
+/// Smallest standard uncertainty of a rotation, rad. No instrument is better than a nanoradian.
 pub const MIN_STD_ROTATION_RAD: f64 = 1.0e-9;
 
-/// What a file's columns say of rotations.
+/// Columns with rotations, uncertainties by axis, and the kind of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PoseColumn {
-    /// w, x, y, z.
+    /// Component of a quaternion: 0 to 3 for w, x, y, z.
     Quaternion(usize),
-    /// rx, ry, rz.
+    /// Angle: 0 to 2 for rx, ry, rz.
     Angle(usize),
-    /// Standard uncertainty of a coordinate along an axis.
+    /// Standard uncertainty of the position along one axis, 0 to 2.
     StdAxis(usize),
-    /// Standard uncertainty of the rotation about an axis.
+    /// Standard uncertainty of the rotation about one axis, 0 to 2.
     StdRotationAxis(usize),
-    /// Standard uncertainty of the rotation about each axis.
+    /// Standard uncertainty of the rotation, the same about each axis.
     StdRotation,
-    /// What the row is.
+    /// Kind of the row: `pose` or `position`.
     Kind,
 }
 
-/// The column of a name, if it is one of these.
+/// The column with this name, if there is one.
 pub(super) fn pose_column(name: &str) -> Option<PoseColumn> {
     use PoseColumn::{Angle, Kind, Quaternion, StdAxis, StdRotation, StdRotationAxis};
     Some(match name {
@@ -54,7 +54,7 @@ pub(super) fn pose_column(name: &str) -> Option<PoseColumn> {
     })
 }
 
-/// Groups of columns of which a file has all or none.
+/// Groups of columns. A file has either all columns of a group or none.
 const GROUPS: [(&str, &[&str]); 4] = [
     (
         "incomplete_quaternion",
@@ -68,7 +68,7 @@ const GROUPS: [(&str, &[&str]); 4] = [
     ),
 ];
 
-/// What is wrong with a header as a whole: column, code and detail.
+/// Errors in the combination of columns: column, code and detail.
 pub(super) fn header_issues(
     has: &dyn Fn(&str) -> bool,
     rotation: Option<RotationConvention>,
@@ -116,10 +116,10 @@ pub(super) fn header_issues(
     issues
 }
 
-/// Code of the refusal of angles without a convention.
+/// Code of the error for angles without a rotation convention.
 pub const ROTATION_REQUIRED: &str = "rotation_required";
 
-/// The cells of one row.
+/// The values of the pose columns of one row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PoseCells {
     quaternion: [Option<f64>; 4],
@@ -146,7 +146,7 @@ impl PoseCells {
         self.kind = Some(kind.to_string());
     }
 
-    /// Writes them into the row's point; an error is column, code and detail.
+    /// Writes the values to the point of the row. An error consists of column, code and detail.
     pub(super) fn finish(
         self,
         point: &mut Point,
@@ -197,10 +197,10 @@ fn all_of<const N: usize>(cells: [Option<f64>; N]) -> Option<[f64; N]> {
     all?.try_into().ok()
 }
 
-/// A rotation from w, x, y, z; an error is code and detail.
+/// Converts a quaternion w, x, y, z to a rotation. An error consists of code and detail.
 ///
 /// # Errors
-/// If its length is not 1.
+/// If the length of the quaternion is not 1.
 pub fn unit_quaternion([w, x, y, z]: [f64; 4]) -> Result<Rotation3<f64>, (&'static str, String)> {
     let q = Quaternion::new(w, x, y, z);
     let norm = q.norm();

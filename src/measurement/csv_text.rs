@@ -1,12 +1,13 @@
-//! A file of measurements as text, before anything is made of it: is it one, and does it have an end of line now and then?
+//! Checks of a measurement file before it is parsed: it must be text, and its rows must not be too long.
 
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv_issue::{Issue, ParseError, whole};
 
-/// Longest row, bytes, a hundred times what one has: one that never ends would be held in memory several times over.
+/// Maximum length of a row, bytes: a hundred times the length of a usual row. Without the limit, a row without end would be held in memory several
+/// times.
 const MAX_ROW_BYTES: usize = 64 * 1024;
 
-/// UTF-8 text without a byte order mark, and not something that only looks like a CSV.
+/// Decodes UTF-8 text and removes a byte order mark. Files that are not CSV, or that have another separator, are refused.
 pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError> {
     if bytes.starts_with(b"PK\x03\x04") {
         return Err(whole(
@@ -43,17 +44,18 @@ pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError>
     Err(whole("wrong_separator", detail.into()))
 }
 
-/// Where in a cell a byte is.
+/// Position of a byte in a cell.
 #[derive(Clone, Copy, PartialEq)]
 enum At {
     Start,
     Unquoted,
     Quoted,
-    /// After a quote in a quoted cell: its end, or the first of two that stand for one.
+    /// After a quote in a quoted cell. This quote either ends the cell, or is the first of two quotes that stand for one.
     Closed,
 }
 
-/// Looks for rows that are too long before anything is made of them. A quote opens where a cell begins, and ends of lines in it are text.
+/// Refuses rows that are too long, before the text is parsed. A quote at the beginning of a cell opens a quoted cell; line endings inside it are
+/// text.
 pub(super) fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), ParseError> {
     if text.len() <= MAX_ROW_BYTES {
         return Ok(());
@@ -65,7 +67,7 @@ pub(super) fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), Pars
             (At::Quoted, b'"') => At::Closed,
             (At::Quoted, _) | (At::Start | At::Closed, b'"') => At::Quoted,
             (_, b'\n' | b'\r') => {
-                // the second of two ends of line ends nothing
+                // A line ending directly after another one, as in \r\n, does not end a row.
                 n_rows += usize::from(length > 1);
                 length = 0;
                 At::Start
@@ -74,7 +76,7 @@ pub(super) fn refuse_endless_rows(text: &[u8], separator: u8) -> Result<(), Pars
             _ => At::Unquoted,
         };
         if length > MAX_ROW_BYTES {
-            // the first row is the header
+            // The first row is the header, which is not counted as a data row.
             let row = n_rows.checked_sub(1);
             let detail = format!(
                 "a row of more than {} KiB: is an end of line missing, or a quote not closed?",

@@ -1,4 +1,5 @@
-//! Joins the robot's file and the instrument's: which joint values belong to which position, by name, number, time or order.
+//! Joins the robot's file and the instrument's file. The rows with joint values and the rows with positions are paired by name, number, time or
+//! order.
 
 use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::Key;
@@ -22,17 +23,17 @@ pub struct Leftover {
 /// How two files were joined.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Join {
-    /// What paired the rows.
+    /// The key by which the rows were paired.
     pub by: JoinBy,
-    /// Pairs.
+    /// Number of pairs.
     pub n_joined: usize,
-    /// By time: how far apart a pair's times may be, s.
+    /// By time: largest difference between the times of a pair, s.
     pub tolerance_s: Option<f64>,
-    /// By time: the robot's clock minus the instrument's, s.
+    /// By time: the robot's clock minus the instrument's clock, s.
     pub clock_offset_s: Option<f64>,
-    /// By name: whether the names agree only without signs, spaces and leading zeros, or one file numbers its points.
+    /// By name: whether the names agree only without punctuation, spaces and leading zeros, or one file has numbers instead of names.
     pub loose_names: bool,
-    /// By time: whether the instrument's file is a log, of which the standstills count.
+    /// By time: whether the instrument's file is a continuous log. Only the standstills of a log are used.
     pub instrument_log: bool,
     /// Rows of the robot's file without a partner.
     pub leftover_robot: Vec<Leftover>,
@@ -40,7 +41,7 @@ pub struct Join {
     pub leftover_instrument: Vec<Leftover>,
 }
 
-/// One way of pairing.
+/// One possible pairing of the rows.
 #[derive(Clone, Debug)]
 struct Pairing {
     by: JoinBy,
@@ -48,7 +49,7 @@ struct Pairing {
     clock: Option<Clock>,
     /// Whether names were compared loosely.
     is_loose: bool,
-    /// Rows of the robot's file that need no partner: it moves in them, or stands where a partner was found.
+    /// Number of rows of the robot's file that can have a partner. By time, this is the number of standstills.
     n_robot: usize,
 }
 
@@ -57,7 +58,7 @@ impl Pairing {
         self.pairs.iter().flatten().count()
     }
 
-    /// Whether it pairs most of what can be paired.
+    /// Whether at least half of the rows that can be paired are paired.
     fn is_most(&self) -> bool {
         let possible = self.pairs.len().min(self.n_robot);
         self.n_joined() > 0 && 2 * self.n_joined() >= possible
@@ -76,10 +77,10 @@ fn same_joints(a: &Point, b: &Point) -> bool {
     joints.all(|(a, b)| (a - b).abs() < SAME_JOINT_RAD)
 }
 
-/// Joins the two files: the positions in their order, each with its joint values.
+/// Joins the two files. The result has the positions in their order, each with its joint values.
 ///
 /// # Errors
-/// [`JoinError`] if nothing pairs the rows, or they can be paired in two ways.
+/// [`JoinError`] if no key pairs the rows, or if two keys pair them in different ways.
 pub fn join(
     robot: &Content,
     instrument: &Content,
@@ -149,7 +150,7 @@ fn points(robot: &Content, instrument: &Content, pairs: &Pairs) -> Vec<Point> {
         .collect()
 }
 
-/// The refusal where no column pairs the rows, with what stands in those that might.
+/// The error if no key pairs the rows. It shows examples from the columns that might pair them.
 fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
     let labels = |content: &Content| {
         let column = cells(content, JoinBy::Name).or_else(|| cells(content, JoinBy::Number));
@@ -182,7 +183,7 @@ fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
     )
 }
 
-/// Refuses two positions under one name, of one reflector and from one station, that cannot be of one point.
+/// Refuses positions with the same name, reflector and station that are too far apart to be repetitions of one point.
 fn refuse_apart(instrument: &Content, pairing: &Pairing) -> Result<(), JoinError> {
     let joined: Vec<(usize, usize)> = (pairing.pairs.iter().enumerate())
         .filter_map(|(row, pair)| Some((row, (*pair)?)))
@@ -211,7 +212,7 @@ fn refuse_apart(instrument: &Content, pairing: &Pairing) -> Result<(), JoinError
     Ok(())
 }
 
-/// The cells of a key's column.
+/// The meaning and the cells of the column of a join key.
 fn cells(content: &Content, by: JoinBy) -> Option<(&str, &[String])> {
     let is_it = |means: &str| {
         matches!(
@@ -310,7 +311,7 @@ fn pair(
     }
 }
 
-/// A name without signs, spaces and leading zeros: `P_01`, `P-1` and `p 1` are one.
+/// A name without punctuation, spaces and leading zeros: `P_01`, `P-1` and `p 1` are the same name.
 fn signs_aside(label: &str) -> String {
     let (mut found, mut digits) = (String::new(), String::new());
     for c in last_part(label).chars().chain([' ']) {
@@ -319,7 +320,7 @@ fn signs_aside(label: &str) -> String {
             continue;
         }
         if !digits.is_empty() {
-            // P1_2 is not P12
+            // Two numbers are kept apart, so that P1_2 differs from P12.
             if found.ends_with(|c: char| c.is_ascii_digit()) {
                 found.push('_');
             }
@@ -342,21 +343,21 @@ fn lower(label: &str) -> String {
     label.to_lowercase()
 }
 
-/// The point's own name in one like `collection::group::P1`.
+/// The last part of a name such as `collection::group::P1`.
 fn last_part(label: &str) -> String {
     let lower = label.to_lowercase();
     let last = lower.rsplit("::").next().unwrap_or_default();
     last.trim().to_owned()
 }
 
-/// A number, however many zeros are in front of it.
+/// A number without leading zeros.
 fn number(label: &str) -> String {
     label
         .parse::<f64>()
         .map_or_else(|_| label.to_owned(), |number| number.to_string())
 }
 
-/// Pairs rows of the same label, in the form that pairs the most.
+/// Pairs rows with equal labels. The labels are compared in several forms; the form that pairs the most rows is used.
 fn by_label(
     robot: &Content,
     ours: &[String],
@@ -370,7 +371,7 @@ fn by_label(
         let n = pairs
             .as_ref()
             .map_or(usize::MAX, |pairs| pairs.iter().flatten().count());
-        // a form that makes one of two names is no better
+        // A form that makes two different names equal gives an error and is never better.
         if best.is_none() || n > most && pairs.is_ok() {
             (most, best) = (n, Some(pairs));
         }
@@ -417,7 +418,7 @@ fn summary(robot: &Content, instrument: &Content, pairing: &Pairing) -> Join {
             .unwrap_or_default()
     };
     let is_leftover = |row: &usize| match &pairing.clock {
-        // a log has many rows of one standstill, and rows in which the robot moves
+        // A log has many rows for one standstill, and rows in which the robot moves. Only the row that represents a standstill can be a leftover.
         Some(clock) => clock.standstills.contains(row) && !taken.contains(row),
         None => !taken.contains(row),
     };

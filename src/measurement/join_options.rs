@@ -1,20 +1,20 @@
-//! What a caller says about the join of two files, and why it may fail.
+//! Options and errors of the join of two files.
 
-/// What rows of two files are paired by.
+/// The key by which rows of two files are paired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JoinBy {
     /// The points' names.
     Name,
     /// The points' numbers.
     Number,
-    /// The time, after the difference of the two clocks was found.
+    /// The time, corrected by the difference between the two clocks.
     Time,
-    /// The order of the rows; only if the caller says so.
+    /// The order of the rows. Only used if the caller requests it.
     Order,
 }
 
 impl JoinBy {
-    /// All of them, in the order in which they are tried.
+    /// All keys, in the order in which they are tried.
     pub const ALL: [Self; 4] = [Self::Name, Self::Number, Self::Time, Self::Order];
 
     /// Its name in mappings and answers.
@@ -28,20 +28,21 @@ impl JoinBy {
     }
 }
 
-/// What a caller says about the join.
+/// What a caller states about the join.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JoinOptions {
-    /// What to pair by.
+    /// The key to pair by; none to try all keys except the order.
     pub by: Option<JoinBy>,
-    /// How far apart the times of a pair may be, s.
+    /// Largest difference between the times of a pair, s.
     pub tolerance_s: Option<f64>,
-    /// The robot's clock minus the instrument's, s.
+    /// The robot's clock minus the instrument's clock, s.
     pub clock_offset_s: Option<f64>,
-    /// Whether names may differ in signs, spaces and leading zeros, and a name may be a number.
+    /// Whether names may differ in punctuation, spaces and leading zeros, and numbers may be used as names.
     pub loose_names: bool,
-    /// By time: whether the instrument's file is a log, of which the standstills count; not stated: if its rows follow each other as fast as a log's.
+    /// By time: whether the instrument's file is a continuous log, of which only the standstills are used. `None`: detected from the time between its
+    /// rows.
     pub instrument_log: Option<bool>,
-    /// Whether positions under one name that lie apart are refused. Not for uploads that were accepted once.
+    /// Whether positions with the same name that are too far apart are refused. False for stored uploads, which were accepted once.
     pub refuse_apart: bool,
 }
 
@@ -75,5 +76,5 @@ pub(super) fn error(code: &'static str, detail: impl Into<String>) -> JoinError 
     }
 }
 
-/// For each row of the instrument's file the row of the robot's.
+/// For each row of the instrument's file, the row of the robot's file that it is paired with.
 pub(super) type Pairs = Vec<Option<usize>>;

@@ -1,4 +1,4 @@
-//! Pairs rows of two files by time: the difference of the two clocks is found where it is not stated, from the pattern of the times.
+//! Pairs rows of two files by time. If the difference between the two clocks is not stated, it is found from the pattern of the times.
 
 use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::{Key, TimeUnit};
@@ -7,21 +7,21 @@ use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// Rows of a log that follow each other faster than this were not written pose by pose, s.
+/// If the median time between rows is at most this, the file is a continuous log and was not written pose by pose, s.
 const LOG_SPACING_S: f64 = 0.5;
-/// Rows that a standstill in such a log has at least.
+/// Minimum number of rows of a standstill in a log.
 const MIN_STANDSTILL_ROWS: usize = 3;
-/// Largest tolerance that is chosen, s: an instrument measures some seconds after the robot has arrived.
+/// Largest tolerance that is chosen automatically, s. An instrument measures some seconds after the robot has stopped.
 const MAX_TOLERANCE_S: f64 = 5.0;
-/// Positions on which differences of the clocks are tried.
+/// Maximum number of positions with which clock differences are tried.
 const MAX_TRIED: usize = 200;
-/// Fewest pairs from which a difference of clocks is found.
+/// Minimum number of pairs for finding the clock difference.
 const MIN_PAIRS: usize = 4;
 
-/// Share of the points' extent within which positions of one posture lie: ten times what a robot that comes back misses.
+/// Positions of one posture are within this share of the points' extent. It is ten times the deviation of a robot that returns to a posture.
 pub(super) const MAX_APART: f64 = 1.0e-3;
 
-/// Half of the positions are nearer to the first one than this.
+/// Extent of the points, mm: median distance of the positions from the first one.
 pub(super) fn extent_mm(positions_mm: impl Iterator<Item = Vector3<f64>>) -> f64 {
     let all: Vec<Vector3<f64>> = positions_mm.collect();
     let mut far: Vec<f64> = all
@@ -32,19 +32,19 @@ pub(super) fn extent_mm(positions_mm: impl Iterator<Item = Vector3<f64>>) -> f64
     far.get(far.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// How two clocks were compared.
+/// Result of the comparison of the two clocks.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Clock {
     pub offset_s: f64,
     pub tolerance_s: f64,
-    /// The row that stands for each standstill.
+    /// The row of the robot's file that represents each standstill.
     pub standstills: Vec<usize>,
     pub n_standstills: usize,
-    /// Of an instrument that wrote a log, the row that stands for each of its standstills.
+    /// If the instrument's file is a log: the rows that represent its standstills.
     pub instrument_rows: Option<BTreeSet<usize>>,
 }
 
-/// The robot stands: from, to, and the row in the middle.
+/// A standstill of the robot: its start, its end, and the row in the middle.
 #[derive(Clone, Copy, Debug)]
 struct Standstill {
     from_s: f64,
@@ -55,7 +55,7 @@ struct Standstill {
 /// Times of a column, s.
 ///
 /// # Errors
-/// `not_a_time` with the line.
+/// `not_a_time` with the line of a cell that is not a time.
 pub(super) fn times(
     means: &str,
     cells: &[String],
@@ -66,7 +66,7 @@ pub(super) fn times(
         Some(Key::Time(unit)) => unit,
         _ => TimeUnit::Unstated,
     };
-    // which of day and month comes first does not matter where all rows are of one day
+    // In a date with slashes the day or the month may come first. This does not matter if all rows have the same date: the date is then left out.
     let date = cells.first().and_then(|cell| slashed_date(cell));
     let date = date.filter(|date| cells.iter().all(|cell| slashed_date(cell) == Some(*date)));
     let read = |(cell, line): (&String, &usize)| {
@@ -83,7 +83,7 @@ pub(super) fn times(
     cells.iter().zip(lines).map(read).collect()
 }
 
-/// `3/1/2026` in front of a time.
+/// A date with slashes, such as `3/1/2026`, before a time.
 fn slashed_date(cell: &str) -> Option<&str> {
     let (date, _) = cell.trim().split_once(' ')?;
     let is_date =
@@ -91,7 +91,7 @@ fn slashed_date(cell: &str) -> Option<&str> {
     is_date.then_some(date)
 }
 
-/// A time without AM or PM, and the hours to add to it.
+/// Splits off AM or PM. Returns the time without it, and the hours to add.
 fn without_half_day(cell: &str) -> (&str, Option<f64>) {
     let halves = [("am", 0.0), ("a.m.", 0.0), ("pm", 12.0), ("p.m.", 12.0)];
     for (mark, hours) in halves {
@@ -106,7 +106,7 @@ fn without_half_day(cell: &str) -> (&str, Option<f64>) {
     (cell, None)
 }
 
-/// Seconds of a number in its unit, a time of day, or a date with one.
+/// Converts a cell to seconds: a number with the unit of its column, a time of day, or a date with a time of day.
 fn seconds(cell: &str, unit: TimeUnit) -> Option<f64> {
     let cell = cell.trim();
     if let Ok(number) = cell.replace(',', ".").parse::<f64>() {
@@ -158,7 +158,7 @@ fn without_zone(time: &str) -> Option<(&str, f64)> {
     Some((&time[..at], sign * (hours * 3600.0 + minutes * 60.0)))
 }
 
-/// Days of 2026-03-01 or 01.03.2026 since 1970. A date with slashes has two readings, and is none here.
+/// Days since 1970-01-01 of a date such as 2026-03-01 or 01.03.2026. A date with slashes is ambiguous and not accepted here.
 fn days(date: &str) -> Option<f64> {
     let numbers = |separator: char| -> Option<[i64; 3]> {
         let parts: Vec<i64> = date
@@ -175,7 +175,7 @@ fn days(date: &str) -> Option<f64> {
     if !(1970..=2200).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
         return None;
     }
-    // days from civil (Hinnant): years begin in March
+    // Algorithm `days_from_civil` of Howard Hinnant, in which years begin in March.
     let y = if month <= 2 { year - 1 } else { year };
     let (era, m) = (y.div_euclid(400), (month + 9) % 12);
     let year_of_era = y - era * 400;
@@ -187,7 +187,7 @@ fn days(date: &str) -> Option<f64> {
 /// Pairs positions with standstills of the robot.
 ///
 /// # Errors
-/// `join_unclear` if the clocks cannot be compared, `two_readings` if they can in two ways.
+/// `join_unclear` if the clock difference cannot be found, `two_readings` if two clock differences are possible.
 pub(super) fn by_time(
     robot: &[Point],
     robot_s: &[f64],
@@ -239,14 +239,14 @@ pub(super) fn by_time(
     ))
 }
 
-/// Rows in the order of their times.
+/// Row indices sorted by time.
 fn in_order(times_s: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..times_s.len()).collect();
     order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
     order
 }
 
-/// Whether rows follow each other faster than poses are measured one by one.
+/// Whether the file is a log: its rows follow each other faster than poses are measured one by one.
 fn is_log(order: &[usize], times_s: &[f64]) -> bool {
     let mut spacings: Vec<f64> = order
         .windows(2)
@@ -257,7 +257,7 @@ fn is_log(order: &[usize], times_s: &[f64]) -> bool {
     median.is_some_and(|s| *s <= LOG_SPACING_S)
 }
 
-/// The row in the middle of each stretch in which an instrument's log stands, within a thousandth of the points' extent.
+/// The row in the middle of each standstill in an instrument's log. In a standstill all positions are within [`MAX_APART`] of the points' extent.
 fn instrument_standstills(instrument: &[Point], instrument_s: &[f64]) -> Vec<usize> {
     let order = in_order(instrument_s);
     let limit_mm = MAX_APART * extent_mm(instrument.iter().map(|point| point.position_mm));
@@ -279,7 +279,7 @@ fn instrument_standstills(instrument: &[Point], instrument_s: &[f64]) -> Vec<usi
     long.map(|rows| rows[rows.len() / 2]).collect()
 }
 
-/// Stretches of rows, in the order of time, in which no joint moves.
+/// The standstills of the robot, in the order of time: consecutive rows in which no joint moves.
 fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
     let order = in_order(robot_s);
     let is_log = is_log(&order, robot_s);
@@ -305,7 +305,7 @@ fn standstills(robot: &[Point], robot_s: &[f64]) -> Vec<Standstill> {
         .collect()
 }
 
-/// A quarter of the smallest distance between two standstills.
+/// The tolerance to use if none is stated: a quarter of the shortest time between two standstills, at most [`MAX_TOLERANCE_S`].
 fn tolerance(standstills: &[Standstill]) -> f64 {
     let gaps = standstills
         .windows(2)
@@ -313,7 +313,7 @@ fn tolerance(standstills: &[Standstill]) -> f64 {
     (gaps.fold(f64::INFINITY, f64::min) / 4.0).clamp(0.0, MAX_TOLERANCE_S)
 }
 
-/// The nearest standstill of each time, if it is within the tolerance.
+/// For each time of the instrument, the nearest standstill, if it is within the tolerance.
 fn paired(
     standstills: &[Standstill],
     instrument_s: &[f64],
@@ -337,7 +337,7 @@ fn paired(
     instrument_s.iter().map(nearest).collect()
 }
 
-/// How far a time is outside a standstill: negative before it.
+/// Distance of a time from a standstill, s: negative before it, 0 during it, positive after it.
 fn gap(standstill: &Standstill, at_s: f64) -> f64 {
     (at_s - standstill.from_s).min(0.0) + (at_s - standstill.to_s).max(0.0)
 }
@@ -380,7 +380,7 @@ fn found_offset(
         );
         return Err(error("join_unclear", detail));
     }
-    // the clocks agree as they are
+    // A clock difference of about zero is preferred to all others.
     let as_they_are = best
         .iter()
         .find(|(offset_s, _)| offset_s.abs() <= tolerance_s);
@@ -406,7 +406,7 @@ fn found_offset(
     }
 }
 
-/// The difference of the clocks with the median gap taken out.
+/// Refines a clock difference: subtracts the median gap of the pairs that it gives.
 fn centred(
     standstills: &[Standstill],
     instrument_s: &[f64],

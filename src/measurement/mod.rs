@@ -1,4 +1,4 @@
-//! Measured poses: the set, its CSV form, units and the split into identify and verify.
+//! Measurement sets: parsing of files, units, joining of two files, and the split into identify and verify subsets.
 
 pub mod column_mapping;
 pub mod column_meaning;

@@ -1,12 +1,12 @@
-//! Numbers as spreadsheets and reports write them: with a minus sign of its own, and with separators of thousands that can be read in one way only.
+//! Numbers as written by spreadsheets and reports: with the minus sign U+2212, and with unambiguous thousands separators.
 
 use std::borrow::Cow;
 
-/// Characters that separate thousands and nothing else: spaces of several widths and apostrophes.
+/// Characters that are only used as thousands separators: spaces of several widths and apostrophes.
 const GROUP_MARKS: [char; 6] = [' ', '\u{a0}', '\u{2009}', '\u{202f}', '\'', '\u{2019}'];
 
-/// A cell with `-` for the minus sign U+2212, and without separators of thousands where `decimal` stands behind them or they are no decimal mark.
-/// Cells that are written otherwise stay as they are.
+/// Replaces the minus sign U+2212 by `-` and removes thousands separators. They are removed only if they are unambiguous: if the decimal mark follows
+/// them, or if they cannot be a decimal mark. Other cells stay unchanged.
 pub(super) fn plain(cell: &str, decimal: char) -> Cow<'_, str> {
     let cell = match cell.strip_prefix('\u{2212}') {
         Some(rest) => Cow::Owned(format!("-{rest}")),
@@ -30,7 +30,7 @@ pub(super) fn plain(cell: &str, decimal: char) -> Cow<'_, str> {
     })
 }
 
-/// The decimal mark of a number that has both marks, `1.234,5` or `1,234.5`.
+/// The decimal mark of a number that contains both marks, such as `1.234,5` or `1,234.5`.
 pub(super) fn decimal_of_both(cell: &str) -> Option<char> {
     let decimal = match (cell.rfind('.')?, cell.rfind(',')?) {
         (point, comma) if point > comma => '.',
@@ -40,7 +40,7 @@ pub(super) fn decimal_of_both(cell: &str) -> Option<char> {
     (!plain(cell, decimal).contains(other)).then_some(decimal)
 }
 
-/// `1 234 567`: one to three digits, then groups of three.
+/// Whether the digits are grouped as in `1 234 567`: one to three digits, then groups of three.
 fn is_grouped(whole: &str, mark: char) -> bool {
     let digits = whole.trim_start_matches(['+', '-']);
     let mut groups = digits.split(mark);

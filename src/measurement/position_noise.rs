@@ -1,38 +1,37 @@
-//! Noise of a measured position that is not the same in all directions: along the axes of the measuring frame, along and across the beam of an
-//! instrument, or as a covariance.
+//! Anisotropic noise of a measured position: stated along the axes of the measuring frame, along and across the beam of an instrument, or as a
+//! covariance.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Axes whose standard uncertainties differ by less than this share are alike: no certificate states a digit more.
+/// Standard uncertainties that differ by less than this share count as equal. No calibration certificate states more digits.
 const ALIKE: f64 = 1e-9;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 1000;
-/// A covariance is symmetric to this share of its largest entry: what six digits of a file leave.
+/// Allowed asymmetry of a covariance, as a share of its largest entry. It allows for values with six digits in a file.
 const SYMMETRIC: f64 = 1e-6;
 
-/// Standard uncertainties of a position along three axes that are at right angles to each other: the covariance is
-/// A · diag(std²) · Aᵀ.
+/// Noise of a position: standard uncertainties along three orthogonal axes. The covariance is A · diag(std²) · Aᵀ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionNoise {
-    /// A: unit vectors of the axes, in the measuring frame; one per column.
+    /// A: unit vectors of the axes in the measuring frame, one per column.
     pub axes: Matrix3<f64>,
-    /// One standard deviation along each of them, mm.
+    /// One standard deviation along each axis, mm.
     pub std_mm: Vector3<f64>,
 }
 
-/// What an instrument at the origin of the measuring frame states: of the length of its beam, and of both of its angles.
+/// Noise model of an instrument at the origin of the measuring frame that measures a range and two angles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstrumentNoise {
-    /// One standard deviation of a length, mm; its constant part.
+    /// One standard deviation of the range, mm: the constant part.
     pub range_std_mm: f64,
-    /// The part that grows with the length, mm per m.
+    /// One standard deviation of the range: the part that grows with the range, mm per m.
     pub range_std_mm_per_m: f64,
     /// One standard deviation of each angle, rad.
     pub angle_std_rad: f64,
 }
 
 impl PositionNoise {
-    /// Along the axes of the measuring frame.
+    /// Noise with these standard uncertainties along the axes of the measuring frame.
     pub fn of_axes(std_mm: Vector3<f64>) -> Self {
         Self {
             axes: Matrix3::identity(),
@@ -40,7 +39,7 @@ impl PositionNoise {
         }
     }
 
-    /// Of a covariance, mm²: its eigenvectors are the axes. `None` where it is not symmetric, or a variance is not positive.
+    /// Noise with this covariance, mm². The axes are its eigenvectors. `None` if the matrix is not symmetric or an eigenvalue is not positive.
     pub fn of_covariance(covariance_mm2: &Matrix3<f64>) -> Option<Self> {
         let largest = covariance_mm2.amax();
         let skew = covariance_mm2 - covariance_mm2.transpose();
@@ -60,18 +59,18 @@ impl PositionNoise {
         self.std_mm.norm() / 3.0_f64.sqrt()
     }
 
-    /// True if no direction differs from another.
+    /// True if the noise is the same in all directions.
     pub fn is_alike(&self) -> bool {
         self.std_mm.max() - self.std_mm.min() <= ALIKE * self.std_mm.max()
     }
 
-    /// W of the rows W · residual that all have the variance [`Self::rms_mm`]² + s², s in mm: the noise with a part beside it that is the same in
-    /// all directions. Row k is along axis k. Wᵀ·W is that variance times the inverse of the covariance.
+    /// Whitening matrix W for this noise plus an independent isotropic part with standard deviation s = `beside_mm`. All rows of W · residual have
+    /// the same variance, [`Self::rms_mm`]² + s². Row k is along axis k. Wᵀ·W is this variance times the inverse of the covariance.
     pub fn whitening(&self, beside_mm: f64) -> Matrix3<f64> {
         Matrix3::from_diagonal(&self.stretched(beside_mm)) * self.axes.transpose()
     }
 
-    /// By how much [`Self::whitening`] stretches each axis.
+    /// Factor by which [`Self::whitening`] scales each axis.
     pub fn stretched(&self, beside_mm: f64) -> Vector3<f64> {
         let beside_mm2 = beside_mm * beside_mm;
         let rms_mm = self.rms_mm();
@@ -82,15 +81,15 @@ impl PositionNoise {
 }
 
 impl InstrumentNoise {
-    /// At a position in the measuring frame, mm: the first axis is the beam. Across it the standard uncertainty is the distance times that of an
-    /// angle, at least `least_mm`.
+    /// The noise at a position in the measuring frame (mm). The first axis is the beam. Across the beam, the standard uncertainty is the distance
+    /// times the standard uncertainty of an angle, but at least `least_mm`.
     pub fn at(&self, position_mm: &Vector3<f64>, least_mm: f64) -> PositionNoise {
         let distance_mm = position_mm.norm();
         let range_mm = self.range_std_mm + self.range_std_mm_per_m * (distance_mm / 1000.0);
         let across_mm = (distance_mm * self.angle_std_rad).max(least_mm);
-        // at the origin the beam has any direction
+        // At the origin the direction of the beam is not defined, so z is used.
         let beam = position_mm.try_normalize(0.0).unwrap_or_else(Vector3::z);
-        // the axis of the frame that is farthest from the beam
+        // The axis of the frame that is closest to perpendicular to the beam.
         let farthest = Vector3::ith(beam.iamin(), 1.0);
         let across = beam.cross(&farthest).normalize();
         PositionNoise {

@@ -1,24 +1,24 @@
-//! How well a robot returns to a pose: RP of ISO 9283 from poses that were measured several times.
+//! Pose repeatability RP of ISO 9283, from poses that were measured several times.
 
 use nalgebra::Vector3;
 
 /// One pose that was visited several times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Visits {
-    /// How often.
+    /// Number of visits.
     pub n: usize,
     /// p̄: the barycentre, mm.
     pub barycentre_mm: Vector3<f64>,
-    /// l̄: mean distance from it, mm.
+    /// l̄: mean distance from the barycentre, mm.
     pub mean_distance_mm: f64,
-    /// S_l: standard deviation of that distance (n − 1), mm.
+    /// S_l: standard deviation of the distance from the barycentre (with n − 1), mm.
     pub std_distance_mm: f64,
     /// Σ |p − p̄|², mm².
     pub sum_of_squares_mm2: f64,
 }
 
 impl Visits {
-    /// Of the positions at one pose; `None` for fewer than two.
+    /// From the positions measured at one pose; `None` for fewer than two positions.
     pub fn of(positions_mm: &[Vector3<f64>]) -> Option<Self> {
         let n = positions_mm.len();
         if n < 2 {
@@ -51,7 +51,7 @@ impl Visits {
     }
 }
 
-/// RP of several poses as if they were one: l̄ weighted by visits, S_l² by degrees of freedom; mm.
+/// Pooled RP of several poses, mm: l̄ is weighted by the number of visits, S_l² by the degrees of freedom.
 pub fn pooled_rp_mm(poses: &[Visits]) -> f64 {
     let n: f64 = poses.iter().map(|v| v.n as f64).sum();
     let mean = poses
@@ -68,7 +68,7 @@ pub fn pooled_rp_mm(poses: &[Visits]) -> f64 {
     mean + 3.0 * variance.sqrt()
 }
 
-/// Standard deviation of one coordinate about its pose's barycentre, mm: √(Σ |p − p̄|² / (3·Σ (n − 1))), right for few visits too.
+/// Standard deviation of one coordinate about the barycentre of its pose, mm: √(Σ |p − p̄|² / (3·Σ (n − 1))). It is also correct for few visits.
 pub fn pooled_std_mm(poses: &[Visits]) -> f64 {
     let freedom: f64 = poses.iter().map(|v| 3.0 * (v.n - 1) as f64).sum();
     (poses.iter().map(|v| v.sum_of_squares_mm2).sum::<f64>() / freedom).sqrt()

@@ -1,22 +1,23 @@
-//! How a file writes rotations by three angles.
+//! Rotation conventions: the meaning of three angles in a file.
 //!
-//! Twenty-four sequences of elementary rotations, and rotation vectors. Nothing is guessed: the same three numbers are a rotation in all of them.
+//! There are twenty-four sequences of elementary rotations, and rotation vectors. The convention is never guessed, because the same three numbers are
+//! a valid rotation in all conventions.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::fmt;
 use std::str::FromStr;
 
-/// What three angles mean.
+/// Meaning of three angles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RotationConvention {
     /// Elementary rotations one after another.
     Sequence {
-        /// Axes in their order, 0 to 2 for x to z.
+        /// The axes in the order of the rotations, 0 to 2 for x to z.
         axes: [usize; 3],
-        /// About the fixed axes; else about those that the rotations before have turned.
+        /// True: rotations about the fixed axes. False: rotations about the axes of the already rotated frame (intrinsic).
         is_extrinsic: bool,
     },
-    /// The axis times the angle.
+    /// Rotation vector: axis times angle.
     RotationVector,
 }
 
@@ -24,7 +25,7 @@ const AXES: [char; 3] = ['x', 'y', 'z'];
 const ROTATION_VECTOR: &str = "rotation_vector";
 
 impl RotationConvention {
-    /// All of them.
+    /// All conventions.
     pub fn all() -> Vec<Self> {
         let mut all = vec![Self::RotationVector];
         for is_extrinsic in [true, false] {
@@ -39,8 +40,8 @@ impl RotationConvention {
         all
     }
 
-    /// The rotation of three angles, rad. Where the three axes differ, an angle belongs to the axis in its name (rx to x); else angles come in
-    /// the order of the axes.
+    /// The rotation of three angles, rad. If the three axes are different, each angle belongs to the axis in its name (rx to x). Otherwise (proper
+    /// Euler angles) the angles are in the order of the axes.
     pub fn rotation(self, angles_rad: &Vector3<f64>) -> Rotation3<f64> {
         let Self::Sequence { axes, is_extrinsic } = self else {
             return exp(angles_rad);
@@ -60,7 +61,7 @@ impl RotationConvention {
     }
 }
 
-/// A turn about an axis of the frame.
+/// An elementary rotation about an axis of the frame.
 fn about(axis: usize, angle_rad: f64) -> Rotation3<f64> {
     let (sin, cos) = libm::sincos(angle_rad);
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -94,11 +95,11 @@ impl fmt::Display for RotationConvention {
     }
 }
 
-/// The name of no convention.
+/// The text is not the name of a rotation convention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnknownConvention;
 
-/// What a convention may be called, for messages.
+/// The possible names of conventions, for messages.
 pub const CONVENTIONS: &str = "intrinsic_xyz, extrinsic_xyz, intrinsic_zyx, … (intrinsic or extrinsic, and any sequence of axes, also zyz and the \
                                like) or rotation_vector";
 

@@ -1,15 +1,15 @@
-//! Several sessions of one robot as one set of points: each keeps its own base and its own targets, and a posture that several of them measured
-//! is one configuration.
+//! Joins several sessions of one robot to one set of points. Each session keeps its own base and its own targets. A posture that several sessions
+//! measured is one configuration.
 
 use crate::measurement::conventions::Frame;
 use crate::measurement::set::MeasurementSet;
 use std::collections::BTreeMap;
 
-/// Most sessions of one job: every pair of them is compared.
+/// Maximum number of sessions of one job. The number is small because every pair of sessions is compared.
 pub const MAX_SESSIONS: usize = 8;
 
-/// The points of all sessions, one session after the other, in the frame of the first. Stations, sessions, targets and places in the measuring
-/// order of one session are never those of another. All sets have to be in the same frame.
+/// The points of all sessions, one session after the other. All sets must be in the same kind of frame. Stations, sessions, targets and positions in
+/// the measuring order are made unique, so that no two sessions share them.
 pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
     let mut points = Vec::new();
     let mut n_targets = 0;
@@ -42,12 +42,12 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
     })
 }
 
-/// What messages call a session, counted from 0.
+/// Name of a session in messages. `session` is counted from 0.
 pub fn name(session: usize) -> String {
     format!("session {}", session + 1)
 }
 
-/// The first row of each session in the joined set, and after them the number of all rows.
+/// The first row of each session in the joined set, followed by the total number of rows.
 pub fn first_rows(sessions: &[MeasurementSet]) -> Vec<usize> {
     let mut rows = vec![0];
     for set in sessions {
@@ -56,7 +56,7 @@ pub fn first_rows(sessions: &[MeasurementSet]) -> Vec<usize> {
     rows
 }
 
-/// The same points; labels of one posture become the one that it had first.
+/// The same points, but all labels of one posture are replaced by its first label.
 fn with_shared_configurations(mut set: MeasurementSet) -> MeasurementSet {
     let numbers = set.distinct_configurations();
     let mut first: BTreeMap<usize, &str> = BTreeMap::new();

@@ -1,59 +1,59 @@
-//! A measurement set: joint values and where the instrument saw the target.
+//! A measurement set: joint values, and the measured positions or poses of the target.
 
 use crate::measurement::conventions::{Frame, Subset};
 use crate::measurement::position_noise::PositionNoise;
 use nalgebra::{Rotation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One measured position.
+/// One measured position or pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// Joint values as uploaded (the controller's convention), rad.
+    /// Joint values as uploaded, in the convention of the controller, rad.
     pub q_rad: Vec<f64>,
     /// Measured target position in the measuring frame, mm.
     pub position_mm: Vector3<f64>,
-    /// Points of one arm configuration share this label; never split between identify and verify.
-    /// Filled for every point by the parsers (by equal joint values where the column is absent).
+    /// Label of the arm configuration. Points of one configuration have the same label and are never split between identify and verify. Parsers fill
+    /// it for every point; without a column, points with equal joint values get the same label.
     pub configuration: String,
-    /// Which reflector on the tool, 0-based.
+    /// Number of the reflector on the tool, 0-based.
     pub target: usize,
-    /// The subset the file names, if it does.
+    /// The subset, if the file states it.
     pub subset: Option<Subset>,
-    /// The point's own standard uncertainty, mm; weights are 1/std².
+    /// Standard uncertainty of each coordinate of this point, mm. Weights are 1/std².
     pub std_mm: Option<f64>,
-    /// Label of the instrument's set-up; a new one means that the base pose is unknown anew.
+    /// Label of the station, i.e. of the instrument's set-up. Each station has its own unknown base pose.
     pub station: Option<String>,
     /// Label of the measuring session.
     pub session: Option<String>,
-    /// Place in the measuring order; default: the row.
+    /// Position in the measuring order; default: the row.
     pub sequence: i64,
     /// Air temperature at the robot, °C.
     pub temperature_c: Option<f64>,
-    /// The joint this point sweeps (1-based), in a file of sweeps.
+    /// In a file of sweeps: the joint that moves, 1-based.
     pub sweep_joint: Option<usize>,
-    /// How the target was turned in the measuring frame, of a pose.
+    /// For a pose: orientation of the target in the measuring frame.
     pub rotation: Option<Rotation3<f64>>,
-    /// The three angles that it was written by, rad, where it was.
+    /// The three angles from which `rotation` was computed, rad, if the file has angles.
     pub rotation_angles_rad: Option<Vector3<f64>>,
-    /// The position's own standard uncertainties where directions differ, in the measuring frame; instead of `std_mm`.
+    /// Anisotropic noise of the position in the measuring frame; instead of `std_mm`.
     pub position_noise: Option<PositionNoise>,
-    /// Standard uncertainty of a coordinate of the rotation vector, rad.
+    /// Standard uncertainty of one component of the rotation vector, rad.
     pub std_rotation_rad: Option<f64>,
 }
 
 /// All points of one upload, in file order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasurementSet {
-    /// The frame of every position.
+    /// The frame of all positions.
     pub frame: Frame,
     /// Whether gravity is −z of the measuring frame, by the level of the instrument.
     pub is_levelled: bool,
-    /// The points, in file order: index = 0-based data row.
+    /// The points in file order. The index is the 0-based data row.
     pub points: Vec<Point>,
 }
 
 impl Point {
-    /// A point to fill in: `n_joints` zeros, measured in file order at `row`.
+    /// An empty point with `n_joints` joint values of 0, measured in file order at `row`.
     pub fn empty(n_joints: usize, row: usize) -> Self {
         Self {
             q_rad: vec![0.0; n_joints],
@@ -76,7 +76,7 @@ impl Point {
 }
 
 impl Point {
-    /// Standard uncertainty of a coordinate of the position, mm: where directions differ, the root mean square of the three.
+    /// Standard uncertainty of one coordinate of the position, mm. For anisotropic noise: root mean square over the three axes.
     pub fn position_std_mm(&self) -> Option<f64> {
         self.std_mm
             .or(self.position_noise.map(|noise| noise.rms_mm()))
@@ -84,7 +84,7 @@ impl Point {
 }
 
 impl MeasurementSet {
-    /// A set whose points all have a configuration: points without a label share one when their joint values are equal.
+    /// A set in which all points have a configuration. Points without a label get the same label if their joint values are equal.
     pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {
         let mut configurations = Configurations::default();
         for (row, point) in points.iter_mut().enumerate() {
@@ -110,10 +110,11 @@ impl MeasurementSet {
             .collect()
     }
 
-    /// A number for each label, the same for labels under which the robot stood alike: they are one configuration, whatever the file calls them.
+    /// A number for each configuration label. Labels with equal joint values get the same number, because they are one configuration with different
+    /// names.
     pub fn distinct_configurations(&self) -> BTreeMap<&str, usize> {
         let mut numbers: BTreeMap<&str, usize> = BTreeMap::new();
-        // for each number one of the same configuration that is not higher
+        // Union-find: for each number, a number of the same configuration that is not higher.
         let mut lower: Vec<usize> = Vec::new();
         let lowest = |lower: &[usize], mut number: usize| {
             while lower[number] != number {
@@ -140,19 +141,19 @@ impl MeasurementSet {
             .collect()
     }
 
-    /// How many different configurations the robot stood in.
+    /// Number of different configurations of the robot.
     pub fn n_distinct_configurations(&self) -> usize {
         let numbers = self.distinct_configurations();
         numbers.into_values().collect::<BTreeSet<_>>().len()
     }
 
-    /// True if the stated noise of some position differs from direction to direction.
+    /// True if the stated noise of any position is anisotropic.
     pub fn has_uneven_noise(&self) -> bool {
         let noise = self.points.iter().filter_map(|p| p.position_noise);
         noise.into_iter().any(|noise| !noise.is_alike())
     }
 
-    /// True if poses were measured, not positions alone.
+    /// True if poses were measured, and not only positions.
     pub fn has_poses(&self) -> bool {
         self.points.iter().any(|p| p.rotation.is_some())
     }
@@ -169,23 +170,23 @@ impl MeasurementSet {
     }
 }
 
-/// Joint values closer than this in every joint are one configuration where the file names none, rad (0.05°): a robot that holds still
-/// reads a little differently from row to row, and two poses this close say the same about the robot.
+/// Rows whose joint values differ by less than this in every joint are one configuration, if the file has no labels, rad (0.05°). The readings of a
+/// robot at standstill vary a little from row to row, and two poses this close give the same information about the robot.
 pub const SAME_JOINT_RAD: f64 = 8.7e-4;
 
-/// The first row of each configuration met so far, found again by one of several keys, each of which differs by less than a cell where all
-/// joint values are the same: a weighted sum of them, and each by itself. Whatever poses are alike in one of them, a grid of joint values or
-/// poses of one sum, another one tells apart.
+/// The first row of each configuration found so far, with several indexes for a fast lookup. The keys are a weighted sum of the joint values, and
+/// each joint value itself. Every key is divided into cells; the keys of equal joint values differ by less than one cell. The lookup uses the index
+/// with the fewest candidates: poses that share a cell of one key (a grid of joint values, or poses with equal sums) differ in another key.
 #[derive(Debug, Default)]
 pub struct Configurations {
-    /// Joint values and row of the first of each configuration.
+    /// Joint values and row of the first point of each configuration.
     firsts: Vec<(Vec<f64>, usize)>,
-    /// For each key: cell → places in `firsts`.
+    /// For each key: map from a cell to indices in `firsts`.
     near: Vec<BTreeMap<i64, Vec<usize>>>,
 }
 
 impl Configurations {
-    /// The first row whose joint values are the same as `q_rad`: an earlier one, else `row`.
+    /// The first row whose joint values equal `q_rad`: an earlier row, or `row` if there is none.
     pub fn first_row_like(&mut self, q_rad: &[f64], row: usize) -> usize {
         let cells = cells_of(q_rad);
         self.near
@@ -221,7 +222,7 @@ impl Configurations {
     }
 }
 
-/// The cell of each key. The weights of the sum are incommensurable, so that different poses of a grid rarely share one.
+/// The cell of each key. The weights of the sum are incommensurable, so that different poses of a grid rarely share a cell.
 fn cells_of(q_rad: &[f64]) -> Vec<i64> {
     let weight = |joint: usize| 1.0 / (joint as f64 + 1.0).sqrt();
     let (sum, reach) = q_rad
@@ -236,8 +237,9 @@ fn cells_of(q_rad: &[f64]) -> Vec<i64> {
         .collect()
 }
 
-/// How many of the points of `b` stand in `a` as well, same joints and same position, also where a spreadsheet rounded one of them to 0.01 mm
-/// and 0.001°: a session measured anew repeats neither the noise of another nor the robot's scatter.
+/// Number of points of `b` that are also in `a`, with the same joint values and the same position. One of the two may have been rounded to 0.01 mm
+/// and 0.001° by a spreadsheet. A new measurement shares no points with an earlier one, because it repeats neither the noise nor the scatter of the
+/// robot.
 pub fn n_shared_points(a: &MeasurementSet, b: &MeasurementSet) -> usize {
     let cell = |p: &Point| p.position_mm.map(|x| (x / SAME_POSITION_MM).floor() as i64);
     let mut known: BTreeMap<[i64; 3], Vec<&Point>> = BTreeMap::new();
@@ -265,15 +267,15 @@ pub fn n_shared_points(a: &MeasurementSet, b: &MeasurementSet) -> usize {
     b.points.iter().filter(is_known).count()
 }
 
-/// How far apart two joint values are, whole turns aside, rad.
+/// Absolute difference of two joint values, rad, ignoring whole turns.
 fn turned(difference_rad: f64) -> f64 {
     let part = difference_rad.rem_euclid(std::f64::consts::TAU);
     part.min(std::f64::consts::TAU - part)
 }
 
-/// Joint values closer than this may be the same reading, one of them rounded to 0.001°, rad.
+/// Joint values closer than this count as the same reading, rad. One of them may be rounded to 0.001°.
 const SAME_READING_RAD: f64 = 1.1e-5;
-/// Coordinates closer than this may be the same reading, one of them rounded to 0.01 mm.
+/// Coordinates closer than this count as the same reading, mm. One of them may be rounded to 0.01 mm.
 const SAME_POSITION_MM: f64 = 0.006;
-/// Points in one place that a point is compared with.
+/// Maximum number of nearby points that a point is compared with.
 const MOST_COMPARED: usize = 200;

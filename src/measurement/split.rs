@@ -1,4 +1,5 @@
-//! Which points the parameters are fitted to and which they are scored on. Rows of one configuration stay together.
+//! Splits the points into those to which the parameters are fitted (identify) and those on which they are scored (verify). Rows of one configuration
+//! stay together.
 
 use crate::measurement::conventions::Subset;
 use crate::measurement::set::MeasurementSet;
@@ -9,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Why a split cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// `subset` was asked for, but a row has none.
+    /// The split by the `subset` column was requested, but a row has no subset.
     #[error(
         "row {row} has no subset; name identify or verify in every row, or leave the column out"
     )]
@@ -17,7 +18,7 @@ pub enum Error {
         /// 0-based data row.
         row: usize,
     },
-    /// A configuration's rows stand on both sides.
+    /// A configuration has rows in both subsets.
     #[error(
         "configuration {configuration:?} has rows in identify and in verify; rows of one configuration belong to one subset"
     )]
@@ -27,10 +28,10 @@ pub enum Error {
     },
 }
 
-/// The subsets the file names, one per point.
+/// The subsets that the file states, one per point.
 ///
 /// # Errors
-/// A row without a subset, or a configuration on both sides.
+/// If a row has no subset, or a configuration has rows in both subsets.
 pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     let mut subsets = Vec::with_capacity(set.points.len());
     let mut side: BTreeMap<&str, Subset> = BTreeMap::new();
@@ -46,8 +47,8 @@ pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     Ok(subsets)
 }
 
-/// A seeded share of the configurations to verify, the rest to identify; one subset per point.
-/// `verify_fraction` 0 puts everything into identify.
+/// Puts a random share of the configurations, chosen with the seed, into verify and the rest into identify. Returns one subset per point. With
+/// `verify_fraction` 0 all points are in identify.
 pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec<Subset> {
     let mut configurations = set.configurations();
     configurations.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
@@ -63,7 +64,7 @@ pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec
     set.points.iter().map(|p| side(&p.configuration)).collect()
 }
 
-/// True if any row names a subset.
+/// True if any row states a subset.
 pub fn has_column(set: &MeasurementSet) -> bool {
     set.points.iter().any(|p| p.subset.is_some())
 }

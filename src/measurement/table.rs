@@ -1,4 +1,4 @@
-//! A table in a file: its header and its rows. Nothing here knows units.
+//! A table in a file: its header and its rows. Values are not interpreted here.
 
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator, same_header};
 use crate::measurement::column_names::Unit;
@@ -14,61 +14,62 @@ use crate::measurement::table_lines::{
 use crate::measurement::table_text::{Encoding, Source};
 use std::borrow::Cow;
 
-/// Lines in which the header is searched: instruments write some twenty lines about themselves above it.
+/// Number of lines in which the header is searched. Instruments write about twenty lines of information above it.
 const MAX_PREAMBLE: usize = 60;
-/// Most columns of a table: a hundred times what one has.
+/// Maximum number of columns of a table: a hundred times the usual number.
 pub const MAX_COLUMNS: usize = 1000;
 
 /// A table whose header has been found.
 #[derive(Clone, Debug)]
 pub struct Table<'a> {
-    /// From the first line after header and units.
+    /// The text from the first line after header and units.
     text: Cow<'a, str>,
-    /// How the file wrote its characters.
+    /// Encoding of the file.
     pub encoding: Encoding,
-    /// What separates columns.
+    /// The column separator.
     pub separator: Separator,
-    /// The line of the header, counted from 1; none where all lines are data.
+    /// The line of the header, counted from 1; none if all lines are data.
     pub header_line: Option<usize>,
-    /// The header's cells; empty texts where there is none.
+    /// The cells of the header; empty texts if there is no header.
     pub header: Vec<String>,
-    /// The units that stand under the header, a cell per column.
+    /// The row of units below the header, one cell per column.
     pub units: Option<Vec<Option<Unit>>>,
-    /// The unit of lengths that a line above the header states, as OptiTrack writes it.
+    /// The unit of lengths that a line above the header states, as in files of OptiTrack.
     pub length_unit: Option<&'static str>,
     /// The line on which `text` begins.
     first_line: usize,
-    /// Lines above the data that are neither header nor units.
+    /// Number of lines above the data that are neither header nor units.
     pub n_skipped_above: usize,
-    /// Whether lines that begin like comments are comments; not stated: only where they have not as many cells as the header.
+    /// Whether lines that begin like comments are comments. `None`: such a line is a comment, unless it looks like a row of data; then it is
+    /// ambiguous.
     comments: Option<bool>,
 }
 
 /// A row of data.
 #[derive(Clone, Debug)]
 pub struct TableRow {
-    /// The line on which it begins, counted from 1.
+    /// The line on which the row begins, counted from 1.
     pub line: usize,
     /// Its cells.
     pub cells: csv::StringRecord,
 }
 
-/// What the next row is.
+/// The next row of a table.
 #[derive(Debug)]
 pub enum Next {
-    /// Data.
+    /// A row of data.
     Row(TableRow),
     /// A blank row or a comment.
     Skipped,
-    /// A line that may be either, or cannot be read.
+    /// A line that cannot be read, or that may be data or a comment: line, code and detail.
     Bad(usize, &'static str, String),
 }
 
 impl<'a> Table<'a> {
-    /// Finds header and separator. `mapping` may state them.
+    /// Finds the header and the separator, unless `mapping` states them.
     ///
     /// # Errors
-    /// [`ParseError`] if there are two readings, or none.
+    /// [`ParseError`] if the table is ambiguous or cannot be read.
     pub fn find(source: Source<'a>, mapping: &Mapping) -> Result<Self, ParseError> {
         let text: &str = &source.text;
         let above: Vec<Line> = lines(text).take(MAX_PREAMBLE).collect();
@@ -138,7 +139,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// Calls `take` with every row, blank rows and comments included, until it returns false.
+    /// Calls `take` with every row, including blank rows and comments, until `take` returns false.
     pub fn each_row(&self, mut take: impl FnMut(Next) -> bool) {
         let mut reader = csv::ReaderBuilder::new();
         let mut reader = reader
@@ -161,7 +162,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Lines of the text above a record. The reader counts empty lines in front of it as its own.
+    /// Number of lines of the text above a record. The CSV reader counts empty lines before a record as part of the record; this is corrected.
     fn lines_before(&self, at: Option<&csv::Position>) -> usize {
         let Some(at) = at else { return 0 };
         let rest = self
@@ -197,10 +198,10 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The place of a column.
+    /// The index of a column.
     ///
     /// # Errors
-    /// What is wrong with the reference, in words.
+    /// A description of what is wrong with the reference.
     pub(super) fn place(&self, column: &ColumnRef) -> Result<usize, String> {
         match column {
             ColumnRef::Number(number) => {
@@ -237,7 +238,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// A column's name for people.
+    /// The name of a column for messages.
     pub fn name(&self, place: usize) -> String {
         match self.header.get(place).map(String::as_str) {
             None | Some("") => format!("column {}", place + 1),
@@ -246,7 +247,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Whether a line that begins like a comment has as many cells as a row, and numbers among them.
+/// Whether a line that begins like a comment may be data: it has as many cells as a row, and at least two of them are numbers.
 fn may_be_data(mark: &str, cells: &csv::StringRecord, n_columns: usize) -> bool {
     let first = cells
         .get(0)
@@ -264,7 +265,7 @@ fn tail(text: Cow<'_, str>, start: usize) -> Cow<'_, str> {
     }
 }
 
-/// The first names of a header, for a sentence.
+/// The first names of a header, for a message.
 pub(super) fn listed(names: &[String]) -> String {
     let some: Vec<String> = names
         .iter()

@@ -1,4 +1,4 @@
-//! What each column of a table means: by the mapping of the caller first, by its name second.
+//! Finds the meaning of each column of a table: first from the caller's mapping, then from the name of the column.
 
 use crate::measurement::column_mapping::Mapping;
 pub use crate::measurement::column_mapping::Needs;
@@ -13,28 +13,28 @@ use std::collections::BTreeSet;
 /// A column that is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Used {
-    /// Its place, counted from 0.
+    /// Its index, counted from 0.
     pub place: usize,
-    /// Its meaning with its unit, as a mapping says it: `q1_deg`, `x_mm`, `station`, `name`.
+    /// Its meaning with its unit, as written in mappings: `q1_deg`, `x_mm`, `station`, `name`.
     pub means: String,
-    /// Whether a mapping says so.
+    /// Whether the meaning comes from a mapping.
     pub is_mapped: bool,
 }
 
-/// What the columns of a table mean.
+/// Meanings of the columns of a table.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Columns {
-    /// Those that are read, in the order of the file.
+    /// The columns that are read, in the order of the file.
     pub used: Vec<Used>,
-    /// What is wrong or missing.
+    /// Errors in the columns, including missing columns.
     pub issues: Vec<Issue>,
-    /// Meanings without a column, as mappings say them; a unit is proposed.
+    /// Required meanings without a column, as written in mappings, with a proposed unit.
     pub missing: Vec<String>,
-    /// What a caller might confirm: meaning with unit, and place. Never used without being confirmed.
+    /// Proposals for the caller: meaning with unit, and index of the column. A proposal is used only if the caller confirms it.
     pub proposed: Vec<(String, usize)>,
 }
 
-/// Everything that is known while columns are resolved.
+/// State while the meanings of columns are resolved.
 struct Resolution<'t> {
     table: &'t Table<'t>,
     mapping: &'t Mapping,
@@ -44,7 +44,7 @@ struct Resolution<'t> {
     taken: BTreeSet<usize>,
 }
 
-/// What the columns of a table mean. `columns.issues` is empty if the table can be read.
+/// Resolves the meanings of the columns of a table. `issues` of the result is empty if the table can be read.
 pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) -> Columns {
     let mut resolution = Resolution {
         table,
@@ -123,14 +123,14 @@ impl Resolution<'_> {
             });
         }
         for reference in &mapping.ignore {
-            // a column that is not there is left aside, too
+            // A column to ignore need not exist.
             if let Ok(place) = self.table.place(reference) {
                 self.taken.insert(place);
             }
         }
     }
 
-    /// Columns that no mapping names, by their names.
+    /// Finds the meanings of the columns that are not in the mapping, from their names.
     fn named(&mut self) {
         let known: Vec<(usize, Known)> = self
             .names()
@@ -150,7 +150,7 @@ impl Resolution<'_> {
             .iter()
             .any(|(_, known)| *known == Known::Key(Key::Name));
         for (place, known) in &known {
-            // in another's table, "Target" is a point's name
+            // In the file of an instrument, a column "Target" contains the names of points.
             let is_target = matches!(known, Known::Plain(means) if means == "target");
             if self.needs == Needs::Positions
                 && is_target
@@ -169,7 +169,7 @@ impl Resolution<'_> {
         }
     }
 
-    /// The header's cells, each with the unit that stands below it.
+    /// The cells of the header, each with the unit below it.
     fn names(&self) -> Vec<(&str, Option<Unit>)> {
         let units = self.table.units.as_ref();
         let below = |place| units.and_then(|units| units.get(place).copied().flatten());
@@ -203,7 +203,7 @@ impl Resolution<'_> {
             joints = yaskawa_axes(&self.names(), &self.taken, self.n_joints);
         }
         let numbers: BTreeSet<usize> = joints.iter().map(|(_, number, _)| *number).collect();
-        // counted from 0: only if it is exactly so
+        // Joints are counted from 0 only if their numbers are exactly 0 to n − 1.
         if numbers.iter().copied().eq(0..self.n_joints) {
             joints.iter_mut().for_each(|(_, number, _)| *number += 1);
         }
@@ -248,7 +248,8 @@ impl Resolution<'_> {
         }
     }
 
-    /// The angles beside X, Y, Z with which KUKA and FANUC write a computed pose, if the file has joint values, too.
+    /// The angles that controllers of KUKA (A, B, C) and FANUC (W, P, R) write next to X, Y, Z of a computed pose. Only for files that need joint
+    /// values and positions.
     fn controllers_pose(&self) -> Option<&'static str> {
         let bare: Vec<String> = self
             .table
@@ -267,7 +268,7 @@ impl Resolution<'_> {
         }
     }
 
-    /// The unit of columns that name none, as the mapping states it or, of positions, the file.
+    /// The unit of columns without a unit: from the mapping, or, for positions, from a line of the file.
     fn stated_unit(&self, thing: &str) -> Option<&'static str> {
         match thing.starts_with('q') {
             true => self.mapping.joint_unit,
@@ -275,7 +276,7 @@ impl Resolution<'_> {
         }
     }
 
-    /// Takes a column for a thing, or says what is unclear about it.
+    /// Uses a column for a quantity (`q1`, `x`, …), or adds an issue if something about the column is unclear.
     fn offer(&mut self, place: usize, thing: &str, unit: Unit, units: [&str; 2]) {
         let name = self.table.name(place);
         let other = self
@@ -338,9 +339,9 @@ impl Resolution<'_> {
         self.taken.insert(place);
     }
 
-    /// Columns like `station`, and what is like one and is none.
+    /// Uses columns such as `station`, and adds an issue for names that are nearly such a name.
     fn named_plain(&mut self, known: &[(usize, Known)]) {
-        // in another's table, "Target" or "Station" is another thing
+        // True if joints and positions have the names of kincal's own file format. In other tables, "Target" or "Station" may have another meaning.
         let is_own = self.table.header.iter().all(|name| {
             !matches!(
                 recognise(name, None),
@@ -374,7 +375,7 @@ impl Resolution<'_> {
         }
     }
 
-    /// `q1_inch` and `x_um`, unless a mapping says what they are.
+    /// Adds an issue for names such as `q1_inch` and `x_um`, unless a mapping states their meaning.
     fn wrong_unit(&mut self, name: String) {
         let lower = name.to_lowercase();
         let thing = thing(&lower);
@@ -396,11 +397,11 @@ impl Resolution<'_> {
         }
     }
 
-    /// Says where the other half of what a file needs may be.
+    /// The issue for a file in which all joint values or all positions are missing. It says where they may be.
     fn half(&self) -> Option<Issue> {
         let is_named = self.columns.used.iter().all(|used| !used.is_mapped);
         let missing = self.columns.missing.first().filter(|_| is_named)?;
-        // a column is there, and lacks its unit only
+        // The column exists and only lacks its unit.
         if (self.columns.proposed.iter()).any(|(means, _)| thing(means) == thing(missing)) {
             return None;
         }
@@ -413,7 +414,7 @@ impl Resolution<'_> {
         })
     }
 
-    /// What is missing, and units that differ.
+    /// Adds issues for missing columns and mixed units.
     fn check(&mut self) {
         let mut missing = Vec::new();
         if self.needs_joints() {

@@ -1,10 +1,10 @@
-//! Joint values and positions in files of their own: what is said where one of the two is missing, or they are exchanged.
+//! Messages for the case that joint values and positions are in two separate files: if one of the files is missing, or if the files are swapped.
 
 use crate::measurement::column_mapping::Needs;
 use crate::measurement::column_names::{Known, Unit, recognise};
 
-/// Where the other half may be, of a file that has all joint values or all positions and nothing else of what it needs. `names` are its columns, each
-/// with the unit below it.
+/// For a file that has only joint values or only positions, but not what it needs: a message that says where the missing part may be. `names` are its
+/// columns, each with the unit below it.
 pub(super) fn other_half(
     names: &[(&str, Option<Unit>)],
     n_joints: usize,

@@ -1,11 +1,11 @@
-//! Where the header of a table is, and what separates its columns.
+//! Finds the header and the column separator of a table.
 
 use crate::measurement::column_mapping::{Mapping, Separator};
 use crate::measurement::column_names::{Known, LENGTHS, Unit, recognise, unit_alone};
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::table_lines::{Line, cells, comment_mark, is_numeric, lines};
 
-/// Lines that are looked at to tell separators apart where no header is known.
+/// Number of lines that are used to find the separator if no header is known.
 const SAMPLE: usize = 20;
 
 /// A header that was found.
@@ -22,7 +22,7 @@ fn score(cells: &[String], mapping: &Mapping) -> usize {
         mapping.names(cell)
             || match recognise(cell, None) {
                 Known::Unknown => false,
-                // words of titles, too
+                // These words also occur in titles, so they count only in lines with more than two cells.
                 Known::Key(_) | Known::Plain(_) => cells.len() > 2,
                 _ => true,
             }
@@ -52,7 +52,7 @@ pub(super) fn stated_header(
     best.ok_or_else(|| whole("no_header", format!("line {line} is empty")))
 }
 
-/// A line as a header, split by each separator.
+/// Candidates for the header: the line, split by each separator.
 fn candidates(line: usize, text: &str, separators: &[Separator], mapping: &Mapping) -> Vec<Header> {
     let mark = comment_mark(text);
     let plain = mark.map_or(text, |mark| &text.trim_start()[mark.len()..]);
@@ -71,7 +71,7 @@ fn candidates(line: usize, text: &str, separators: &[Separator], mapping: &Mappi
         .map(split)
         .filter(|header| !header.cells.is_empty())
         .collect();
-    // spaces stand within names: they separate nothing where another separator makes three cells or more
+    // Names may contain spaces. So spaces are no separator if another separator gives three or more cells.
     let has_other = found
         .iter()
         .any(|header| header.separator != Separator::Spaces && header.cells.len() > 2);
@@ -81,7 +81,7 @@ fn candidates(line: usize, text: &str, separators: &[Separator], mapping: &Mappi
         .collect()
 }
 
-/// The line with the most cells that are known; a line that is no comment goes before one that is.
+/// Finds the header: the line with the most known cells. Among equal lines, a line that is not a comment is preferred.
 pub(super) fn found_header(
     above: &[Line],
     body: usize,
@@ -106,7 +106,7 @@ pub(super) fn found_header(
                 (best, rival) = (Some(header), None);
             } else if rank(&header) == rank(known)
                 && header.line == known.line
-                // spaces stand within names, too
+                // Names may contain spaces.
                 && header.separator != Separator::Spaces
                 && header.cells != known.cells
             {
@@ -132,7 +132,8 @@ pub(super) fn found_header(
     Ok(first_named(above, body, separator))
 }
 
-/// With one cell known, a header is split by the separator that gives the most cells: of one known name all separators may make one cell.
+/// Splits a header with only one known cell by the separator that gives the most cells. With one known cell, several separators may have the same
+/// score.
 fn widest(header: Header, above: &[Line], separators: &[Separator], mapping: &Mapping) -> Header {
     if header.score > 1 {
         return header;
@@ -150,7 +151,7 @@ fn widest(header: Header, above: &[Line], separators: &[Separator], mapping: &Ma
         })
 }
 
-/// The first line of a table without known names: a header if it has no number in it.
+/// The header of a table without known names: the first line with several cells, if it contains no number.
 fn first_named(above: &[Line], body: usize, separator: Separator) -> Option<Header> {
     let (at, cells) = above
         .iter()
@@ -168,7 +169,7 @@ fn first_named(above: &[Line], body: usize, separator: Separator) -> Option<Head
     })
 }
 
-/// The separator with which rows have the same number of cells, more than one.
+/// The separator with which most rows have the same number of cells, at least two.
 pub(super) fn separator_of_data(
     above: &[Line],
     separators: &[Separator],
@@ -187,7 +188,7 @@ pub(super) fn separator_of_data(
         let alike = widths.iter().filter(|width| **width == most).count();
         (most > 1 && 2 * alike > widths.len()).then_some(most)
     };
-    // Spaces stand within the cells of other separators, so they count only where nothing else does.
+    // Cells may contain spaces, so spaces are the separator only if no other separator is possible.
     let found: Vec<Separator> = separators
         .iter()
         .copied()
@@ -208,7 +209,7 @@ pub(super) fn separator_of_data(
     }
 }
 
-/// Empty names for a table without a header.
+/// Empty column names for a table without a header.
 pub(super) fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
     let widths = above
         .iter()
@@ -218,9 +219,9 @@ pub(super) fn unnamed(above: &[Line], separator: Separator) -> Vec<String> {
     vec![String::new(); widths.max().unwrap_or(0)]
 }
 
-/// `Length Units,Millimeters` above the header, as OptiTrack writes it.
+/// The unit in a line such as `Length Units,Millimeters` above the header, as in files of OptiTrack.
 pub(super) fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
-    // of a rigid body, X, Y, Z may be a quaternion
+    // For a rigid body, columns named X, Y and Z may also be components of a quaternion, so no unit is assumed.
     let of_rotation = |line: &Line| {
         let cells = cells(line.text, Separator::Comma);
         cells
@@ -242,7 +243,7 @@ pub(super) fn stated_length_unit(above: &[Line]) -> Option<&'static str> {
     })
 }
 
-/// A row of units under the header, and the number of lines above the data.
+/// The row of units below the header, if there is one, and the number of lines above the data.
 pub(super) fn units_below(
     text: &str,
     header: usize,

@@ -2,10 +2,10 @@
 
 use crate::measurement::column_mapping::Separator;
 
-/// How lines begin that are no data.
+/// Prefixes of comment lines.
 pub const COMMENT_MARKS: [&str; 4] = ["#", "%", "!", "//"];
 
-/// A line, and the byte behind it.
+/// A line of a text, and the offset of the byte after its line ending.
 pub(super) struct Line<'t> {
     pub(super) text: &'t str,
     pub(super) end: usize,
@@ -56,7 +56,7 @@ pub(super) fn cells(line: &str, separator: Separator) -> Vec<String> {
     }
 }
 
-/// Most lines have no quotes: to build a CSV reader for each of them takes more time than all else that is done with it.
+/// The cells of a line without quotes. Most lines have no quotes, and building a CSV reader for each line takes more time than all other work on it.
 fn unquoted_cells(line: &str, separator: char) -> Vec<String> {
     if line.is_empty() {
         return vec![];
@@ -65,7 +65,7 @@ fn unquoted_cells(line: &str, separator: char) -> Vec<String> {
     cells.map(|cell| cell.trim().to_owned()).collect()
 }
 
-/// A line with one tab in place of each run of spaces outside quotes.
+/// Replaces each run of spaces and tabs outside quotes by one tab.
 pub(super) fn with_tabs(line: &str) -> String {
     let mut found = String::with_capacity(line.len());
     let mut is_quoted = false;
@@ -90,7 +90,7 @@ pub(super) fn comment_mark(line: &str) -> Option<&'static str> {
         .find(|mark| line.starts_with(mark))
 }
 
-/// `sep=;` in the first line, as spreadsheets write and read it.
+/// The separator in a line such as `sep=;`, which spreadsheets write as the first line.
 pub(super) fn declared_separator(line: &str) -> Option<Separator> {
     let plain = line.trim_matches(['"', '\u{feff}', ' ']);
     let mark = plain

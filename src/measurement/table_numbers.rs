@@ -1,4 +1,4 @@
-//! How a table writes its numbers: decimal points or commas. If both could be meant, nothing is read.
+//! Finds the decimal mark of a table: point or comma. A table for which both are possible is refused.
 
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_JOINT_RAD, MAX_ROWS};
@@ -7,19 +7,19 @@ use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::number_text::{decimal_of_both, plain};
 use crate::measurement::table::{Next, Table};
 
-/// How many cells can be read one way only.
+/// Number of unambiguous cells for each decimal mark.
 #[derive(Clone, Copy, Debug, Default)]
 struct Marks {
     points: usize,
     commas: usize,
-    /// The first cell that can be read both ways, its line and the marks in it.
+    /// The first ambiguous cell: its line and the mark in it.
     unclear: Option<(usize, char)>,
 }
 
 /// The decimal mark of the columns that hold numbers.
 ///
 /// # Errors
-/// `two_readings` with both.
+/// `two_readings` if all numbers with a mark are ambiguous.
 pub(super) fn decimal_mark(
     table: &Table,
     numbers: &[(usize, Option<Column>)],
@@ -37,7 +37,7 @@ pub(super) fn decimal_mark(
                 }
             }
         }
-        // a file that says it many times need not be read to its end
+        // After many unambiguous cells, the rest of the file need not be read.
         n_rows <= MAX_ROWS && marks.points + marks.commas < 1000
     });
     match (marks.points, marks.commas, marks.unclear) {
@@ -59,13 +59,13 @@ fn both_readings(cell: &str, mark: char) -> (String, String) {
     (cell.replace(mark, "."), cell.replace(mark, ""))
 }
 
-/// Counts a cell; true if it is the first unclear one.
+/// Counts a cell. Returns true if it is the first ambiguous cell.
 fn count(marks: &mut Marks, cell: &str, column: Option<Column>, line: usize) -> bool {
     let mark = match (cell.contains('.'), cell.contains(',')) {
         (true, false) => '.',
         (false, true) => ',',
         (true, true) => {
-            // 1.234,5 says it twice over
+            // A number with both marks, such as 1.234,5, is unambiguous.
             match decimal_of_both(cell) {
                 Some('.') => marks.points += 1,
                 Some(_) => marks.commas += 1,
@@ -97,7 +97,7 @@ fn count(marks: &mut Marks, cell: &str, column: Option<Column>, line: usize) -> 
     false
 }
 
-/// `1,234` but neither `0,234` nor `1234,567` nor `1,2345`.
+/// Whether the mark may be a thousands separator: true for `1,234`, false for `0,234`, `1234,567` and `1,2345`.
 fn is_group_of_three(cell: &str, mark: char) -> bool {
     let plain = cell.trim_start_matches(['+', '-']);
     plain.split_once(mark).is_some_and(|(before, after)| {
@@ -110,7 +110,7 @@ fn is_group_of_three(cell: &str, mark: char) -> bool {
     })
 }
 
-/// Whether a value is within what can be meant in its column.
+/// Whether a value is within the allowed range of its column.
 fn is_possible(value: f64, column: Option<Column>) -> bool {
     match column {
         Some(Column::Joint(_, factor)) => (value * factor).abs() <= MAX_JOINT_RAD,

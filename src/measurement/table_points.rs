@@ -1,4 +1,4 @@
-//! Reads a table of any form as measurements: columns by mapping and by name, cells by the reader of measurement files.
+//! Reads measurements from tables of any form. Columns are found by mapping and by name; cells are parsed like those of CSV files.
 
 use crate::measurement::column_mapping::{Mapping, Separator};
 use crate::measurement::column_meaning::{self, key};
@@ -14,33 +14,33 @@ use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table_numbers::decimal_mark;
 use crate::measurement::table_text::{Encoding, Source};
 
-/// How a file was understood: all that is needed to read it again in the same way.
+/// How a file was interpreted: everything that is needed to read it again in the same way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Understood {
-    /// What separates columns.
+    /// The column separator.
     pub separator: Separator,
     /// The decimal mark.
     pub decimal: Decimal,
-    /// How it writes characters.
+    /// The encoding.
     pub encoding: Encoding,
-    /// The sheet, in a workbook.
+    /// The sheet, if the file is a workbook.
     pub sheet: Option<String>,
     /// The line of the header, counted from 1.
     pub header_row: Option<usize>,
-    /// Whether the mapping said that some lines are comments, or are none.
+    /// Whether lines that begin like comments are comments, if the mapping stated it.
     pub comments: Option<bool>,
-    /// The columns that are read, with the names that the file gives them.
+    /// The columns that are read, with their names in the file.
     pub columns: Vec<(Used, String)>,
-    /// The names of the others.
+    /// The names of the columns that are not read.
     pub ignored: Vec<String>,
-    /// Lines that are no data: blank ones, comments, units, what stands above the header.
+    /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
 }
 
-/// Why a table was refused, with the lines of its rows.
+/// Why a table was refused.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableError {
-    /// What is wrong.
+    /// The errors, each with the line of its row.
     pub issues: Vec<(Issue, Option<usize>)>,
 }
 
@@ -59,48 +59,48 @@ impl From<ParseError> for TableError {
 /// The content of a table.
 #[derive(Clone, Debug)]
 pub struct Content {
-    /// The points; of a file with joint values only, or positions only, the other half is zero.
+    /// The points. In a file with only joint values or only positions, the missing values are zero.
     pub points: Vec<Point>,
     /// The line of each point.
     pub lines: Vec<usize>,
-    /// The cells of the columns `name`, `number` and `time`, a list per such column.
+    /// The join keys: for each column `name`, `number` or `time`, its meaning and its cells.
     pub keys: Vec<(String, Vec<String>)>,
-    /// How it was read.
+    /// How the table was interpreted.
     pub understood: Understood,
 }
 
-/// How a table is to be read.
+/// Options for reading a table.
 #[derive(Clone, Copy, Debug)]
 pub struct TableOptions<'a> {
-    /// What the caller says about it.
+    /// The column mapping of the caller.
     pub mapping: &'a Mapping,
     /// The robot's number of links.
     pub n_joints: usize,
-    /// What it must hold.
+    /// The columns that the table must have.
     pub needs: Needs,
-    /// What angles of poses mean.
+    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
-    /// What `measured_at` may hold.
+    /// Check of the text in `measured_at`.
     pub is_time: fn(&str) -> bool,
 }
 
-/// A table whose columns were looked at, for a preview.
+/// Preview of a table.
 #[derive(Clone, Debug)]
 pub struct Preview {
-    /// The header's cells, empty where there is no header.
+    /// The cells of the header; empty texts if there is no header.
     pub header: Vec<String>,
     /// The first rows.
     pub rows: Vec<Vec<String>>,
-    /// How it is understood so far.
+    /// How the table is interpreted so far.
     pub understood: Understood,
-    /// What is wrong with its columns.
+    /// The meanings of its columns, and the errors in them.
     pub columns: Columns,
 }
 
 /// Reads a table.
 ///
 /// # Errors
-/// [`TableError`] with line, row, column and a remedy for everything that is wrong.
+/// [`TableError`] with the line, the row, the column and a hint for each error.
 pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableError> {
     let table = Table::find(source, options.mapping)?;
     let columns = resolved(&table, options);
@@ -146,7 +146,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
     })
 }
 
-/// The columns of a table; what is wrong with those of poses as a whole is among their issues.
+/// Resolves the columns of a table. The issues include errors in the combination of pose columns.
 fn resolved(table: &Table, options: &TableOptions) -> Columns {
     let mut columns = resolve(table, options.mapping, options.n_joints, options.needs);
     if options.needs != Needs::Joints && columns.issues.is_empty() {
@@ -180,10 +180,10 @@ pub fn read_set(
     ))
 }
 
-/// Looks at a table: its first rows, and what its columns mean.
+/// Makes a preview of a table: its first rows and the meanings of its columns.
 ///
 /// # Errors
-/// [`TableError`] if not even its columns can be told apart.
+/// [`TableError`] if not even the columns can be separated.
 pub fn preview(
     source: Source,
     options: &TableOptions,
@@ -216,17 +216,17 @@ pub fn preview(
     })
 }
 
-/// The columns of a table by what is done with them.
+/// The columns of a table, grouped by their use.
 struct Parts<'t> {
     table: &'t Table<'t>,
-    /// Those whose cells become points, with their names.
+    /// Indices of the columns whose cells become points. `columns` and `names` are their types and names.
     places: Vec<usize>,
     columns: Vec<Column>,
     names: csv::StringRecord,
     keys: Vec<Used>,
-    /// Cells that a row must have.
+    /// Minimum number of cells of a row.
     n_needed: usize,
-    /// Whether the file was accepted once, and is read again as it was then.
+    /// Whether the file is a stored upload that is read again in the same way.
     is_read_again: bool,
 }
 
@@ -334,7 +334,7 @@ fn is_joint(means: &str) -> bool {
         .is_some_and(|rest| rest.parse::<usize>().is_ok())
 }
 
-/// What was read so far.
+/// The rows that were read so far.
 #[derive(Default)]
 struct Rows {
     points: Vec<Point>,
@@ -343,11 +343,11 @@ struct Rows {
     issues: Vec<(Issue, Option<usize>)>,
     n_skipped: usize,
     n_rows: usize,
-    /// Rows that begin with the name of a statistic: row, line, word.
+    /// Rows that begin with the name of a statistic: row, line and word.
     summaries: Vec<(usize, usize, String)>,
 }
 
-/// Words with which reports begin a row of statistics.
+/// Words with which a row of statistics begins in reports.
 const SUMMARIES: [&str; 22] = [
     "mean",
     "average",
@@ -373,7 +373,7 @@ const SUMMARIES: [&str; 22] = [
     "summe",
 ];
 
-/// The word of a statistic that a row begins with, in a column that holds no number.
+/// The name of a statistic at the beginning of a row, in a column that is not read as a value.
 fn summary_word(cells: &csv::StringRecord, read: &[usize]) -> Option<String> {
     let (place, first) = cells
         .iter()
@@ -384,7 +384,8 @@ fn summary_word(cells: &csv::StringRecord, read: &[usize]) -> Option<String> {
 }
 
 impl Rows {
-    /// Refuses the few rows that begin with the name of a statistic. In every row it is a column of its own.
+    /// Refuses rows that begin with the name of a statistic, if they are less than a quarter of all rows. If there are more, the word is part of a
+    /// normal column.
     fn refuse_summaries(&mut self) {
         if 4 * self.summaries.len() >= self.n_rows {
             return;
@@ -413,7 +414,7 @@ impl Rows {
         self.issues.push((issue, line));
     }
 
-    /// Takes a row; false if no more are wanted.
+    /// Reads the next row. Returns false if no further rows are wanted.
     fn take(&mut self, next: Next, table: &Table, parts: &Parts, reading: &Reading) -> bool {
         let row = match next {
             Next::Row(row) => row,

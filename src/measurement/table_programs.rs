@@ -1,9 +1,9 @@
-//! Joint values in programs of robots: KUKA's data lists, ABB's modules and FANUC's listings, as tables with a row per point. Their languages say that these
-//! numbers are degrees.
+//! Reads joint values from robot programs (data lists of KUKA, modules of ABB, listings of FANUC) as tables with one row per point. In these
+//! languages the values are defined to be in degrees.
 
 use crate::measurement::csv_issue::{ParseError, whole};
 
-/// Most joints of a point: robot and external axes.
+/// Maximum number of joints of a point, including external axes.
 const MAX_AXES: usize = 12;
 
 /// A point of a program.
@@ -15,10 +15,10 @@ struct Point {
     angles: Vec<String>,
 }
 
-/// The points of a program as a table on the same lines, if the text is a program that is known.
+/// Converts a program to a table in which each point keeps its line. None if the text is not a known program.
 ///
 /// # Errors
-/// A program whose positions are no joint values in degrees.
+/// If the positions of the program are not joint values in degrees.
 pub(super) fn table(text: &str) -> Result<Option<String>, ParseError> {
     if text.contains("///PULSE") {
         let detail = "a job whose positions are in pulses: how many make a degree is not in the file. Export the positions as joint angles, \
@@ -63,7 +63,7 @@ fn in_table(points: &[Point]) -> String {
     text
 }
 
-/// The number at the end of a name.
+/// The digits at the end of a name.
 fn number_of(name: &str) -> String {
     let digits = name.len() - name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
     name[name.len() - digits..].to_owned()
@@ -81,7 +81,7 @@ fn point(line: usize, name: &str, angles: Vec<String>) -> Option<Point> {
     })
 }
 
-/// `DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0}`: the point P1.
+/// Parses a line of KUKA such as `DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0}`: the point P1.
 fn kuka(line: usize, text: &str) -> Option<Point> {
     let (head, rest) = text.split_once('{')?;
     let (declared, _) = head.split_once('=')?;
@@ -108,7 +108,7 @@ fn kuka(line: usize, text: &str) -> Option<Point> {
     point(line, name, angles)
 }
 
-/// `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`
+/// Parses a line of ABB such as `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`.
 fn abb(line: usize, text: &str) -> Option<Point> {
     let (head, value) = text.split_once(":=")?;
     let mut words = head.split_whitespace().rev();
@@ -127,7 +127,7 @@ fn abb(line: usize, text: &str) -> Option<Point> {
     )
 }
 
-/// `P[1:"name"]{ GP1: UF : 0, UT : 1, J1= 0.000 deg, … };` over several lines.
+/// Parses points of FANUC such as `P[1:"name"]{ GP1: UF : 0, UT : 1, J1= 0.000 deg, … };`, which extend over several lines.
 fn fanuc(text: &str) -> Vec<Point> {
     let mut points = Vec::new();
     let mut begun: Option<(usize, String, String, String)> = None;
@@ -156,7 +156,7 @@ fn fanuc(text: &str) -> Vec<Point> {
 }
 
 fn fanuc_point((line, name, number, body): (usize, String, String, String)) -> Option<Point> {
-    // further groups are other machines
+    // Further motion groups (GP2, …) are other machines.
     let own = body.split_once("GP2").map_or(body.as_str(), |(own, _)| own);
     let axis = |joint: usize| {
         let wanted = format!("J{joint}");

@@ -1,17 +1,17 @@
-//! The bytes of a table as text: UTF-8, UTF-16 or Windows-1252 (which contains Latin-1). What is none of them is refused.
+//! Decodes the bytes of a table: UTF-8, UTF-16 or Windows-1252 (which contains Latin-1). All other files are refused.
 
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::table_programs;
 use std::borrow::Cow;
 
-/// How a file writes its characters.
+/// Encoding of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// UTF-8, with or without a byte order mark.
     Utf8,
-    /// UTF-16, low byte first.
+    /// UTF-16, little-endian.
     Utf16Le,
-    /// UTF-16, high byte first.
+    /// UTF-16, big-endian.
     Utf16Be,
     /// Windows-1252, which contains Latin-1.
     Windows1252,
@@ -43,7 +43,7 @@ impl Encoding {
 pub struct Source<'a> {
     /// The text, without a byte order mark.
     pub text: Cow<'a, str>,
-    /// How the file wrote it.
+    /// The encoding of the file.
     pub encoding: Encoding,
 }
 
@@ -51,7 +51,7 @@ impl<'a> Source<'a> {
     /// Decodes a text file.
     ///
     /// # Errors
-    /// [`ParseError`] for what is not text.
+    /// [`ParseError`] if the file is not text.
     pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
         if bytes.starts_with(b"PK\x03\x04") {
             return Err(whole(
@@ -69,7 +69,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// A sheet of a workbook: a line per row, tabs between its cells.
+    /// A source from the text of a sheet: one line per row, with tabs between the cells.
     pub fn from_sheet(text: String, encoding: Encoding) -> Self {
         Self {
             text: text.into(),
@@ -108,7 +108,7 @@ fn is_control(byte: u8) -> bool {
     matches!(byte, 0..=8 | 11 | 12 | 14..=31 | 127)
 }
 
-/// UTF-16 of mostly ASCII has a zero in every other byte.
+/// Detects UTF-16 without a byte order mark: in mostly ASCII text, every other byte is zero.
 fn utf16_without_mark(bytes: &[u8]) -> Option<Encoding> {
     let sample = &bytes[..bytes.len().min(400) / 2 * 2];
     let zeros = |odd: usize| {
@@ -145,7 +145,7 @@ fn utf16(bytes: &[u8], encoding: Encoding) -> Result<Source<'_>, ParseError> {
     }
 }
 
-/// Characters 0x80 to 0x9F of Windows-1252; five of them are none.
+/// Characters 0x80 to 0x9F of Windows-1252. Five of these codes are not assigned (`\0`).
 const HIGH: [char; 32] = [
     '€', '\0', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\0', 'Ž', '\0', '\0', '‘',
     '’', '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\0', 'ž', 'Ÿ',

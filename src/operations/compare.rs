@@ -12,17 +12,17 @@ use std::ops::ControlFlow;
 pub struct IdentifiedSet {
     /// `par_…`
     pub id: String,
-    /// The set.
+    /// Content of the set.
     pub content: ParameterSetContent,
-    /// Request of its job.
+    /// The request of the job that identified it.
     pub request: CalibrationRequest,
     /// Hashes of its uploads.
     pub uploads_sha256: Vec<String>,
-    /// Its estimate, where one was kept.
+    /// Its estimate, if one was stored.
     pub estimate: Option<Estimate>,
 }
 
-/// Differences of the tool over the workspace, and a test of both sessions if they are two.
+/// Differences between the tool positions over the workspace and, if the two sets come from different uploads, a statistical test of their sessions.
 ///
 /// # Errors
 /// [`calibration::Error`] if the sessions cannot be compared.

@@ -1,4 +1,4 @@
-//! Corrects joint targets.
+//! Compensation: computes corrected targets for an identified robot.
 
 use crate::calibration::ORIENTATION_NOT_KNOWN;
 use crate::compensation::{
@@ -19,30 +19,30 @@ use crate::wire::predict::unknown_target;
 use crate::wire::tool::ToolBody;
 use nalgebra::IsometryMatrix3;
 
-/// An identified robot, and what the robot has under the names of a request.
+/// An identified robot, with the work frame and the tool that a request refers to by name.
 #[derive(Clone, Copy, Debug)]
 pub struct Correctable<'a> {
     /// The nominal robot.
     pub robot: &'a Robot,
     /// The parameter set.
     pub content: &'a ParameterSetContent,
-    /// Where it comes from.
+    /// Provenance of the parameter set.
     pub provenance: &'a Provenance,
-    /// The estimate behind it, where its uncertainty is known.
+    /// The estimate of the parameter set, if its uncertainty is known.
     pub estimate: Option<&'a Estimate>,
-    /// The measurement set that it was identified from; `None` of a document.
+    /// The measurement set that it was identified from; `None` for a parameter set from a document.
     pub measurement_set_id: Option<&'a str>,
-    /// The work frame that the request names.
+    /// The work frame that the request refers to.
     pub work_frame: Option<&'a WorkFrameBody>,
-    /// The tool that the request names.
+    /// The stored tool that the request refers to.
     pub named_tool: Option<ToolBody>,
 }
 
-/// Corrects targets: with the answered joint values the identified robot reaches them.
+/// Corrects targets: with the joint values of the answer the identified robot reaches the targets.
 ///
 /// # Errors
-/// [`Invalid`] for targets that do not fit the robot, an invalid tool, a target that the set does not have, `base: measured` although the base
-/// was not measured, a frame that cannot be used, or a pose or tool although the flange's rotation is unknown.
+/// [`Invalid`] for targets that do not fit the robot, an invalid tool, a reflector that the set does not have, `base: measured` if the base was not
+/// measured, a frame that cannot be used, and for mode `pose` or a tool if the flange's rotation is not known.
 pub fn compensate(
     request: &CompensateBody,
     from: Correctable<'_>,
@@ -117,7 +117,7 @@ pub fn compensate(
     Ok(answer.document)
 }
 
-/// An answer that grows target by target.
+/// The answer, to which the targets are added one by one.
 struct Answer {
     document: CompensateAnswer,
     poses: Vec<ToolPose>,
@@ -159,9 +159,9 @@ impl Answer {
 
 /// The frame of Cartesian targets.
 struct TargetFrame {
-    /// In the frame that targets are met in.
+    /// Pose of the targets' frame in the frame in which the corrected targets are exact (see [`Base`]).
     t_base_frame: IsometryMatrix3<f64>,
-    /// The frame of the answered poses in the controller's base frame.
+    /// Pose of the frame of the answered poses in the controller's base frame.
     t_base_answer: IsometryMatrix3<f64>,
     work_frame: Option<WorkFrame>,
 }
@@ -174,7 +174,7 @@ impl TargetFrame {
         base: Base,
     ) -> Result<Self, Invalid> {
         let identity = IsometryMatrix3::identity();
-        // the measuring frame in the frame that targets are met in
+        // Pose of the measuring frame in the frame in which the corrected targets are exact.
         let t_base_measuring = match base {
             Base::Measured => identity,
             Base::Robot => {
@@ -234,7 +234,8 @@ fn in_radians(q_deg: &[f64]) -> Vec<f64> {
     q_deg.iter().map(|deg| to_radians(*deg)).collect()
 }
 
-/// Positions of the measured reflector are right even if the flange's rotation is unknown.
+/// Warnings of the answer. For positions of the measured reflector the answer is valid even if the flange's rotation is not known, so only a warning
+/// is needed.
 fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -> Vec<Warning> {
     if has_tool(request) || request.mode == Mode::Pose {
         return provenance.warnings.clone();
@@ -253,8 +254,8 @@ fn has_tool(request: &CompensateBody) -> bool {
     request.tool.is_some() || request.tool_name.is_some()
 }
 
-/// Refuses a set that does not fit its own points. If the flange's rotation is unknown, only positions of the measured reflector can be
-/// corrected: refuses poses and other tools.
+/// Refuses a parameter set that does not fit its own points. If the flange's rotation is not known, also refuses mode `pose` and other tools, because
+/// only positions of the measured reflector can then be corrected.
 fn check_provenance(
     request: &CompensateBody,
     provenance: &Provenance,
@@ -278,7 +279,7 @@ fn check_provenance(
     })
 }
 
-/// Requested base, or the default for the frame of the measured positions.
+/// The requested base, or the default, which depends on the frame of the measured positions.
 fn chosen_base(request: &CompensateBody, provenance: &Provenance) -> Result<Base, Invalid> {
     let is_measured = provenance.measuring_frame == Some(Frame::Base);
     match request.base {
@@ -294,7 +295,7 @@ fn chosen_base(request: &CompensateBody, provenance: &Provenance) -> Result<Base
     }
 }
 
-/// `t_nominal_base`: the base of the identified links in the nominal base frame, if it is known.
+/// The identified errors that are not corrected. `t_nominal_base` is the pose of the identified base in the nominal base frame, if it is known.
 fn left_out(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<f64>>) -> LeftOut {
     let flange = &anchor.t_anchored_flange;
     let base = match (base, t_nominal_base) {

@@ -1,4 +1,4 @@
-//! Finds base and tool frame from sweeps (section 2.2 of the paper).
+//! Computes base and tool frame from sweeps (section 2.2 of the paper).
 
 use crate::frames::preliminary_frames;
 use crate::kinematics::Robot;
@@ -6,7 +6,7 @@ use crate::wire::frames::FramesContent;
 use crate::wire::issue::Invalid;
 use crate::wire::measurement::{Frame, from_table};
 
-/// Reads sweeps and finds base and tool frame.
+/// Parses sweeps and computes base and tool frame.
 ///
 /// # Errors
 /// [`Invalid`] for a file that cannot be read, or sweeps that do not determine the frames (parallel axes, too short an arc).

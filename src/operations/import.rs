@@ -1,4 +1,4 @@
-//! Imports robots from URDF files and tables.
+//! Imports robots from URDF files and tables of parameters.
 
 use crate::exchange::dh::links_of_distal;
 use crate::exchange::{ImportedLinks, links_of_chain};
@@ -15,23 +15,23 @@ use crate::wire::issue::{Invalid, Issue};
 use crate::wire::robot::{LinkBody, RobotBody};
 use nalgebra::IsometryMatrix3;
 
-/// Configurations at which an import is compared with its source.
+/// Number of configurations at which an import is compared with its source.
 const N_CONFIGURATIONS: usize = 100;
-/// Largest table, bytes. A dozen rows of nine columns have two KiB.
+/// Maximum size of a table, bytes. A dozen rows with nine columns have two KiB.
 const MAX_TABLE_BYTES: usize = 64 * 1024;
-/// Largest allowed difference, mm.
+/// Largest allowed difference between import and source, mm.
 const SAME_MM: f64 = 1e-9;
 
-/// A table of links.
+/// A table of link parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// The numbers of the table, in whatever convention it has.
+    /// The numbers of the table, in the convention of the table.
     pub links: Vec<Link>,
-    /// Lower and upper limit of each joint, rad, where given.
+    /// Lower and upper limit of each joint, rad, if given.
     pub limits_rad: Vec<Option<(f64, f64)>>,
 }
 
-/// As [`import_with`], with all digits.
+/// As [`import_with`], with [`ImportDigits::Exact`].
 ///
 /// # Errors
 /// As [`import_with`].
@@ -47,7 +47,7 @@ pub fn import(
 /// Imports a robot from a description.
 ///
 /// # Errors
-/// [`Invalid`] with row and column if the description cannot be read, or is of a robot that kincal cannot represent.
+/// [`Invalid`] with row and column if the description cannot be read, or if kincal cannot represent the robot.
 pub fn import_with(
     bytes: &[u8],
     format: ImportFormat,
@@ -144,7 +144,7 @@ fn distal(rows: &[Link], q_rad: &[f64]) -> IsometryMatrix3<f64> {
                 alpha_rad: 0.0,
                 ..*row
             };
-            // Dx(a)·Rx(alpha) = Rx(alpha)·Dx(a): they commute
+            // Dx(a) and Rx(alpha) commute: Dx(a)·Rx(alpha) = Rx(alpha)·Dx(a).
             t * t_previous_link(&about_z, *q)
                 * t_previous_link(
                     &Link {
@@ -214,7 +214,7 @@ fn largest_difference(
     let difference = |q: Vec<f64>| {
         let ours = imported.t_root_base * t_base_flange(&robot.links, &q) * imported.t_flange_tip;
         let theirs = described(&q);
-        // Entries of rotations count as mm at a distance of one metre.
+        // Rotation differences are converted to mm at a distance of one metre.
         let turn = (ours.rotation.matrix() - theirs.rotation.matrix()).amax() * 1e3;
         (ours.translation.vector - theirs.translation.vector)
             .norm()
@@ -226,7 +226,7 @@ fn largest_difference(
         .fold(0.0, f64::max)
 }
 
-/// Reads a table in CSV or JSON.
+/// Parses a table in CSV or JSON.
 fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
     if bytes.len() <= MAX_TABLE_BYTES && is_json(bytes) {
         table(&csv_of_json(bytes)?)
@@ -235,11 +235,11 @@ fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
     }
 }
 
-/// Reads a table with one row per link, base to flange. Columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`,
-/// `theta_offset_deg` or `theta_offset_rad`; optional `beta_deg` or `beta_rad`, `min_deg` and `max_deg` (or `_rad`), `link`.
+/// Parses a CSV table with one row per link, from base to flange. Required columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`,
+/// `theta_offset_deg` or `theta_offset_rad`. Optional columns: `beta_deg` or `beta_rad`, `min_deg` and `max_deg` (or `_rad`), `link`.
 ///
 /// # Errors
-/// [`Invalid`] with row and column of everything that is wrong.
+/// [`Invalid`] with the row and column of each error.
 pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     if bytes.len() > MAX_TABLE_BYTES {
         let detail = format!(
@@ -320,7 +320,7 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     }
 }
 
-/// Quantity of each column, and its factor to mm or rad (0 for degrees).
+/// The quantity of each column, and the factor from its unit to mm or rad (0 for degrees).
 fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
     const NAMES: [(&str, &str); 7] = [
         ("a", "mm"),

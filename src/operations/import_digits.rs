@@ -1,16 +1,17 @@
-//! Numbers of a description as it means them: angles that are a rounded multiple of 90°, and sums without the noise of floats.
+//! Cleans the numbers of a description: restores right angles that were rounded, and removes rounding errors of floats.
 
 use crate::exchange::{Chain, origin_of, pose_of};
 use std::f64::consts::FRAC_PI_2;
 
-/// An angle this near to a multiple of 90° is that multiple, rad: descriptions write 1.57, 1.571, 1.5708. No arm is built 0.1° off a right angle.
+/// An angle that is closer than this to a multiple of 90° is replaced by that multiple, rad. Descriptions contain 1.57, 1.571 or 1.5708. No arm is
+/// designed with an angle 0.1° off a right angle.
 const RIGHT_ANGLE_RAD: f64 = 2e-3;
-/// Numbers this near to a multiple of a thousandth are that multiple: sums of floats are off by their
-/// last digits. Mm or degrees; 3 m from a joint this angle moves a point by less than 1e-9 mm.
+/// A number that is closer than this to a multiple of a thousandth is replaced by that multiple, mm or degrees, because sums of floats are wrong in
+/// their last digits. An angle of this size moves a point 3 m from the joint by less than 1e-9 mm.
 const NOISE: f64 = 1e-11;
 const STEP: f64 = 1e-3;
 
-/// The chain with right angles where it has rounded ones.
+/// Replaces rounded right angles in a chain by exact ones.
 pub fn with_right_angles(chain: &Chain) -> Chain {
     let mut chain = chain.clone();
     for joint in &mut chain.joints {
@@ -39,7 +40,7 @@ fn right_angle(rad: f64) -> f64 {
     }
 }
 
-/// The number without the noise of floats. Zero has no sign.
+/// Removes the rounding error of a float. The result is never a negative zero.
 pub fn clean(number: f64) -> f64 {
     let nearest = (number / STEP).round() / STEP.recip();
     let is_noise = (number - nearest).abs() < NOISE;

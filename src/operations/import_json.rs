@@ -1,22 +1,22 @@
-//! Tables of links in JSON: a list of objects whose fields are the columns of the CSV table.
+//! Tables of link parameters in JSON: a list of objects whose fields are the columns of the CSV table.
 
 use crate::kinematics::model::MAX_LINKS;
 use crate::wire::issue::{Invalid, Issue};
 use serde_json::{Map, Value};
 
-/// Most fields of a row; a table has seven quantities and the link's number.
+/// Maximum number of fields of a row. A table has seven quantities and the number of the link.
 const MAX_FIELDS: usize = 16;
 
-/// Whether bytes are JSON and no CSV.
+/// Whether the bytes are JSON and not CSV.
 pub fn is_json(bytes: &[u8]) -> bool {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     matches!(bytes.trim_ascii_start().first(), Some(b'[' | b'{'))
 }
 
-/// The same table in CSV. The rows are the list itself, or the list `rows` or `links` of an object.
+/// Converts a table in JSON to CSV. The rows are the list itself, or the list `rows` or `links` of an object.
 ///
 /// # Errors
-/// [`Invalid`] with a JSON pointer to what is wrong.
+/// [`Invalid`] with a JSON pointer to each error.
 pub fn csv_of_json(bytes: &[u8]) -> Result<Vec<u8>, Invalid> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let document: Value = serde_json::from_slice(bytes).map_err(|error| {

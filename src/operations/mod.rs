@@ -1,5 +1,5 @@
-//! What a request makes of its inputs without storing anything: predictions, corrected targets, pose plans, frames, comparisons of parameter sets,
-//! imports and exports. Server and command line call the same functions.
+//! Operations that compute a result from their inputs and store nothing: predictions, compensation, pose plans, frames, comparisons of parameter
+//! sets, imports and exports. The server and the command line call the same functions.
 
 mod compare;
 mod compensate;

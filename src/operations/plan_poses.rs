@@ -1,4 +1,4 @@
-//! Plans the poses to measure next.
+//! Pose planning: chooses the poses to measure next.
 
 use crate::identification::objective::Observation;
 use crate::kinematics::Robot;
@@ -12,17 +12,17 @@ use crate::wire::pose_plan::{
 use crate::wire::report_shape::ToolUncertaintyReport;
 use nalgebra::Vector3;
 
-/// Default noise of one coordinate, mm: tracker and repeatability of the arm.
+/// Default noise of one coordinate, mm. It includes the tracker and the repeatability of the arm.
 const DEFAULT_NOISE_MM: f64 = 0.05;
-/// Assumed reflector with `model: complete`: off the flange's axis, so that its position depends on all joints.
+/// Assumed position of the reflector with `model: complete`: off the flange's axis, so that the position depends on all joints.
 const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
-/// Assumed reflector with `model: paper`: on the flange's axis.
+/// Assumed position of the reflector with `model: paper`: on the flange's axis.
 const ON_AXIS_MM: [f64; 3] = [0.0, 0.0, 100.0];
 
-/// The plan. `measured` holds the sets that the request names.
+/// Computes a pose plan. `measured` are the measurement sets that the request refers to.
 ///
 /// # Errors
-/// [`Invalid`] for values out of range, and if the allowed space has too few configurations.
+/// [`Invalid`] for values out of range, and if the allowed space contains too few configurations.
 pub fn plan_poses(
     request: &PosePlanBody,
     robot: &Robot,

@@ -1,4 +1,4 @@
-//! The nominal pose of a posture, in the angles of several makers.
+//! The nominal pose of a posture, with the orientation angles of several manufacturers.
 
 use crate::kinematics::{Robot, t_base_flange};
 use crate::wire::angle::{to_degrees, to_radians};
@@ -7,12 +7,12 @@ use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::tool::quaternion;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Vector3};
 
-/// Cosine of the second angle below which the first and the third cannot be told apart: 0.001° from ±90°.
+/// If the cosine of the second angle is below this (within 0.001° of ±90°), the first and the third angle are not unique (gimbal lock).
 const NOT_UNIQUE: f64 = 1.745e-5;
-/// Joint values that the pendant rounds to two decimals may be this far outside a limit, degrees.
+/// Tolerance of the joint limits, degrees: a pendant rounds joint values to two decimals.
 const ROUNDED_DEG: f64 = 0.01;
 
-/// The pose of the flange, or of a tool, in the base frame of the nominal links, for the controller's joint values.
+/// Computes the pose of the flange or of a tool with the nominal links, in the base frame, for the controller's joint values.
 ///
 /// # Errors
 /// [`Invalid`] for joint values or a tool that cannot be used.
@@ -54,12 +54,12 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
     })
 }
 
-/// Angles with R = Rz(yaw)·Ry(pitch)·Rx(roll), rad, and whether yaw and roll are not unique.
+/// The angles with R = Rz(yaw)·Ry(pitch)·Rx(roll), rad. Also returns true if yaw and roll are not unique.
 fn yaw_pitch_roll(r: &Matrix3<f64>) -> ([f64; 3], bool) {
     let across = libm::sqrt(r[(2, 1)] * r[(2, 1)] + r[(2, 2)] * r[(2, 2)]);
     let pitch = libm::atan2(-r[(2, 0)], across);
     if across < NOT_UNIQUE {
-        // R = Ry(±90°)·Rx(roll): the turn about z goes into roll
+        // With yaw = 0: R = Ry(±90°)·Rx(roll). Roll contains the whole rotation.
         let roll = libm::atan2(-r[(1, 2)], r[(1, 1)]);
         return ([0.0, pitch, roll], true);
     }
@@ -67,7 +67,7 @@ fn yaw_pitch_roll(r: &Matrix3<f64>) -> ([f64; 3], bool) {
     ([yaw, pitch, libm::atan2(r[(2, 1)], r[(2, 2)])], false)
 }
 
-/// From the quaternion: exact also near half a turn, where the matrix is nearly symmetric.
+/// The rotation vector, computed from the quaternion. This is accurate also near 180°, where the rotation matrix is nearly symmetric.
 fn rotation_vector(rotation: &Rotation3<f64>) -> [f64; 3] {
     let [w, x, y, z] = quaternion(rotation);
     let axis = Vector3::new(x, y, z);

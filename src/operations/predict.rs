@@ -1,4 +1,4 @@
-//! Predicts positions of a target on an identified robot.
+//! Predicts target positions with an identified robot.
 
 use crate::identification::changes::Estimate;
 use crate::kinematics::{Payload, Robot};
@@ -7,8 +7,8 @@ use crate::wire::issue::Invalid;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{PredictAnswer, PredictBody, unknown_target};
 
-/// Predicts the target's positions with the joint map, the identified links, the corrections and the base's pose in the measuring frame. The
-/// estimate, where there is one, gives their uncertainty.
+/// Predicts the positions of a target with the joint map, the identified links, the corrections and the pose of the base in the measuring frame. If
+/// there is an estimate, it gives the uncertainty of the positions.
 ///
 /// # Errors
 /// [`Invalid`] for poses that do not fit the robot, or a target that the set does not have.

@@ -1,9 +1,9 @@
-//! The library of ready arms: data in `data/robot-models`, one file per maker, inside the binary.
+//! The library of robot models. The data are in `data/robot-models`, one file per manufacturer, and are compiled into the binary.
 
 use crate::wire::robot_model::{RobotModel, RobotModelPage, RobotModelSummary};
 use std::sync::LazyLock;
 
-/// The files, by maker.
+/// The files, one per manufacturer.
 const FILES: [&str; 14] = [
     include_str!("../../data/robot-models/abb.json"),
     include_str!("../../data/robot-models/denso.json"),
@@ -21,7 +21,7 @@ const FILES: [&str; 14] = [
     include_str!("../../data/robot-models/yaskawa.json"),
 ];
 
-/// Longest text to search for, characters. The longest name of an arm has 30.
+/// Maximum length of a search text, characters. The longest name of a model has 30.
 pub const MAX_SEARCH_CHARS: usize = 100;
 
 static ALL: LazyLock<Result<Vec<RobotModel>, String>> = LazyLock::new(|| {
@@ -37,7 +37,7 @@ static ALL: LazyLock<Result<Vec<RobotModel>, String>> = LazyLock::new(|| {
     Ok(all)
 });
 
-/// What a robot that is made from an entry says of its origin.
+/// The description of a robot that is created from an entry. It states where the data come from.
 fn description(model: &RobotModel) -> String {
     let sources: Vec<&str> = model.sources.iter().map(|s| s.title.as_str()).collect();
     format!(
@@ -49,15 +49,15 @@ fn description(model: &RobotModel) -> String {
     )
 }
 
-/// All arms, by maker and name.
+/// All robot models, sorted by manufacturer and name.
 ///
 /// # Errors
-/// If a file cannot be read; a test reads them all.
+/// If a file cannot be parsed. A test parses all files.
 pub fn all() -> Result<&'static [RobotModel], &'static str> {
     ALL.as_deref().map_err(String::as_str)
 }
 
-/// The arm with this id.
+/// The robot model with this id.
 ///
 /// # Errors
 /// As [`all`].
@@ -65,7 +65,8 @@ pub fn get(id: &str) -> Result<Option<&'static RobotModel>, &'static str> {
     Ok(all()?.iter().find(|model| model.id == id))
 }
 
-/// The arms of a maker whose names have every word of a text. Case, blanks and punctuation do not count: `m10ia` finds the M-10iA.
+/// The robot models of a manufacturer whose names contain every word of a text. Letter case, spaces and punctuation are ignored: `m10ia` finds the
+/// M-10iA.
 ///
 /// # Errors
 /// As [`all`].
@@ -82,10 +83,10 @@ pub fn find(text: &str, maker: Option<&str>) -> Result<Vec<&'static RobotModel>,
     Ok(all()?.iter().filter(has).collect())
 }
 
-/// The page of arms after the one with the id `after`.
+/// The page of robot models after the model with the id `after`.
 ///
 /// # Errors
-/// As [`all`]. `Ok(None)` if no arm has that id.
+/// As [`all`]. The result is `Ok(None)` if no model has the id `after`.
 pub fn page(
     text: &str,
     maker: Option<&str>,
@@ -118,7 +119,8 @@ fn makers(model: &RobotModel) -> String {
     format!("{} {}", model.maker, model.also.join(" "))
 }
 
-/// Maker, name, other names and id without blanks and punctuation. Between maker and name stands a character that no search has.
+/// All names of a model, its manufacturer and its id, without spaces and punctuation. The parts are separated by a character that no search text
+/// contains.
 fn names(model: &RobotModel) -> String {
     let parts = [&model.robot.name, &model.name, &makers(model), &model.id];
     parts.map(|part| letters(part)).join("\n")

@@ -1,4 +1,4 @@
-//! What is said to an upload whose angles come without a convention: which one fits best.
+//! Message for an upload with angles but without a rotation convention: the convention that fits best.
 
 use crate::calibration::upload_checks::rotations::best_convention;
 use crate::measurement::RotationConvention;
@@ -8,13 +8,13 @@ use crate::wire::angle::to_degrees;
 use crate::wire::measurement::{Upload, from_file};
 use crate::wire::robot::Robot;
 
-/// The refusal of a file, with the convention that fits best where one is missing. Nothing is guessed: the user has to state it.
+/// Adds the best-fitting rotation convention to the refusal of a file without one. The convention is never guessed: the user must state it.
 pub fn with_best_convention(mut refusal: Invalid, robot: &Robot, upload: &Upload<'_>) -> Invalid {
     let missing = refusal.issues.iter_mut();
     let Some(issue) = missing.into_iter().find(|i| i.code == ROTATION_REQUIRED) else {
         return refusal;
     };
-    // any convention: what is compared are the angles themselves
+    // Any convention can be used for parsing, because the angles themselves are compared.
     let with_any = Upload {
         rotation: Some(RotationConvention::RotationVector),
         ..*upload

@@ -1,4 +1,4 @@
-//! Looks at a table before it is uploaded.
+//! Preview of a table before it is uploaded.
 
 use crate::measurement::table_points::Preview;
 use crate::wire::Invalid;
@@ -8,15 +8,15 @@ use crate::wire::table_preview::{FilePreview, PreviewAnswer};
 use crate::wire::table_upload::{self, Files, UploadOptions};
 use crate::wire::understood::UnderstoodBody;
 
-/// Rows that are shown.
+/// Number of rows in a preview.
 const N_ROWS: usize = 8;
-/// Longest cell that is shown, characters.
+/// Maximum length of a cell in a preview, characters. Longer cells are cut.
 const MAX_CELL: usize = 80;
 
-/// How the files of an upload are understood.
+/// Makes a preview of the files of an upload: how they are interpreted.
 ///
 /// # Errors
-/// [`Invalid`] for a body without files, and a mapping that is none.
+/// [`Invalid`] for a form without the required files, or with an invalid column mapping.
 pub fn preview_table(
     content_type: &str,
     bytes: &[u8],

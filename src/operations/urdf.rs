@@ -1,4 +1,4 @@
-//! URDF: reads the chain of joints to a tip, writes a chain, and replaces only the joint origins in an existing text.
+//! URDF: parses the chain of joints to a tip link, and replaces only the joint origins in an existing text.
 
 use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
 use crate::operations::xml_limits;
@@ -8,19 +8,19 @@ use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// Largest text, bytes. Descriptions whose meshes are in other files have a hundred KiB.
+/// Maximum size of a URDF, bytes. Descriptions with meshes in separate files have about a hundred KiB.
 pub const MAX_URDF_BYTES: usize = 4 * 1024 * 1024;
-/// Most nodes: elements, texts between them, comments.
+/// Maximum number of XML nodes: elements, texts between them, and comments.
 const MAX_NODES: u32 = 250_000;
-/// Most joints of a file. Whole production cells have some hundred.
+/// Maximum number of joints of a file. Whole production cells have some hundred joints.
 const MAX_JOINTS: usize = 5_000;
-/// Most joints from root to tip.
+/// Maximum number of joints from root to tip.
 const MAX_CHAIN: usize = 200;
-/// Most links that are told as no part of the robot. Arms with a hand and cameras have some ten.
+/// Maximum number of skipped links that are listed. Arms with a hand and cameras have some tens of such links.
 const MAX_FRAMES: usize = 200;
-/// Largest number of items that an error lists.
+/// Maximum number of items that an error lists.
 const MAX_LISTED: usize = 10;
-/// Longest text of an error.
+/// Maximum length of the text of an error, characters.
 const MAX_DETAIL_CHARS: usize = 500;
 /// Millimetres in a metre.
 const MM: f64 = 1e3;
@@ -31,7 +31,7 @@ pub struct Urdf<'t> {
     joints: Vec<UrdfJoint>,
 }
 
-/// A joint, and the position of its origin in the text.
+/// A joint, with the position of its origin in the text.
 struct UrdfJoint {
     name: String,
     kind: String,
@@ -41,38 +41,39 @@ struct UrdfJoint {
     place: OriginPlace,
 }
 
-/// Position of an origin in the text: of the values of its attributes, and where an attribute or the element would be inserted.
+/// Position of an `<origin>` element in the text: the ranges of the values of its attributes, and the place where an attribute or the element would
+/// be inserted.
 #[derive(Clone)]
 struct OriginPlace {
     xyz: Option<Range<usize>>,
     rpy: Option<Range<usize>>,
-    /// After the name of the `<origin` element or, without one, after the joint's opening tag.
+    /// After the name in `<origin`; or, if the joint has no `<origin>`, after the opening tag of the joint.
     insert_at: usize,
     has_element: bool,
 }
 
 /// The joints from the root to a tip.
 pub struct UrdfChain {
-    /// Their geometry, mm and rad.
+    /// Geometry of the joints, mm and rad.
     pub chain: Chain,
-    /// Their indices among the joints of the file.
+    /// Indices of the joints in the file.
     indices: Vec<usize>,
 }
 
-/// The links of a file, seen from a chain.
+/// The links of a file, grouped by their relation to a chain.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct UrdfFrames {
-    /// The link in which the chain begins.
+    /// The link at which the chain begins.
     pub root: Option<String>,
-    /// The link at which it ends.
+    /// The link at which the chain ends.
     pub tip: Option<String>,
-    /// Links of the chain that do not move against the one before.
+    /// Links of the chain that are rigidly attached to the previous link.
     pub fixed: Vec<String>,
-    /// Links that are not on the way.
+    /// Links that are not part of the chain.
     pub skipped: Vec<String>,
 }
 
-/// The first [`MAX_LISTED`] items.
+/// The first [`MAX_LISTED`] items as text, with the number of further items.
 fn listed<T: AsRef<str>>(all: &[T]) -> String {
     let shown: Vec<&str> = all.iter().take(MAX_LISTED).map(AsRef::as_ref).collect();
     let more = all.len() - shown.len();
@@ -84,7 +85,7 @@ fn listed<T: AsRef<str>>(all: &[T]) -> String {
     shown.join(", ") + &tail
 }
 
-/// The error with a text that is cut to [`MAX_DETAIL_CHARS`]: names and values may be as long as the file.
+/// An error whose text is cut to [`MAX_DETAIL_CHARS`], because names and values may be as long as the file.
 fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
     let mut detail = detail.into();
     if let Some((end, _)) = detail.char_indices().nth(MAX_DETAIL_CHARS) {
@@ -95,10 +96,10 @@ fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
 }
 
 impl<'t> Urdf<'t> {
-    /// Reads a URDF.
+    /// Parses a URDF.
     ///
     /// # Errors
-    /// [`Invalid`] if it is no URDF, with position and cause.
+    /// [`Invalid`] with position and cause, if the bytes are not a URDF.
     pub fn parse(bytes: &'t [u8]) -> Result<Self, Invalid> {
         if bytes.len() > MAX_URDF_BYTES {
             return Err(invalid(
@@ -144,8 +145,8 @@ impl<'t> Urdf<'t> {
         Ok(Self { text, joints })
     }
 
-    /// The joints from the root to the link `tip`. Without `tip` it is the chain with `n_moving` moving joints or, without that number, the chain
-    /// with the most.
+    /// The joints from the root to the link `tip`. Without `tip`: the chain with `n_moving` moving joints. Without `n_moving` too: the chain with the
+    /// most moving joints.
     ///
     /// # Errors
     /// [`Invalid`] if there is no such chain, if there are several that differ, or if a moving joint in it is not revolute.
@@ -264,7 +265,7 @@ impl<'t> Urdf<'t> {
         Ok((*longest).clone())
     }
 
-    /// The links that a chain has, and those that it has not.
+    /// The links of a chain, and the links of the file that are not part of it.
     pub fn frames(&self, chain: &UrdfChain) -> UrdfFrames {
         let of_chain = |index: &usize| &self.joints[*index];
         let on_way: BTreeSet<&str> = chain
@@ -297,7 +298,7 @@ impl<'t> Urdf<'t> {
         }
     }
 
-    /// The text with the origins of the moving joints of `old` replaced by those of `new`. Nothing else changes.
+    /// The text of the URDF, with the origins of the moving joints of `old` replaced by those of `new`. The rest of the text stays unchanged.
     pub fn with_origins(&self, old: &UrdfChain, new: &Chain) -> String {
         let mut edits: Vec<(Range<usize>, String)> = Vec::new();
         for (index, joint) in old
@@ -320,7 +321,7 @@ impl<'t> Urdf<'t> {
                 });
             }
         }
-        // From the end, so that earlier positions stay valid. Two edits at one position keep their order.
+        // Edits are made from the end, so that earlier positions stay valid. Two edits at one position keep their order.
         edits.reverse();
         edits.sort_by_key(|(range, _)| std::cmp::Reverse(range.start));
         let mut text = self.text.to_owned();
@@ -417,20 +418,20 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     })
 }
 
-/// Range of the value in `name="value"`. roxmltree's own range is wrong after very long names or spaces.
+/// Range of the value in `name="value"`. The range that roxmltree gives is wrong after very long names or many spaces.
 fn inside_quotes(text: &str, attribute: Range<usize>) -> Range<usize> {
     let to_quote = text[attribute.clone()].find(['"', '\'']).unwrap_or(0);
     attribute.start + to_quote + 1..attribute.end - 1
 }
 
-/// Position after the name in an element's opening tag; the name may have a prefix.
+/// Position after the name in the opening tag of an element. The name may have a namespace prefix.
 fn after_name(text: &str, element: Range<usize>) -> usize {
     let ends = |c: char| c.is_ascii_whitespace() || matches!(c, '/' | '>');
     let length = text[element.clone()].find(ends);
     length.map_or(element.end, |length| element.start + length)
 }
 
-/// Position after the `>` of an element's opening tag. The element has children, and the first of them begins there.
+/// Position after the `>` of the opening tag of an element. The element has children, so this is the start of its first child.
 fn opening_tag_end(text: &str, node: Node<'_, '_>) -> usize {
     node.first_child()
         .map_or_else(|| text.len(), |child| child.range().start)
@@ -443,7 +444,7 @@ fn three_numbers(text: &str) -> Option<[f64; 3]> {
     numbers.collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// Three numbers in metres, with enough digits to read back the same floats.
+/// Three lengths in metres, with enough digits to read back the same floats.
 pub fn xyz_text(origin: &Origin) -> String {
     three_text(origin.xyz_mm.map(|mm| mm / MM))
 }
@@ -454,7 +455,7 @@ pub fn rpy_text(origin: &Origin) -> String {
 }
 
 fn three_text([a, b, c]: [f64; 3]) -> String {
-    // Avoids negative zeros.
+    // Adding 0.0 turns a negative zero into a positive one.
     format!("{} {} {}", a + 0.0, b + 0.0, c + 0.0)
 }
 

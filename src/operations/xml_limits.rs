@@ -1,39 +1,39 @@
-//! Limits on XML, counted in one pass over the text before it is parsed. roxmltree compares each attribute of an element with all others of the
-//! element, and searches all declared namespaces for each name. Without limits a short text can cost minutes.
+//! Limits on XML, checked in one pass over the text before it is parsed. roxmltree compares each attribute of an element with all others of the
+//! element, and searches all declared namespaces for each name. Without limits, parsing a short text can take minutes.
 
 use crate::wire::issue::Invalid;
 
-/// Most attributes of one element; those of a URDF have up to four.
+/// Maximum number of attributes of one element. Elements of a URDF have up to four.
 pub const MAX_ATTRIBUTES: usize = 64;
-/// Most attributes of all elements together.
+/// Maximum number of attributes of all elements together.
 pub const MAX_ALL_ATTRIBUTES: usize = 200_000;
-/// Most namespace declarations of all elements together; a URDF has a handful, all of them at its root.
+/// Maximum number of namespace declarations of all elements together. A URDF has a few, all at its root.
 pub const MAX_NAMESPACES: usize = 64;
-/// Deepest nesting of elements; a URDF has five levels, with a simulator's extensions fifteen.
+/// Maximum depth of nested elements. A URDF has five levels; with the extensions of a simulator it has fifteen.
 pub const MAX_DEPTH: usize = 100;
-/// Most elements; large descriptions have some thousand.
+/// Maximum number of elements. Large descriptions have some thousand.
 pub const MAX_ELEMENTS: usize = 100_000;
 
-/// Counts of everything that is limited.
+/// Counts of everything that has a limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Elements.
+    /// Number of elements.
     pub n_elements: usize,
     /// Deepest nesting of elements.
     pub depth: usize,
-    /// Attributes of the element with the most, namespace declarations among them.
+    /// Largest number of attributes of an element, including namespace declarations.
     pub most_attributes: usize,
-    /// Attributes of all elements.
+    /// Number of attributes of all elements.
     pub n_attributes: usize,
-    /// Namespace declarations.
+    /// Number of namespace declarations.
     pub n_namespaces: usize,
 }
 
-/// Counts elements and attributes. Fails at the first place where a limit is exceeded. Counts are correct up to the first syntax error, which the
-/// parser reports.
+/// Counts elements and attributes. Fails at the first place where a limit is exceeded. The counts are correct up to the first syntax error, which the
+/// parser reports later.
 ///
 /// # Errors
-/// [`Invalid`] with line and limit.
+/// [`Invalid`] with the line and the limit.
 pub fn check(text: &str) -> Result<Counts, Invalid> {
     let mut counts = Counts::default();
     let mut n_open: usize = 0;
@@ -64,7 +64,7 @@ pub fn check(text: &str) -> Result<Counts, Invalid> {
             refuse_too_many(text, start, &counts)?;
             tag.end
         };
-        // A missing end is not well-formed; the parser reports it.
+        // Without an end the text is not well-formed, which the parser reports.
         let Some(end) = end else { break };
         at = start + end;
     }
@@ -77,12 +77,12 @@ fn index_after(text: &str, from: usize, mark: &str) -> Option<usize> {
 }
 
 struct StartTag {
-    /// Its length, if it ends.
+    /// Length of the tag, if it has an end.
     end: Option<usize>,
     stays_open: bool,
 }
 
-/// Counts the attributes of the tag at `start` by their quoted values.
+/// Counts the attributes of the tag at `start`: each quoted value is one attribute.
 fn start_tag(text: &str, start: usize, counts: &mut Counts) -> Result<StartTag, Invalid> {
     let rest = &text[start..];
     let (mut at, mut n) = (1, 0);
@@ -105,10 +105,10 @@ fn start_tag(text: &str, start: usize, counts: &mut Counts) -> Result<StartTag, 
         n += 1;
         counts.n_attributes += 1;
         counts.most_attributes = counts.most_attributes.max(n);
-        // The text before the quote: the name of an attribute and `=`, perhaps after the name of the element.
+        // The text before the quote is the name of an attribute and `=`, for the first attribute after the name of the element.
         let name = before.trim_end().trim_end_matches('=').trim_end();
         let name = name.rsplit(|c: char| c.is_ascii_whitespace()).next();
-        // roxmltree takes `x:xmlns` for a declaration as well.
+        // roxmltree treats `x:xmlns` as a declaration too.
         let is_namespace = name.is_some_and(|name| {
             name == "xmlns" || name.starts_with("xmlns:") || name.ends_with(":xmlns")
         });
@@ -250,7 +250,7 @@ mod tests {
         );
     }
 
-    /// What the parser finds.
+    /// The counts by the parser.
     fn counted(document: &Document<'_>) -> (usize, usize, usize) {
         let elements: Vec<Node<'_, '_>> = document.descendants().filter(Node::is_element).collect();
         let depth = |node: &Node<'_, '_>| node.ancestors().filter(Node::is_element).count();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     proptest! {
-        /// Pieces of XML in any order: whatever the parser accepts is counted as it is.
+        /// Pieces of XML in any order. For every text that the parser accepts, the counts must agree with the parser.
         #[test]
         fn what_the_parser_finds_was_counted(pieces in prop::collection::vec(prop::sample::select(vec![
             "<a>", "</a>", "<b c='d'>", "</b>", "<e/>", "<e f=\"'\" g = '>'/>", "<!--", "-->", "<![CDATA[", "]]>", "<?p", "?>", "'", "\"",

@@ -1,9 +1,9 @@
-//! Scales, round tick values and the two axes of a figure.
+//! Ranges, tick values and axes of a figure.
 
 use super::text;
 use maud::{Markup, html};
 
-/// Width of every figure, in its own units; on paper it is scaled to the page.
+/// Width of every figure, in SVG units. On paper the figure is scaled to the page.
 pub const WIDTH: f64 = 680.0;
 const LEFT: f64 = 52.0;
 const RIGHT: f64 = 8.0;
@@ -19,7 +19,7 @@ pub struct Range {
 }
 
 impl Range {
-    /// From zero to the largest value.
+    /// A range from zero to the largest value.
     pub fn from_zero(values: impl Iterator<Item = f64>) -> Self {
         let max = values.filter(|v| v.is_finite()).fold(0.0, f64::max);
         Self {
@@ -29,7 +29,7 @@ impl Range {
         }
     }
 
-    /// All positive values, with a margin at both ends.
+    /// A logarithmic range of all positive values, with a margin at both ends.
     pub fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
         let (min, max) = values
             .filter(|v| v.is_finite() && *v > 0.0)
@@ -48,7 +48,7 @@ impl Range {
         }
     }
 
-    /// All values, with a small margin.
+    /// A range of all values, with a small margin at both ends.
     pub fn around(values: impl Iterator<Item = f64>) -> Self {
         let (min, max) = values
             .filter(|v| v.is_finite())
@@ -75,7 +75,7 @@ impl Range {
         }
     }
 
-    /// Position of a value between both ends, 0 to 1. Values beyond an end of a logarithmic range get that end.
+    /// Relative position of a value in the range, 0 to 1. In a logarithmic range, a value beyond an end is moved to that end.
     pub fn share(&self, value: f64) -> f64 {
         if self.log {
             let (low, high) = (self.min.log10(), self.max.log10());
@@ -84,7 +84,7 @@ impl Range {
         (value - self.min) / (self.max - self.min)
     }
 
-    /// About `count` round values.
+    /// About `count` tick values, which are round numbers.
     pub fn ticks(&self, count: usize) -> Vec<f64> {
         if self.log {
             self.powers(count)
@@ -161,7 +161,7 @@ pub struct Frame {
 pub struct Labels<'a> {
     pub x: &'a str,
     pub y: &'a str,
-    /// False if positions along x have no value.
+    /// Whether the x axis has ticks. False if positions along x have no numeric value.
     pub x_ticks: bool,
 }
 
@@ -216,7 +216,7 @@ impl Frame {
     }
 }
 
-/// A coordinate as text, with as many digits as a print needs.
+/// An SVG coordinate as text, with as many digits as are needed in print.
 pub fn place(value: f64) -> String {
     format!("{value:.1}")
 }

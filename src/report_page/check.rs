@@ -1,11 +1,11 @@
-//! The answer of a quick check.
+//! The section about a quick check.
 
 use super::text::{error, number};
 use crate::wire::check::{CheckReport, CheckVerdict, DetectableReport};
 use crate::wire::report_shape::Report;
 use maud::{Markup, html};
 
-/// Verdict, what the poses could have seen, and what to measure next; nothing of other jobs.
+/// The verdict, the changes that the poses can detect, and the next measurement. Empty for jobs of other kinds.
 pub fn quick_check(report: &Report) -> Markup {
     html! { @if let Some(check) = &report.check { (section(check)) } }
 }

@@ -1,4 +1,5 @@
-//! The figures, in SVG. Hollow marks are before, solid ones after, so that the figures can be read without colour.
+//! The figures, in SVG. Hollow marks show errors before the calibration, solid marks show errors after it, so that the figures can be read without
+//! colour.
 
 use super::axes::{Frame, Labels, Range, WIDTH, place};
 use super::text::{self, SMALLEST_MM};
@@ -6,15 +7,15 @@ use crate::wire::measurement::Subset;
 use crate::wire::report_shape::{Convergence, PointReport};
 use maud::{Markup, html};
 
-/// Most bars that can be distinguished on paper; with more points, neighbours share one.
+/// Maximum number of bars that can be distinguished on paper. With more points, neighbouring points share a bar.
 const MAX_BARS: usize = 160;
-/// Most arrows; more would cover each other.
+/// Maximum number of arrows. More arrows would cover each other.
 const MAX_ARROWS: usize = 300;
-/// Most corners of a curve; more would not be visible.
+/// Maximum number of corners of a curve. More corners would not be visible.
 const MAX_CORNERS: usize = 500;
-/// Columns of the histogram.
+/// Number of columns of the histogram.
 const COLUMNS: usize = 24;
-/// Ratio of the errors above which the axis is logarithmic: small ones would vanish on a linear axis.
+/// Ratio of the largest to the median error above which the axis is logarithmic. On a linear axis, small errors would not be visible.
 const LOG_FROM_RATIO: f64 = 40.0;
 
 fn figure(
@@ -54,7 +55,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Range of errors. A logarithmic one does not go below what can be measured, but low enough that the smallest bar is visible.
+/// The range of the errors. A logarithmic range has a margin, so that the smallest bar is visible. Errors below what can be measured are raised to
+/// [`SMALLEST_MM`].
 fn error_range(points: &[PointReport], log: bool) -> Range {
     let errors = points.iter().flat_map(|p| [p.before_mm, p.after_mm]);
     if log {
@@ -64,7 +66,7 @@ fn error_range(points: &[PointReport], log: bool) -> Range {
     }
 }
 
-/// A bar for one point, or for some neighbours, of which it shows the largest error.
+/// A bar for one point, or for several neighbouring points; then it shows their largest error.
 struct Bar {
     before_mm: f64,
     after_mm: f64,
@@ -150,7 +152,7 @@ fn per_point_content(frame: &Frame, halves: &[(String, Vec<Bar>)], gap: f64) -> 
     }
 }
 
-/// A column on the axis, from `at`; `width` is in units of x, `value` in units of y.
+/// A column that stands on the x axis and begins at `at`. `at` and `width` are in units of x, `value` is in units of y.
 fn column(frame: &Frame, kind: &str, at: f64, width: f64, value: f64) -> Markup {
     let value = if frame.y.log {
         value.max(SMALLEST_MM)
@@ -222,7 +224,7 @@ pub fn histogram(points: &[PointReport], robot_before: &str) -> Markup {
     )
 }
 
-/// Convergence of the cost; empty if the method has no curve.
+/// Convergence of the cost; empty if the method has no convergence curve.
 pub fn convergence(curve: &Convergence) -> Markup {
     let points: Vec<(f64, f64)> = curve
         .iteration
@@ -272,7 +274,7 @@ pub fn convergence(curve: &Convergence) -> Markup {
     )
 }
 
-/// The corners of a curve that never rises: every place where it falls, thinned to [`MAX_CORNERS`].
+/// The corners of a curve that never rises: the points before and after each fall, and both ends. They are thinned to about [`MAX_CORNERS`].
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let falls = |i: usize| {
         i == 0
@@ -329,7 +331,7 @@ pub fn positions(points: &[PointReport], before: &str) -> Markup {
     }
 }
 
-/// A round factor with which the longest arrow is about a seventh of the extent.
+/// Magnification of the arrows: a round factor with which the longest arrow is about a seventh of the extent of the points.
 fn magnification(arrows: &[&Arrow]) -> f64 {
     let extent = (0..3)
         .map(|k| Range::around(arrows.iter().map(|a| a.position_mm[k])))
@@ -363,7 +365,7 @@ fn projection(arrows: &[&Arrow], i: usize, j: usize, names: [&str; 2], factor: f
         width: WIDTH / 2.0,
         height: 300.0,
     };
-    // The same scale in both directions.
+    // Both axes get the same scale.
     let per_unit = ((frame.x.max - frame.x.min) / (frame.right() - frame.left()))
         .max((frame.y.max - frame.y.min) / (frame.bottom() - frame.top()));
     frame.x = widened(frame.x, per_unit * (frame.right() - frame.left()));

@@ -1,7 +1,7 @@
-//! The report as an HTML page for printing. It is self-contained and requests nothing.
+//! The report as an HTML page for printing. The page is self-contained and loads no other resources.
 //!
-//! A pure function from the wire's shapes. maud escapes every text except the style, whose hash is in the page's content security policy. So no name
-//! can become markup, a script or a request.
+//! The page is a pure function of types in `wire`. maud escapes every text except the style sheet, whose hash is in the content security policy of
+//! the page. So no name can become markup, a script or a request.
 
 mod axes;
 mod check;
@@ -22,13 +22,14 @@ use std::sync::LazyLock;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Content security policy: allows this one style and nothing else. It is sent as a header, and is in the page for copies in files.
+/// Content security policy: allows only this style sheet. It is sent as an HTTP header. It is also in the page itself, for copies that are saved as
+/// files.
 pub static CONTENT_SECURITY_POLICY: LazyLock<String> = LazyLock::new(|| {
     let hash = BASE64_STANDARD.encode(Sha256::digest(STYLE.as_bytes()));
     format!("default-src 'none'; style-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'")
 });
 
-/// The page.
+/// Renders the page.
 pub fn html(sources: &Sources<'_>) -> String {
     let page = html! {
         (DOCTYPE)

@@ -1,4 +1,5 @@
-//! What a quality file asks for: who measured what with what, in which frame and for which tool the figures hold, the verdict, and a signature.
+//! The sections for quality records: measurement equipment and persons, the frame and the tool that the values refer to, the verdict, and a
+//! signature.
 
 use super::Sources;
 use super::text::{error, number};
@@ -7,7 +8,7 @@ use crate::wire::measurement::Frame;
 use crate::wire::robot::{MountingBody, NamedMounting};
 use maud::{Markup, html};
 
-/// The verdict against the tolerance, and for what the figures hold.
+/// What the values refer to, and the comparison with the tolerance.
 pub fn statement(sources: &Sources<'_>) -> Markup {
     html! {
         section {
@@ -135,7 +136,7 @@ fn mounting(sources: &Sources<'_>) -> String {
     }
 }
 
-/// What the service does not know, to be filled in by hand, and who answers for the report.
+/// Fields to be filled in by hand for facts that the service does not know, and the signature of the responsible person.
 pub fn signature(sources: &Sources<'_>) -> Markup {
     let released = sources.parameter_set.and_then(|set| {
         set.released_by

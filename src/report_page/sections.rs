@@ -9,9 +9,9 @@ use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{ErrorsReport, PriorReport, Report, SubsetReport};
 use maud::{Markup, html};
 
-/// Smallest reduction that is stated.
+/// Smallest relative reduction of the error that is reported as an improvement.
 const NO_REDUCTION: f64 = 0.001;
-/// Most revisited poses that are listed. The text above the table covers all of them.
+/// Maximum number of revisited poses in the table. The text above the table covers all of them.
 const MAX_POSES: usize = 40;
 
 /// The result in one sentence.
@@ -52,7 +52,7 @@ pub fn verdict(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// Why the result cannot be used.
+/// Reason why the result cannot be used, if there is one.
 fn no_use(report: &Report) -> Markup {
     html! {
         @if let Some(code) = headline(report) { p.warning { strong { (words::no_use(code)) "." } } }
@@ -128,7 +128,7 @@ fn last_joint_zero(report: &Report) -> String {
     )
 }
 
-/// The model and what the points determine. The rank counts combinations of parameters; a parameter may be part of several.
+/// The model and what the points determine. The rank is a number of parameter combinations; a parameter may be part of several combinations.
 fn model(report: &Report) -> String {
     let seen = &report.identifiability;
     let n_alone = report
@@ -151,7 +151,7 @@ fn standing(set: &ParameterSetAnswer) -> String {
     }
 }
 
-/// The errors before and after, on both halves.
+/// The errors before and after the calibration, on the identify and the verify points.
 pub fn errors(sources: &Sources<'_>) -> Markup {
     let report = sources.report;
     if sources.is_verification() {
@@ -180,7 +180,7 @@ pub fn errors(sources: &Sources<'_>) -> Markup {
     }
 }
 
-/// Name of the errors without the points that a warning names as outliers.
+/// Label for the errors without the points that a warning lists as outliers.
 const WITHOUT_OUTLIERS: &str = "Verify, without outliers";
 
 /// The errors of the nominal robot and of the verified parameters, on all points.
@@ -239,7 +239,7 @@ fn half_rows(name: &str, half: &SubsetReport) -> Markup {
     }
 }
 
-/// Every free parameter, and those that the data do not determine.
+/// All free parameters, with a note about those that the data do not determine.
 pub fn parameters(report: &Report) -> Markup {
     if report.parameters.is_empty() {
         return html! {};
@@ -295,7 +295,7 @@ fn unseen(groups: &[Vec<String>]) -> String {
     text + "The positions of the measured reflector are right all the same; of another tool they may not be."
 }
 
-/// Priors and their posteriors.
+/// The priors of the request, and their share in the result.
 pub fn priors(report: &Report) -> Markup {
     let known: Vec<_> = report
         .parameters
@@ -414,7 +414,7 @@ pub fn repeatability(report: &Report) -> Markup {
     }
 }
 
-/// Changes since the session before.
+/// Changes since the previous session.
 pub fn changes(report: &Report) -> Markup {
     let Some(rows) = &report.changed else {
         return html! {};

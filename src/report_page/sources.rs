@@ -12,7 +12,7 @@ use crate::wire::robot::RobotBody;
 pub struct MeasuredSet<'a> {
     /// Its name.
     pub name: Option<&'a str>,
-    /// The frame of every position.
+    /// The frame of all positions.
     pub frame: Frame,
     /// Number of points.
     pub n_points: usize,
@@ -42,13 +42,13 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
 pub struct Sources<'a> {
     /// The robot.
     pub robot: &'a RobotBody,
-    /// The measurement set that it was identified from.
+    /// The measurement set of the job.
     pub set: MeasuredSet<'a>,
-    /// The job; none offline.
+    /// The job; none if the page is made without a server.
     pub job: Option<&'a JobAnswer>,
-    /// The identified parameter set in its present state; none offline, or if nothing was identified.
+    /// The identified parameter set in its current state; none without a server, or if no parameters were identified.
     pub parameter_set: Option<&'a ParameterSetAnswer>,
-    /// Tolerance of the robot's policy, mm; none offline, or if the policy has none.
+    /// Tolerance in the robot's policy, mm; none without a server, or if the policy has no tolerance.
     pub tolerance_mm: Option<f64>,
     /// The report.
     pub report: &'a Report,

@@ -3,12 +3,12 @@
 use crate::release::{why_no_evidence, why_same_upload};
 use crate::wire::report_shape::{Evidence, Report};
 
-/// Smallest error that is printed as a number, mm: no instrument resolves a tenth of a micrometre.
+/// Smallest error that is printed as a number, mm. No instrument resolves a tenth of a micrometre.
 pub const SMALLEST_MM: f64 = 1e-4;
 
 const MINUS: &str = "\u{2212}";
 
-/// About three significant digits; very small and very large ones as powers of ten.
+/// A number with about three significant digits. Very small and very large numbers are written with a power of ten.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     if !value.is_finite() {
@@ -34,7 +34,7 @@ fn power(value: f64) -> String {
     )
 }
 
-/// 10 to a whole power.
+/// A power of ten with an integer exponent.
 pub fn power_of_ten(exponent: i32) -> String {
     format!("10{}", superscript(&exponent.to_string()))
 }
@@ -73,18 +73,18 @@ pub fn signed(value: f64, decimals: usize) -> String {
     format!("{sign}{text}")
 }
 
-/// `deg` as °.
+/// The symbol of a unit: ° for `deg`.
 pub fn unit(unit: &str) -> &str {
     if unit == "deg" { "°" } else { unit }
 }
 
-/// A time in UTC to the second, with a space in place of the T.
+/// A time in UTC to the second, with a space instead of the T.
 pub fn time(rfc3339: &str) -> String {
     let (day, clock) = rfc3339.split_once('T').unwrap_or((rfc3339, ""));
     format!("{day} {} UTC", clock.get(..8).unwrap_or(clock))
 }
 
-/// Strength of the verification.
+/// Strength of the verification, with the reason.
 pub fn evidence(report: &Report) -> String {
     match report.evidence {
         Evidence::None => format!("none: {}", why_no_evidence(report)),

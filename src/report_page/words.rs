@@ -1,14 +1,14 @@
-//! Texts of codes, from `web/words.js`, which the dashboard uses too.
+//! Readable texts for codes. They are in `web/words.js`, which the dashboard uses too.
 
 use crate::wire::job_answer::Stage;
 use crate::wire::measurement::Warning;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-/// Parsed as lines of `name: "words",` within `export const TABLE = {`.
+/// The file is parsed line by line: lines `name: "words",` inside `export const TABLE = {`.
 const TEXT: &str = include_str!("../../web/words.js");
 
-/// Words by table and code.
+/// Readable texts by table and code.
 static WORDS: LazyLock<HashMap<(&'static str, &'static str), &'static str>> = LazyLock::new(|| {
     let mut table = "";
     let mut words = HashMap::new();
@@ -22,15 +22,16 @@ static WORDS: LazyLock<HashMap<(&'static str, &'static str), &'static str>> = La
     words
 });
 
-/// A warning's code in words.
+/// Readable text for the code of a warning.
 pub fn warning(code: &str) -> String {
     of("WARNINGS", code)
 }
 
-/// What a wrong file looks like. Of a file that was insisted on, the warning itself repeats what its refusal said.
+/// Warnings that are typical of a wrong file. If the uploader overrode a refusal with `insist`, no advice is added to them, because the warning
+/// repeats the text of the refusal.
 const LOOKS_OF_A_WRONG_FILE: [&str; 3] = ["session_does_not_fit", "no_fit", "joint_map_suspect"];
 
-/// Why a warning among others matters and what to do about it; empty for a code of another version.
+/// Why a warning matters and what to do about it. `among` are all warnings of the report. Empty for an unknown code, as of another version.
 pub fn advice(code: &str, among: &[Warning]) -> Vec<&'static str> {
     let is_insisted = among.iter().any(|other| other.code == "insisted_upload");
     if is_insisted && LOOKS_OF_A_WRONG_FILE.contains(&code) {
@@ -40,41 +41,42 @@ pub fn advice(code: &str, among: &[Warning]) -> Vec<&'static str> {
     texts.into_iter().flatten().collect()
 }
 
-/// Why a result cannot be used, in words.
+/// Readable text for the code of why a result cannot be used.
 pub fn no_use(code: &str) -> String {
     of("NO_USE", code)
 }
 
-/// A correction's kind in words.
+/// Readable text for the kind of a correction.
 pub fn correction(kind: &str) -> String {
     of("CORRECTIONS", kind)
 }
 
-/// A method in words.
+/// Readable text for a method.
 pub fn method(method: &str) -> String {
     WORDS
         .get(&("METHODS", method))
         .map_or_else(|| method.replace('_', " "), |words| (*words).into())
 }
 
-/// A job's stage in words.
+/// Readable text for the stage of a job.
 pub fn stage(stage: Option<Stage>) -> String {
     stage.map_or_else(|| "Computing".into(), |stage| of("STAGES", stage.as_str()))
 }
 
-/// A gate of the release in words.
+/// Readable text for a release gate.
 pub fn gate(gate: &str) -> String {
     of("GATES", gate)
 }
 
-/// The text of a code. For a code without a text, as in a report of another version, the code itself as the beginning of a sentence.
+/// The readable text of a code. For a code without a text, as in a report of another version, this is the code itself with spaces and a capital
+/// letter.
 fn of(table: &str, code: &str) -> String {
     WORDS
         .get(&(table, code))
         .map_or_else(|| capital(&code.replace('_', " ")), |words| (*words).into())
 }
 
-/// The text with a capital first letter.
+/// The text with its first letter in upper case.
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| {

@@ -19,9 +19,9 @@ pub struct ApiKeyRow {
     pub key_sha256: String,
     /// JSON list of scopes.
     pub scopes_json: String,
-    /// JSON list of the robots that it is limited to; none for all.
+    /// JSON list of the robots that the key is limited to; none for all robots.
     pub robots_json: Option<String>,
-    /// When it was made.
+    /// When it was created.
     pub created_at_ms: i64,
     /// When it was revoked.
     pub revoked_at_ms: Option<i64>,
@@ -48,7 +48,7 @@ pub struct NewApiKey {
     pub key_sha256: String,
     /// JSON list of scopes.
     pub scopes_json: String,
-    /// JSON list of the robots that it is limited to; none for all.
+    /// JSON list of the robots that the key is limited to; none for all robots.
     pub robots_json: Option<String>,
 }
 

@@ -1,5 +1,5 @@
-//! What was archived: robots, measurement sets, jobs, candidates and networks. An archived item keeps its row and everything that rests on it; lists
-//! leave it out.
+//! Archived items: robots, measurement sets, jobs, candidate parameter sets and networks. The row of an archived item stays, and so does everything
+//! that refers to the row. Lists leave the item out.
 
 use crate::wire::names;
 use serde_json::{Value, json};
@@ -33,9 +33,9 @@ names!(Archivable {
 pub struct ArchivedRow {
     /// Its id.
     pub id: String,
-    /// Its kind, as text: `verify` has to read any.
+    /// Its kind, as text, because `verify` must be able to read any text.
     pub kind: String,
-    /// Its robot; of a robot, itself.
+    /// Id of its robot. For a robot, this is its own id.
     pub robot_id: String,
     /// Id of the key that archived it.
     pub archived_by: String,
@@ -88,7 +88,7 @@ impl Audited for ArchivedRow {
 /// Archives an item; archiving it again changes nothing. Returns when it was archived.
 ///
 /// # Errors
-/// [`Conflict::NotArchivable`] for what was released and for a job that has not ended, [`Error::Database`].
+/// [`Conflict::NotArchivable`] for a parameter set that was released and for a job that has not ended, [`Error::Database`].
 pub async fn archive(
     tx: &mut Tx,
     kind: Archivable,
@@ -96,7 +96,7 @@ pub async fn archive(
     robot_id: &str,
     by: &str,
 ) -> Result<i64> {
-    // A release that is under way ends first.
+    // The lock waits until a release of this robot that is under way has ended.
     super::robots::lock(tx, robot_id).await?;
     let query = sqlx::query_as(ARCHIVE)
         .bind(id)
@@ -117,7 +117,7 @@ pub async fn archive(
         .await?)
 }
 
-/// Restores an item; restoring one that is in use changes nothing.
+/// Restores an archived item; restoring an item that is not archived changes nothing.
 ///
 /// # Errors
 /// [`Error::Database`].

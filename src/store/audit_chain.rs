@@ -1,8 +1,8 @@
-//! The audit chain. Every creation, release, withdrawal, end of a job and change of a key adds an entry, in the transaction that did it.
-//! The hash of an entry covers its content and the hash of the entry before. An edit, a deletion or another order is thus detected.
+//! The audit chain. Every creation, release, withdrawal, end of a job and change of a key adds an entry, in the same transaction.
+//! The hash of an entry covers its content and the hash of the entry before. An edited, deleted or moved entry is thus detected.
 //!
-//! Whoever can write to the database can also compute a new chain. To detect that, store a head elsewhere (`kincal verify-store` prints it)
-//! and compare it later (`--known-head`).
+//! A person who can write to the database can also compute a new chain. To detect that, store the head of the chain elsewhere (`kincal verify-store`
+//! prints it) and compare it later (`--known-head`).
 
 use std::fmt;
 use std::str::FromStr;
@@ -29,7 +29,7 @@ pub struct AuditRow {
     pub subject: String,
     /// Further facts in JSON: hashes, reasons.
     pub detail_json: String,
-    /// Hash of this entry and of the hash before, hexadecimal.
+    /// SHA-256 of this entry and of the previous hash, hexadecimal.
     pub sha256: String,
 }
 
@@ -78,7 +78,7 @@ impl AuditHead {
     }
 }
 
-/// Number and hash of an entry: NUMBER:HASH. Of an empty chain 0 and no hash.
+/// Number and hash of an entry, written as NUMBER:HASH. An empty chain has number 0 and an empty hash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuditEntryId {
     /// Number.
@@ -87,7 +87,7 @@ pub struct AuditEntryId {
     pub sha256: String,
 }
 
-/// The text is no [`AuditEntryId`].
+/// The text is not a valid [`AuditEntryId`].
 #[derive(Debug, thiserror::Error)]
 #[error("not a number, a colon and a hash")]
 pub struct NoAuditEntryId;
@@ -194,7 +194,7 @@ pub(super) async fn append(
     notes: Vec<AuditNote>,
 ) -> Result<()> {
     let head = match engine {
-        // The transaction holds SQLite's only write lock.
+        // No lock is needed: the transaction holds SQLite's only write lock.
         Engine::Sqlite => HEAD,
         Engine::Postgres => HEAD_LOCKED,
     };

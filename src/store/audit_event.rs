@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// End of the names of those events that are the first about their subject.
+/// Suffix of the names of the events that create their subject. Such an event is the first entry about its subject.
 pub(super) const CREATION: &str = "_created";
 
 /// Event of an entry in the audit chain. Its name never changes, because old entries stay.
@@ -10,15 +10,15 @@ pub(super) const CREATION: &str = "_created";
 pub enum AuditEvent {
     /// A robot was stored.
     RobotCreated,
-    /// A session did not fit the robot: the state `check_robot` began.
+    /// A session did not fit the robot, so the state `check_robot` began.
     RobotDoesNotFit,
-    /// A session ended that state.
+    /// A session fitted the robot and ended the state `check_robot`.
     RobotFitsAgain,
-    /// Somebody gave a reason that ended that state.
+    /// A person gave a reason and ended the state `check_robot`.
     RobotChecked,
     /// The release policy of a robot was set.
     RobotPolicyChanged,
-    /// A mapping of columns was stored.
+    /// A column mapping was stored.
     ColumnMappingCreated,
     /// A work frame or a tool was stored.
     NamedFrameCreated,
@@ -26,7 +26,7 @@ pub enum AuditEvent {
     RobotEdited,
     /// A robot, measurement set, job, parameter set or network was archived.
     Archived,
-    /// What was archived is in use again.
+    /// An archived item was restored.
     Restored,
     /// An upload was stored.
     MeasurementSetCreated,
@@ -50,13 +50,13 @@ pub enum AuditEvent {
     ParameterSetCreated,
     /// A parameter set was released.
     ParameterSetReleased,
-    /// Another release superseded the set.
+    /// The release of another set superseded this parameter set.
     ParameterSetSuperseded,
     /// A parameter set was withdrawn.
     ParameterSetWithdrawn,
-    /// A key was made.
+    /// An API key was created.
     KeyCreated,
-    /// A key was revoked.
+    /// An API key was revoked.
     KeyRevoked,
 }
 
@@ -92,7 +92,7 @@ impl AuditEvent {
         }
     }
 
-    /// Whether it is the first entry about its subject.
+    /// Whether this event creates its subject, and so is the first entry about it.
     pub(super) fn is_creation(self) -> bool {
         self.as_str().ends_with(CREATION)
     }

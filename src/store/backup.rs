@@ -8,7 +8,7 @@ use super::{Engine, Error, Result, Store};
 
 pub(super) const QUERIES_SQLITE: &[&str] = &[INTO];
 
-// Copies one consistent state, without deleted rows. Readers and writers continue meanwhile.
+// Copies one consistent state, without deleted rows. Readers and writers are not blocked.
 const INTO: &str = "vacuum into $1";
 
 /// Copies the database into `directory`, which must be new or empty, and waits until the copy is on the disk.

@@ -1,4 +1,4 @@
-//! Copies a whole database into an empty one of either engine, for `kincal copy-store`.
+//! Copies a whole database into an empty database of either engine, for `kincal copy-store`.
 //!
 //! The columns are read from the target's schema, so only a migration that adds a table needs a change here.
 
@@ -64,7 +64,7 @@ struct Column {
     kind: ColumnType,
 }
 
-/// Copies one store into another in one transaction of the target. Nobody may write to the source meanwhile. `moved` is called at the start
+/// Copies one store into another in one transaction of the target. No process may write to the source during the copy. `moved` is called at the start
 /// of each table.
 ///
 /// # Errors
@@ -85,7 +85,7 @@ pub async fn copy(
     let mut tx = to.begin().await?;
     let mut source = from.readers().acquire().await?;
     if from.engine() == Engine::Postgres {
-        // One snapshot of all tables.
+        // All tables are read from one snapshot.
         sqlx::query("begin isolation level repeatable read read only")
             .execute(&mut *source)
             .await?;
@@ -135,7 +135,7 @@ async fn copy_table(
         columns.retain(|column| !RESULT_REFERENCES.contains(&column.name.as_str()));
     }
     if table == "audit_head" {
-        // The migrations of a new database have inserted a head.
+        // The migrations of the new database have already inserted a head, which would conflict with the copied one.
         sqlx::query("delete from audit_head")
             .execute(&mut *target)
             .await?;
@@ -150,7 +150,7 @@ async fn copy_table(
     let mut n_rows = 0;
     while let Some(row) = rows.next().await {
         let row = row?;
-        // Nulls are not bound: no type of a null is valid on both engines.
+        // Null columns are left out of the insert: a bound null has a type, and no type is valid on both engines.
         let mut present = Vec::new();
         for (at, column) in columns.iter().enumerate() {
             if !row.try_get_raw(at)?.is_null() {

@@ -22,9 +22,10 @@ pub struct Store {
 pub(super) struct Inner {
     /// Connections that read.
     pub(super) readers: AnyPool,
-    /// Connections that write, and so may wait for locks. SQLite has one writer at a time: a pool of one connection, in which writers queue.
+    /// Connections that write, and so may wait for locks. SQLite allows one writer at a time, so its pool has one connection, for which writers
+    /// queue.
     pub(super) writers: AnyPool,
-    /// Since when no write of this process has succeeded.
+    /// Measures for how long no write of this process has succeeded.
     pub(super) writes: Arc<WriteProgress>,
     pub(super) engine: Engine,
     pub(super) data_dir: Option<PathBuf>,
@@ -45,7 +46,7 @@ pub struct Tx {
     write: Write,
 }
 
-/// Disk space kept free: twice the largest upload, which is written to the WAL and to the database.
+/// Disk space kept free: twice the size of the largest upload, because an upload is written to the WAL and to the database.
 pub(super) const RESERVE_BYTES: u64 = 64 << 20;
 
 /// The database's file in the data directory.
@@ -86,13 +87,13 @@ impl Store {
     async fn begin_to_write(&self) -> Result<Transaction<'static, Any>> {
         let writers = self.writers();
         Ok(match self.inner.engine {
-            // Takes the write lock at once. A transaction that read first could fail to get the lock at its first write.
+            // `begin immediate` takes the write lock at once. A transaction that starts as a reader may fail to get the lock at its first write.
             Engine::Sqlite => writers.begin_with("begin immediate").await?,
             Engine::Postgres => writers.begin().await?,
         })
     }
 
-    /// The error if the disk is nearly full and new data is refused.
+    /// The error to return if the disk is nearly full, in which case new data is refused; none if there is enough space.
     pub fn low_disk_space(&self) -> Option<Error> {
         self.free_bytes()
             .filter(|free| *free < RESERVE_BYTES)
@@ -107,7 +108,8 @@ impl Store {
         Some(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
-    /// Fails if the data directory was removed or replaced: writes to removed files would succeed, and be lost when they are closed.
+    /// Fails if the data directory was removed or replaced. Writes to removed files would succeed, but the data would be lost when the files are
+    /// closed.
     fn is_in_place(&self) -> Result<()> {
         let (Some(data_dir), Some(held)) = (&self.inner.data_dir, &self.inner.lock_file) else {
             return Ok(());
@@ -130,7 +132,7 @@ impl Store {
         &self.inner.readers
     }
 
-    /// The connections that write, without the audit chain and the counts of [`Store::begin`].
+    /// The connections that write. Writes on them bypass the audit chain and the write statistics of [`Store::begin`].
     pub(super) fn writers(&self) -> &AnyPool {
         &self.inner.writers
     }
@@ -212,7 +214,7 @@ impl Tx {
         self.store.engine()
     }
 
-    /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing must still work then, so they do not call this function.
+    /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing do not call this function, because they must work even then.
     ///
     /// # Errors
     /// [`Error::LowDiskSpace`].
@@ -220,7 +222,7 @@ impl Tx {
         self.store.low_disk_space().map_or(Ok(()), Err)
     }
 
-    /// Adds an entry to the audit chain, if this transaction is committed.
+    /// Adds an entry to the audit chain. The entry is written when this transaction is committed.
     pub(super) fn audit(&mut self, event: AuditEvent, subject: &str, detail: serde_json::Value) {
         self.notes.push(AuditNote {
             event,
@@ -229,7 +231,7 @@ impl Tx {
         });
     }
 
-    /// Adds a field to the last entry of this transaction, if there is one.
+    /// Adds a field to the last audit entry of this transaction, if there is one.
     pub(super) fn audit_field(&mut self, field: &str, value: serde_json::Value) {
         if let Some(detail) = self
             .notes

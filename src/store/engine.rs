@@ -3,7 +3,7 @@
 /// Which database is behind a [`Store`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
-    /// The embedded one: one server process per data directory.
+    /// The embedded database: one server process per data directory.
     Sqlite,
     /// A database server, which several servers and workers may share.
     Postgres,

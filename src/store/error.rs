@@ -36,10 +36,10 @@ pub enum Error {
 /// Conflicts with the stored state.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Conflict {
-    /// The worker has lost the job: its lease expired, or somebody else ended the job.
+    /// The worker has lost the job: its lease expired, or another process ended the job.
     #[error("the lease on this job is lost")]
     LeaseLost,
-    /// The limit of waiting jobs of the robot is reached.
+    /// The robot already has the maximum number of waiting jobs.
     #[error("{limit} jobs of this robot are waiting already")]
     QueueFull {
         /// The limit.
@@ -60,7 +60,7 @@ pub enum Conflict {
     /// The robot's policy, its state or the sessions of the set have changed since the release checks.
     #[error("the robot's policy or the set's sessions changed in the meantime")]
     ChecksOutdated,
-    /// A trigger of the schema refuses the release. The release checks should have refused it before.
+    /// A trigger of the schema refused the release. Normally the release checks refuse it earlier.
     #[error("{why}")]
     RefusedBySchema {
         /// Message of the trigger.
@@ -69,28 +69,28 @@ pub enum Conflict {
     /// The robot is archived.
     #[error("the robot is archived")]
     RobotArchived,
-    /// What is to be archived must stay in use.
+    /// The item must stay in use and cannot be archived.
     #[error("{why}")]
     NotArchivable {
         /// Message of the trigger.
         why: String,
     },
-    /// The robot was edited by somebody else in the meantime.
+    /// Another request edited the robot in the meantime.
     #[error("the robot was edited in the meantime")]
     RobotChanged,
-    /// A parameter set was released with the joint map that is to be changed.
+    /// The joint map cannot be changed, because a parameter set was released with it.
     #[error("a parameter set was released with the joint map of this robot")]
     JointMapReleased,
     /// The robot has no set to roll back to.
     #[error("the robot has no superseded parameter set to go back to")]
     NothingToRollBackTo,
-    /// Something that must be unique exists already.
+    /// A row with the same unique value exists already.
     #[error("it exists already")]
     Duplicate,
 }
 
 impl Error {
-    /// Whether a later attempt may succeed (busy, out of connections, disk full, restarting): 503 instead of 500.
+    /// Whether a later attempt may succeed (busy, out of connections, disk full, restarting). The HTTP status is then 503 instead of 500.
     pub fn is_unavailable(&self) -> bool {
         match self {
             Error::Database(error) => is_unavailable(error),
@@ -146,7 +146,7 @@ fn reason(error: &sqlx::Error) -> &'static str {
     }
 }
 
-/// Description of a temporary failure by the engine's code; none if the failure is permanent. PostgreSQL's SQLSTATE has five characters.
+/// Description of a temporary failure, from the engine's error code; none if the failure is permanent. PostgreSQL's SQLSTATE has five characters.
 /// SQLite's extended result codes are numbers of at most four digits; the low byte is the primary code.
 fn reason_of_code(code: &str) -> Option<&'static str> {
     if code.len() == 5 {
@@ -177,16 +177,16 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
     })
 }
 
-/// Error codes of a trigger that refused: SQLite's `raise(abort)` (1811), PostgreSQL's exceptions of `kincal_refuse…`.
+/// Error codes of a refusal by a trigger: SQLite's `raise(abort)` (1811) and PostgreSQL's exceptions from the functions `kincal_refuse…`.
 const BY_TRIGGER: [&str; 3] = ["1811", "23000", "P0001"];
 
 impl Error {
-    /// Converts a trigger's refusal of a release to [`Conflict`]; other errors stay.
+    /// Converts a trigger's refusal of a release to a [`Conflict`]; other errors are converted as usual.
     pub(super) fn from_release(error: sqlx::Error) -> Self {
         Self::from_trigger(error, |why| Conflict::RefusedBySchema { why })
     }
 
-    /// Converts a trigger's refusal, with its message; other errors stay.
+    /// Converts a trigger's refusal to the conflict that `conflict` makes from the trigger's message; other errors are converted as usual.
     pub(super) fn from_trigger(
         error: sqlx::Error,
         conflict: impl FnOnce(String) -> Conflict,

@@ -1,4 +1,4 @@
-//! The estimate of each parameter set: `wire::estimate`.
+//! The stored estimate of each parameter set, see `wire::estimate`.
 
 use super::{Hashed, Result, Store, Tx};
 
@@ -29,7 +29,7 @@ pub(super) async fn insert(
     Ok(())
 }
 
-/// The estimate of a parameter set, if one was kept.
+/// The estimate of a parameter set, if one was stored.
 ///
 /// # Errors
 /// [`super::Error::Database`].

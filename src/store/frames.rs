@@ -1,4 +1,4 @@
-//! Base and tool frames found from sweeps, with the upload they were found from.
+//! Base and tool frames computed from sweeps, with the uploaded sweeps.
 
 use serde_json::{Value, json};
 
@@ -8,7 +8,7 @@ use super::from_row::from_row;
 use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// Frames found from one upload of sweeps.
+/// Frames computed from one upload of sweeps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramesRow {
     /// `frm_…`
@@ -57,7 +57,7 @@ const GET: &str =
 const BY_ID: &str = "
     select id, robot_id, content_type, result_json, created_at_ms from frames where id > $1 order by id limit cast($2 as bigint)";
 
-// The row has no uploaded bytes. `insert` adds their hash to the entry.
+// The row does not contain the uploaded bytes. `insert` adds their hash to the audit entry.
 fn as_created(row: &FramesRow) -> Value {
     json!({"robot_id": row.robot_id, "content_type": row.content_type, "created_at_ms": row.created_at_ms,
         "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})

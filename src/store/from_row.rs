@@ -1,12 +1,16 @@
-//! `FromRow` without sqlx's derive: its macro crate would build both drivers, SQLite included, a second time.
+//! `FromRow` without sqlx's derive macro. The macro crate would build both database drivers, SQLite included, a second time.
 
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as NotAName;
 
-/// Implements `FromRow` for a struct. Columns have the names of its fields. `parsed` fields are enums that are stored by name; the schema allows only
-/// these names. `optional` ones may be null. `flags` are booleans that are stored as 0 or 1, `counts` are numbers of things. `nested` fields are
-/// structs that are read from the same row.
+/// Implements `FromRow` for a struct. Columns have the names of its fields.
+///
+/// - `parsed`: enums that are stored by name. The schema allows only the names of variants.
+/// - `optional`: as `parsed`, but the column may be null.
+/// - `flags`: booleans that are stored as 0 or 1.
+/// - `counts`: non-negative counts.
+/// - `nested`: structs that are read from the same row.
 macro_rules! from_row {
     ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(optional { $($optional:ident),* $(,)? })?
         $(flags { $($flag:ident),* $(,)? })? $(counts { $($count:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
@@ -29,7 +33,7 @@ pub(crate) use from_row;
 /// Reads a text column that holds the name of an enum's variant, as in JSON.
 ///
 /// # Errors
-/// If the column is missing, is no text, or holds another name.
+/// If the column is missing, is not text, or holds a name that is not a variant.
 pub(crate) fn parse<T: for<'de> Deserialize<'de>>(
     row: &sqlx::any::AnyRow,
     column: &str,
@@ -49,10 +53,10 @@ pub(crate) fn parse_optional<T: for<'de> Deserialize<'de>>(
     name.map(|name| variant(name, column)).transpose()
 }
 
-/// Reads a number of things. A negative one, which only an edit outside the service writes, counts as 0: the audit chain shows the edit.
+/// Reads a count. A negative number is read as 0. Only an edit outside the service can write one, and the audit chain reveals that edit.
 ///
 /// # Errors
-/// If the column is missing or is no integer.
+/// If the column is missing or is not an integer.
 pub(crate) fn count(row: &sqlx::any::AnyRow, column: &str) -> sqlx::Result<usize> {
     let n: i64 = sqlx::Row::try_get(row, column)?;
     Ok(usize::try_from(n).unwrap_or(0))
@@ -75,7 +79,7 @@ mod tests {
     use crate::wire::report_shape::Evidence;
     use crate::wire::verification::{Fit, VerificationKind};
 
-    /// Rows are written with `as_str` and read by serde.
+    /// Rows are written with `as_str` and read by serde, so both must use the same names.
     #[test]
     fn every_enum_of_a_row_is_read_by_the_name_that_is_written() {
         macro_rules! check {

@@ -2,7 +2,8 @@
 
 use crate::wire::canonical::sha256_hex;
 
-/// Content with its SHA-256. Uploads, reports and networks are hashed when this is made, before a transaction begins: hashing 32 MiB takes some 50 ms.
+/// Content with its SHA-256. Uploads, reports and networks are hashed when this value is made, before a transaction begins, because hashing 32 MiB
+/// takes about 50 ms.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hashed<T> {
     content: T,

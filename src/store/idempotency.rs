@@ -18,7 +18,7 @@ pub struct IdempotencyScope {
     pub path: String,
     /// The client's key.
     pub key: String,
-    /// SHA-256 of the request, hexadecimal. Another request must not use the key again.
+    /// SHA-256 of the request, hexadecimal. A different request must not use the same key.
     pub request_sha256: String,
 }
 
@@ -42,11 +42,11 @@ pub enum IdempotentOutcome {
     Fresh(StoredResponse),
     /// The request took effect earlier; this is the first answer.
     Replay(StoredResponse),
-    /// The key was used for another request; nothing was done.
+    /// The key was used for a different request, so this request had no effect.
     Reused,
 }
 
-/// Age at which keys are deleted: a week, so that a cell PC can be switched off over a weekend.
+/// Age at which keys are deleted: one week, so that the PC of a robot cell can be off for a weekend and still retry.
 const KEPT_MS: i64 = 7 * 24 * 3600 * 1000;
 
 pub(super) const ALL_QUERIES: &[&str] = &[CLAIM, ANSWER, FIND, FORGET_OLD];
@@ -71,7 +71,7 @@ const FORGET_OLD: &str =
 type Found = (String, i64, Option<String>, String, Vec<u8>);
 
 impl Store {
-    /// What a request with this key answers, if one took effect. Only reads.
+    /// The stored answer to this key, if a request with the key took effect. Only reads.
     ///
     /// # Errors
     /// [`Error::Database`].
@@ -92,10 +92,10 @@ impl Store {
         tx.commit().await
     }
 
-    /// Runs `effect` in a transaction. With a scope it runs at most once: a second request gets the first answer.
-    /// If `effect` fails, the transaction is rolled back and the key is free.
+    /// Runs `effect` in a transaction. With a scope, `effect` takes place at most once: a second request gets the first answer.
+    /// If `effect` fails, the transaction is rolled back and the key can be used again.
     ///
-    /// `effect` must wait for nothing but the database, because on SQLite all other writers wait meanwhile.
+    /// `effect` may wait only for the database, because on SQLite all other writers wait until the transaction ends.
     ///
     /// # Errors
     /// Those of `effect`, [`Error::Database`].
@@ -185,7 +185,7 @@ pub(super) fn hashes(scope: &IdempotencyScope, response: &StoredResponse) -> (St
     )
 }
 
-/// Both hashes as stored in an audit entry.
+/// Reads both [`hashes`] from the detail of an audit entry.
 pub(super) fn answer_hashes(detail: &Value) -> Option<(String, String)> {
     let hash = |at: usize| {
         detail
@@ -197,7 +197,7 @@ pub(super) fn answer_hashes(detail: &Value) -> Option<(String, String)> {
     Some((hash(0)?, hash(1)?))
 }
 
-/// A key with its answer; the answer is none if the request has begun and was not answered.
+/// A key with its answer. The answer is none if the request began and was not answered.
 #[derive(Debug)]
 pub(super) struct Answered {
     pub(super) scope: IdempotencyScope,
@@ -214,14 +214,14 @@ impl FromRow<'_, AnyRow> for Answered {
             request_sha256: row.try_get("request_sha256")?,
         };
         let answer = match row.try_get::<Option<i64>, _>("status")? {
-            // A number that is no HTTP status becomes 0, so that the hash differs from that of the answer that was sent.
+            // A number that is not an HTTP status becomes 0, so that the hash differs from the hash of the answer that was sent.
             Some(status) => Some(StoredResponse {
                 status: u16::try_from(status).unwrap_or_default(),
                 location: row.try_get("location")?,
                 content_type: row
                     .try_get::<Option<_>, _>("content_type")?
                     .unwrap_or_default(),
-                // SQLite may hold text in this column. Text is read as an empty body, which differs from the bytes that were sent.
+                // In SQLite an edit may have put text into this column. Text is read as an empty body, so that the hash differs.
                 body: row
                     .try_get::<Option<_>, _>("response_body")
                     .ok()

@@ -1,8 +1,8 @@
-//! The sets of a job of several sessions besides the first.
+//! The measurement sets of a job with several sessions, without the first set.
 
 use super::{Result, Tx};
 
-/// A job's further sets in their order, with commas between them.
+/// SQL for the ids of a job's further sets: in order, separated by commas.
 macro_rules! further_set_ids {
     () => {
         "coalesce((select string_agg(s.measurement_set_id, ',' order by s.place) from job_session s where s.job_id = job.id), '')"
@@ -16,7 +16,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT];
 const INSERT: &str =
     "insert into job_session (job_id, place, measurement_set_id) values ($1, $2, $3)";
 
-/// Stores them with their job.
+/// Stores the further sets of a job.
 ///
 /// # Errors
 /// [`super::Error::NotFound`] for a set that does not exist, [`super::Error::Database`].

@@ -1,5 +1,5 @@
-//! The jobs that a job's result rests on, and theirs: it holds parameter values that they identified, or it kept a residual network whose training went on
-//! from theirs.
+//! The source jobs of each job, direct and indirect. A job's result depends on a source job in one of two ways: it holds parameter values that the
+//! source job identified, or its residual network was trained on from the source job's network.
 
 use super::from_row::from_row;
 use super::{Result, Store, Tx};
@@ -25,18 +25,18 @@ const WITHDRAWN: &str = "
     select p.id from job_source s join parameter_set p on p.job_id = s.source_job_id
     where s.job_id = $1 and s.is_held = 1 and p.status = 'withdrawn' order by p.id limit 1";
 
-/// An upload that a job's result rests on, besides the job's own.
+/// An upload of a source job: the job's result depends on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SourceUpload {
     /// The measurement set.
     pub measurement_set_id: String,
-    /// Whether parameter values from it are held; else a residual network was trained on it.
+    /// Whether the job holds parameter values that were identified from this upload. Otherwise a residual network was trained on it.
     pub is_held: bool,
 }
 
 from_row!(SourceUpload { measurement_set_id } flags { is_held });
 
-/// Stores the sources of a new job that holds the values of a parameter set. They never change.
+/// Stores the sources of a new job that holds the values of a parameter set. The sources of a job never change.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -46,7 +46,7 @@ pub(super) async fn insert_held(tx: &mut Tx, job_id: &str, parameter_set_id: &st
     Ok(())
 }
 
-/// Stores the sources of a job that kept the residual network whose training it went on with.
+/// Stores the sources of a job that continued the training of an earlier residual network and kept the result.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -65,7 +65,7 @@ pub async fn uploads(store: &Store, job_id: &str) -> Result<Vec<SourceUpload>> {
     Ok(query.fetch_all(store.readers()).await?)
 }
 
-/// A withdrawn parameter set whose values the job holds, if there is one.
+/// Id of a withdrawn parameter set whose values the job holds, if there is one.
 ///
 /// # Errors
 /// [`super::Error::Database`].

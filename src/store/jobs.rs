@@ -20,13 +20,13 @@ pub struct JobRow {
     pub id: String,
     /// Its robot.
     pub robot_id: String,
-    /// The set to identify from, or to verify on; of several sessions the first.
+    /// The set to identify from, or to verify on. With several sessions, the set of the first session.
     pub measurement_set_id: String,
-    /// The sets of further sessions in their order, with commas between them; empty for one.
+    /// Ids of the sets of further sessions, in order, separated by commas; empty for a job with one session.
     pub further_set_ids: String,
-    /// Another set to verify on.
+    /// A separate set to verify on.
     pub verify_set_id: Option<String>,
-    /// Frames found from sweeps.
+    /// Frames computed from sweeps.
     pub frames_id: Option<String>,
     /// The network to start from, chosen when the job was posted.
     pub network_input_id: Option<String>,
@@ -36,7 +36,7 @@ pub struct JobRow {
     pub parameter_set_input_id: Option<String>,
     /// `identify` or `verify`.
     pub kind: Kind,
-    /// The requested method. No constraint of the schema holds it to the names of methods, and `verify` has to read any text.
+    /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
     pub method: String,
     /// The whole request in JSON.
     pub request_json: String,
@@ -44,7 +44,7 @@ pub struct JobRow {
     pub status: JobStatus,
     /// Jobs with a higher number run first.
     pub priority: i64,
-    /// Number of attempts. Attempts that were handed back, or ended by a restart of an embedded server, do not count.
+    /// Number of the attempt. Attempts that were handed back are not counted.
     pub attempt: i64,
     /// The worker that runs or ran the job.
     pub owner: Option<String>,
@@ -56,7 +56,7 @@ pub struct JobRow {
     pub progress_json: Option<String>,
     /// Why it failed.
     pub error_json: Option<String>,
-    /// Hash of its result.
+    /// SHA-256 of its result, hexadecimal.
     pub result_sha256: Option<String>,
     /// The parameter set that it identified.
     pub parameter_set_id: Option<String>,
@@ -70,7 +70,7 @@ pub struct JobRow {
     pub started_at_ms: Option<i64>,
     /// When it ended.
     pub finished_at_ms: Option<i64>,
-    /// Version of the robot that it computes with, chosen when it was posted.
+    /// Version of the robot that the job computes with, chosen when the job was posted.
     pub robot_version: i64,
     /// When it was archived.
     pub archived_at_ms: Option<i64>,
@@ -81,20 +81,20 @@ from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set
 list_row!(JobRow);
 
 impl JobRow {
-    /// All sets that it identifies from or scores, in the order of the request.
+    /// All sets that the job identifies from or scores, in the order of the request.
     pub fn set_ids(&self) -> impl Iterator<Item = &str> {
         let further = self.further_set_ids.split(',').filter(|id| !id.is_empty());
         std::iter::once(self.measurement_set_id.as_str()).chain(further)
     }
 
-    /// Whether status, attempt or progress differ from an earlier state of the job.
+    /// Whether the status, attempt or progress differs from an earlier state of the job.
     pub fn has_moved_on(&self, earlier: &JobRow) -> bool {
         (self.status, self.attempt) != (earlier.status, earlier.attempt)
             || self.progress_json != earlier.progress_json
     }
 }
 
-/// A document of a job, which exists if the job succeeded.
+/// A document of a job. It exists only if the job succeeded.
 struct DocumentRow {
     status: JobStatus,
     document: Option<String>,
@@ -102,20 +102,20 @@ struct DocumentRow {
 
 from_row!(DocumentRow { document } parsed { status });
 
-/// A job to be stored. It names everything that its result depends on, so that every attempt computes the same result.
+/// A job to be stored. The row names everything that the result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NewJob {
     /// Its robot.
     pub robot_id: String,
     /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
     pub robot_version: i64,
-    /// The set to identify from, or to verify on; of several sessions the first.
+    /// The set to identify from, or to verify on. With several sessions, the set of the first session.
     pub measurement_set_id: String,
     /// The sets of further sessions, in their order.
     pub further_set_ids: Vec<String>,
-    /// Another set to verify on.
+    /// A separate set to verify on.
     pub verify_set_id: Option<String>,
-    /// Frames found from sweeps.
+    /// Frames computed from sweeps.
     pub frames_id: Option<String>,
     /// The network to start from.
     pub network_input_id: Option<String>,
@@ -123,7 +123,7 @@ pub struct NewJob {
     pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
-    /// Whether parameters keep the values of that set, so that the result rests on its sources.
+    /// Whether the job holds parameters at the values of that set. The result then depends on the sources of that set.
     pub holds_parameter_set: bool,
     /// `identify` or `verify`.
     pub kind: Kind,
@@ -133,7 +133,7 @@ pub struct NewJob {
     pub request_json: String,
     /// Jobs with a higher number run first; usually 0.
     pub priority: i64,
-    /// Who posts it. Among equal priorities the queue takes one job of each client in turn.
+    /// The client that posts the job. Among jobs of equal priority the queue takes one job of each client in turn.
     pub client: String,
 }
 
@@ -165,8 +165,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     BY_ID,
 ];
 
-// The turn follows that of the client's last waiting job, and is not before the first waiting turn of all clients. A client that was idle
-// thus does not overtake the others with many jobs.
+// Fair queue: the job's turn is one after the turn of the client's last waiting job, but not before the first waiting turn of all clients. So a
+// client that was idle cannot overtake the others with many jobs.
 const INSERT: &str = concat!(
     "insert into job (id, robot_id, measurement_set_id, verify_set_id, frames_id, network_input_id,
         residual_network_input_id, parameter_set_input_id, kind, method, request_json, priority, client, turn, status, attempt,
@@ -206,7 +206,7 @@ pub(super) const OF_ROBOT: ListQueries = list_queries!(
     "$7"
 );
 
-// $1 is a comma-separated list of robots; '' for all, as in the list of robots.
+// $1 is a comma-separated list of robot ids; '' for all robots.
 pub(super) const OF_ROBOTS: ListQueries = list_queries!(
     columns!(),
     "job",
@@ -248,7 +248,7 @@ pub(super) struct JobWithClient {
 from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
-    // Entries of older versions have neither `robot_version` nor `further_set_ids`.
+    // `robot_version` and `further_set_ids` are fields of their own and not part of the hash, because audit entries of older versions lack them.
     let rest = json!([
         row.kind,
         row.method,
@@ -294,11 +294,12 @@ impl Audited for JobWithClient {
     }
 }
 
-/// Stores a job as queued, unless `limit` jobs of its robot wait already. On PostgreSQL clients that post at the same moment may exceed the
-/// limit by one job each. Everything that the job names must be committed already, because workers read it as soon as they have the job.
+/// Stores a job as queued, unless `limit` jobs of its robot are waiting already. On PostgreSQL, clients that post at the same moment may exceed the
+/// limit by one job each. Everything that the job refers to must be committed already, because a worker reads it as soon as it has claimed the job.
 ///
 /// # Errors
-/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`super::Error::NotFound`] if something that it names does not exist, [`super::Error::Database`].
+/// [`Conflict::QueueFull`], [`Conflict::RobotArchived`], [`super::Error::NotFound`] if something that the job refers to does not exist,
+/// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.require_disk_space()?;
     let id = new_id("job");
@@ -364,7 +365,7 @@ pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
         .await?)
 }
 
-/// A robot's jobs by status, kind and whether they are archived.
+/// A robot's jobs, filtered by status, kind and archived state.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -376,7 +377,7 @@ pub async fn search(
     listing::list(store, &OF_ROBOT, &filters(robot_id, request), request).await
 }
 
-/// The jobs of all robots, or with `only` of just those, as [`search`].
+/// As [`search`], for all robots, or only for the robots in `only`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -434,7 +435,7 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
     Ok(one.is_some())
 }
 
-/// Whether a suspect is queued: a job during which a process died.
+/// Whether a suspect job is queued. A suspect is a job during which a process died.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -445,7 +446,8 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
     Ok(one.is_some())
 }
 
-/// Cancels a job. A queued one is cancelled at once; the worker of a running one sees the request at its next heartbeat. An ended job stays.
+/// Cancels a job. A queued job is cancelled at once. For a running job the cancellation is requested, and the worker sees the request at its next
+/// heartbeat. A job that has ended does not change.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].

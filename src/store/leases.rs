@@ -1,5 +1,5 @@
-//! Leases of workers on jobs. Every update carries the fencing token (owner, attempt), so a worker that was stopped and resumed, or cut off,
-//! cannot change a job that it has lost.
+//! Leases of workers on jobs. Every update checks the fencing token (owner, attempt). So a worker that was suspended or disconnected cannot change a
+//! job that it has lost.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use super::{
 pub struct Lease {
     /// The job.
     pub job_id: String,
-    /// The worker; it gets a new name at every start.
+    /// The worker. A worker gets a new name at every start.
     pub owner: String,
     /// Number of the attempt, from 1.
     pub attempt: i64,
@@ -36,7 +36,7 @@ impl Lease {
 pub struct JobResult<'a> {
     /// The whole report.
     pub report_json: &'a Hashed<String>,
-    /// Its summary, `wire::report_summary`.
+    /// The summary of the report, see `wire::report_summary`.
     pub summary_json: &'a str,
     /// The convergence curve.
     pub convergence_json: &'a Hashed<String>,
@@ -54,21 +54,21 @@ pub struct Heartbeat {
 /// Ids of the jobs whose leases expired, by their new state.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Expired {
-    /// Queued again.
+    /// Jobs that are queued again.
     pub queued: Vec<String>,
-    /// Failed, because they have no attempts left.
+    /// Jobs that failed, because they have no attempts left.
     pub failed: Vec<String>,
-    /// Cancelled, because that was requested.
+    /// Jobs that are cancelled, because cancellation was requested.
     pub cancelled: Vec<String>,
 }
 
-/// Which of the waiting jobs to take. A suspect is a job during which a process died. Only a process that computes nothing else may claim one,
-/// so that the next death blames exactly one job.
+/// Which of the waiting jobs may be claimed. A suspect is a job during which a process died. Only a process that computes nothing else may claim a
+/// suspect, so that another death of a process points to exactly one job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eligible {
     /// Jobs during which no process died.
     Unsuspected,
-    /// Jobs during which a process died, or was cut off from the database for longer than the lease.
+    /// Jobs during which a process died, or lost its connection to the database for longer than the lease.
     Suspect,
 }
 
@@ -110,15 +110,17 @@ macro_rules! expired {
     };
 }
 
-/// 1 if the lease expired because the process died, froze or was cut off. [`GIVE_UP`] sets the lease to 0 instead.
+/// SQL: 1 if the lease expired because the process died, froze or lost its connection; 0 if the worker gave up, because [`GIVE_UP`] sets
+/// `lease_until_ms` to 0.
 macro_rules! died {
     () => {
         "(case when lease_until_ms > 0 then 1 else 0 end)"
     };
 }
 
-/// Number of attempts that count against the limit: those that the job itself ended, by a panic or by taking too long. `attempt` also counts
-/// those during which a process died, because a frozen worker may resume and must not have a valid number. So the deaths are subtracted.
+/// SQL: number of attempts that count against the limit. These are the attempts that the job itself ended, by a panic or by taking too long.
+/// `attempt` also counts the attempts during which a process died, because a frozen worker may resume and must not hold a valid fencing token. So the
+/// deaths are subtracted.
 macro_rules! spent {
     () => {
         concat!("(attempt - deaths - ", died!(), ")")
@@ -143,7 +145,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 
 const CLAIM_SQLITE: &str = claim!("= 0", "");
 const CLAIM_SUSPECT_SQLITE: &str = claim!("> 0", "");
-// `skip locked`: workers that claim at the same moment take different rows instead of waiting.
+// `skip locked`: workers that claim at the same moment take different rows and do not wait for each other.
 const CLAIM_POSTGRES: &str = claim!("= 0", " for update skip locked");
 const CLAIM_SUSPECT_POSTGRES: &str = claim!("> 0", " for update skip locked");
 
@@ -217,17 +219,17 @@ const EXPIRE_QUEUED: &str = expired!(
     concat!(spent!(), " < $1 and deaths + ", died!(), " <= $2")
 );
 
-// The workers are dead. The lease is set to 1, because 0 means that the worker gave up.
+// Expires the leases of dead workers. The lease is set to 1, because 0 means that the worker gave up.
 const END_ALL: &str =
     "update job set lease_until_ms = 1 where status = 'running' and lease_until_ms > 0";
 
-/// Number of deaths of a process that computes only this job, before the job is given up. A death is usually not the job's fault and uses up no
-/// attempt. But a job that overflows the stack kills every process that computes it, and must end too. The first death is not counted, because
-/// other jobs may have run in that process; later ones are, because suspects run alone.
+/// Maximum number of process deaths while the process computes only this job; then the job fails. A death is usually not caused by the job and does
+/// not use up an attempt. But a job that overflows the stack kills every process that computes it, so deaths need a limit too. The first death does
+/// not count against this limit, because other jobs may have run in that process. Later deaths count, because suspects run alone.
 pub const MAX_DEATHS_ALONE: i64 = 5;
 
-/// Takes the next waiting job: first by priority, then by turn; suspects first by the number of deaths. The worker has the job when the
-/// transaction is committed. Only a process that computes nothing else may ask for a suspect.
+/// Claims the next waiting job, ordered by number of deaths, then by priority, then by turn. The worker has the job once the transaction is
+/// committed. Only a process that computes nothing else may ask for a suspect.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -299,7 +301,7 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Resu
     Ok(true)
 }
 
-/// Ends a job with an error; if cancellation was requested, it is cancelled.
+/// Ends a job with an error. If cancellation was requested, the job is cancelled instead.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -336,7 +338,7 @@ pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
     Ok(())
 }
 
-/// Puts a job back into the queue without counting the attempt; if cancellation was requested, it is cancelled.
+/// Puts a job back into the queue without counting the attempt. If cancellation was requested, the job is cancelled instead.
 ///
 /// # Errors
 /// [`Conflict::LeaseLost`], [`super::Error::Database`].
@@ -369,13 +371,13 @@ fn note(tx: &mut Tx, lease: &Lease, event: AuditEvent, detail: serde_json::Value
     tx.audit(event, &lease.job_id, detail);
 }
 
-/// Takes jobs from workers that did not renew their leases. A job is queued again as a suspect, or fails with `exhausted_json`: after
-/// `max_attempts` attempts that it ended itself, or [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
+/// Takes jobs from workers whose leases have expired. A job is queued again; it is a suspect if its process died. A job fails with `exhausted_json`
+/// after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
 ///
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
-    // Usually none has expired, and a read needs no write lock.
+    // Usually no lease has expired. Reading this first avoids the write lock.
     let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
         .fetch_one(store.readers())
         .await?;
@@ -411,7 +413,7 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     })
 }
 
-/// Ends every lease. Only for the process that has locked the data directory: all earlier workers are dead.
+/// Ends every lease. Only the process that has locked the data directory may call this: all earlier workers are then dead.
 pub(super) async fn end_all(store: &Store) -> Result<()> {
     let mut tx = store.begin().await?;
     sqlx::query(END_ALL).execute(tx.connection()).await?;

@@ -1,4 +1,4 @@
-//! Lists that are filtered and ordered, with the number of their items.
+//! Filtered and sorted lists, with the total number of items.
 
 use sqlx::any::{AnyArguments, AnyRow};
 use sqlx::query::{QueryAs, QueryScalar};
@@ -13,15 +13,15 @@ use crate::wire::page::{ArchivedFilter, Sort};
 pub struct ListRequest {
     /// The page.
     pub page: PageRequest,
-    /// Order of the items. A cursor of another order is ignored.
+    /// Order of the items. A cursor that belongs to another order is ignored.
     pub sort: Sort,
     /// Whether archived items are listed.
     pub archived: ArchivedFilter,
-    /// Text that a name or a serial number contains, in whatever case; empty for all.
+    /// Text that the name or serial number must contain, case-insensitive; empty for all items.
     pub search: String,
-    /// Status of the items; empty for all.
+    /// Status of the items; empty for any status.
     pub status: &'static str,
-    /// Kind of the items; empty for all.
+    /// Kind of the items; empty for any kind.
     pub kind: &'static str,
 }
 
@@ -44,13 +44,13 @@ impl ListRequest {
         }
     }
 
-    /// Whether the cursor belongs to this order, or there is none.
+    /// Whether the cursor, if there is one, belongs to the requested order.
     pub fn is_consistent(&self) -> bool {
         let cursor = self.page.cursor.as_ref();
         cursor.is_none_or(|cursor| cursor.sort == self.sort)
     }
 
-    /// The pattern of `like`, with `!` before what would be a wildcard; `%` for all.
+    /// The pattern for SQL `like`: the search text between `%`, with its wildcards escaped by `!`; `%` for all items.
     pub(super) fn pattern(&self) -> String {
         let mut pattern = String::from("%");
         for c in self.search.chars() {
@@ -66,16 +66,16 @@ impl ListRequest {
     }
 }
 
-/// The SQL of a list. Its filter takes $1 to $`n`; the end of the page before and the limit follow.
+/// The SQL of a list. The filter uses the parameters $1 to $`n`. The cursor (key and id) and the limit are the next parameters.
 pub(super) struct ListQueries {
     pub(super) newest: &'static str,
     pub(super) oldest: &'static str,
-    /// By name, and by name from the last; none for lists without names.
+    /// Sorted by name, ascending and descending; none for lists without names.
     pub(super) by_name: Option<[&'static str; 2]>,
     pub(super) count: &'static str,
 }
 
-/// [`ListQueries`] of a table or view with `created_at_ms` and `id`. The literals are the parameters after those of the filter.
+/// [`ListQueries`] of a table or view with `created_at_ms` and `id`. The literals are the numbers of the parameters after the filter's parameters.
 macro_rules! list_queries {
     ($columns:expr, $from:expr, $filter:expr, $key:literal, $id:literal, $limit:literal) => {
         $crate::store::listing::ListQueries {
@@ -175,13 +175,13 @@ pub(super) trait ListRow: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
 
     fn id(&self) -> &str;
 
-    /// Lower-case name as the database has it; empty for lists without names.
+    /// The name in lower case, as the database computes it; empty for lists without names.
     fn name(&self) -> &str {
         ""
     }
 }
 
-/// Implements [`ListRow`] for a row with `created_at_ms` and `id`, and perhaps a field with its name.
+/// Implements [`ListRow`] for a row with `created_at_ms` and `id`. A second argument names the field that holds the name for sorting.
 macro_rules! list_row {
     ($row:ident $(, $name:ident)?) => {
         impl $crate::store::listing::ListRow for $row {
@@ -204,7 +204,7 @@ pub(super) use list_row;
 
 type Rows<T> = QueryAs<'static, Any, T, AnyArguments>;
 
-/// Reads a page. `filters` are the parameters of the filter.
+/// Reads a page. `filters` are the values of the filter's parameters.
 pub(super) async fn page<T: ListRow>(
     store: &Store,
     queries: &ListQueries,
@@ -277,7 +277,7 @@ pub(super) async fn list<T: ListRow>(
 }
 
 impl ListQueries {
-    /// All its texts, for the test that prepares each.
+    /// All SQL texts of the list, for the test that prepares each one.
     pub(super) const fn texts(&self) -> [&'static str; 5] {
         let [by_name, descending] = match self.by_name {
             Some(texts) => texts,

@@ -39,13 +39,13 @@ pub struct MeasurementSetRow {
     pub uploaded_by: Option<String>,
     /// The serial number that the uploader stated.
     pub serial_number: Option<String>,
-    /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
+    /// Code of the suspicion that the uploader overrode with `insist`. A release must not depend on such a set.
     pub insisted_on: Option<String>,
-    /// How the bytes were read (`wire::understood::Reading`); none for JSON and for older sets.
+    /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
     pub reading_json: Option<String>,
     /// When it was archived.
     pub archived_at_ms: Option<i64>,
-    /// Its name as lists are ordered by it.
+    /// Its name in lower case, for sorting lists; empty without a name.
     pub sort_name: String,
 }
 
@@ -99,7 +99,7 @@ pub struct NewMeasurementSet {
     pub serial_number: Option<String>,
     /// Code of the suspicion that the uploader overrides with `insist`.
     pub insisted_on: Option<String>,
-    /// How the bytes were read; none for JSON.
+    /// How the bytes were interpreted; none for JSON.
     pub reading_json: Option<String>,
 }
 
@@ -156,11 +156,11 @@ fn as_created(row: &MeasurementSetRow) -> Value {
     ]);
     let mut created = json!({"robot_id": row.robot_id, "sha256": row.sha256, "frame": row.frame, "content_type": row.content_type,
         "serial_number": row.serial_number, "uploaded_by": row.uploaded_by, "rest_sha256": canonical::sha256_hex(rest.to_string().as_bytes())});
-    // Entries that are older than `insist` do not have this field.
+    // The field is written only if it has a value, because audit entries from before `insist` existed do not have it.
     if let Some(code) = &row.insisted_on {
         created["insisted_on"] = json!(code);
     }
-    // Nor have those of JSON and of older sets this one.
+    // The entries of JSON uploads and of older sets do not have this field.
     if let Some(reading) = &row.reading_json {
         created["reading_sha256"] = json!(canonical::sha256_hex(reading.as_bytes()));
     }
@@ -175,7 +175,7 @@ impl Audited for MeasurementSetRow {
     }
 
     fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        // The column `uploaded_by` is newer than the chain, so some older sets have an entry and no uploader.
+        // The column `uploaded_by` is newer than the audit chain, so some older sets have an entry but no uploader.
         let by = self.uploaded_by.is_some().then_some("uploaded_by");
         vec![ExpectedEntry {
             by,
@@ -240,7 +240,7 @@ pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
         .await?)
 }
 
-/// A robot's measurement sets by name and whether they are archived.
+/// A robot's measurement sets, filtered by name and archived state.
 ///
 /// # Errors
 /// [`Error::Database`].

@@ -6,7 +6,7 @@ use sqlx::{Connection, Executor, SqlSafeStr};
 use super::database::RESERVE_BYTES;
 use super::{Engine, Error, Result, Store};
 
-/// A step of the schema: its version, its name, and its SQL on SQLite and on PostgreSQL.
+/// One migration: its version, its name, and its SQL for SQLite and for PostgreSQL.
 macro_rules! step {
     ($version:literal, $number:literal, $name:literal) => {
         (
@@ -61,11 +61,12 @@ const JOB_BYTES: &str = "
     select coalesce(sum(1024 + octet_length(request_json) + coalesce(octet_length(report_json), 0) + coalesce(octet_length(convergence_json), 0)), 0)
     from job";
 
-/// No limits while a node migrates the schema: it may wait for another node that runs the same migration.
+/// No timeouts while a node migrates the schema, because the node may have to wait for another node that runs the same migration.
 const POSTGRES_SETTINGS_TO_MIGRATE: &str =
     "set lock_timeout = 0; set idle_in_transaction_session_timeout = 0";
 
-/// Checks the disk space for migration 7. It rewrites all jobs: twice into the WAL, and once into the database beside the old rows.
+/// Checks the disk space for migration 7. This migration writes all jobs three times: twice into the WAL, and once into the database beside the old
+/// rows.
 async fn check_space_for_rewrite(store: &Store) -> Result<()> {
     let before: Option<i64> = sqlx::query_scalar(HAS_JOBS)
         .fetch_one(store.readers())
@@ -95,7 +96,7 @@ async fn check_space_for_rewrite(store: &Store) -> Result<()> {
     Ok(())
 }
 
-/// Brings the schema of a database to this version.
+/// Migrates the schema of a database to the version of this program.
 pub(super) async fn migrate(store: &Store) -> Result<()> {
     let migrations = MIGRATIONS.iter().map(|&(version, name, sqlite, postgres)| {
         let sql = match store.engine() {

@@ -1,12 +1,12 @@
-//! The database, SQLite or PostgreSQL, and all SQL: one file per table.
+//! The database (SQLite or PostgreSQL) and all SQL. There is one file per table.
 //!
-//! Reads take `&Store`. Writes take `&mut Tx`, so several writes can be one transaction; [`Store::create_idempotent`] runs such a transaction
-//! once per `Idempotency-Key`. The store does not parse documents (`*_json`) and stores uploads byte for byte. Times are epoch milliseconds by
-//! the database's clock.
+//! Functions that read take `&Store`. Functions that write take `&mut Tx`, so several writes can be one transaction. [`Store::create_idempotent`]
+//! runs a transaction once per `Idempotency-Key`. The store does not parse documents (`*_json`) and stores uploads byte for byte. Times are
+//! milliseconds since the epoch, by the database's clock.
 //!
 //! SQL is `&'static str`, the same text for both engines wherever possible. It uses only column types that sqlx's `Any` supports: text, bigint,
-//! double, blob. [`all_queries`] lists all texts, so that a test can prepare each on both engines. A bound limit is written
-//! `limit cast($1 as bigint)`: with a bare `limit $1` SQLite plans the query anew at each use, because the plan depends on the value.
+//! double, blob. [`all_queries`] lists all SQL texts, so that a test can prepare each of them on both engines. A bound limit is written `limit
+//! cast($1 as bigint)`. With a bare `limit $1`, SQLite plans the query again at each use, because the plan depends on the value.
 
 pub mod api_keys;
 pub mod archive;

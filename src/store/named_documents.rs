@@ -1,5 +1,5 @@
-//! What a robot has under a name: mappings of the columns of its files, work frames and tools. A document is never changed: the next version of its
-//! name takes its place.
+//! Named documents of a robot: column mappings of its files, work frames and tools. A stored document never changes. A new version under the same
+//! name replaces it.
 
 use crate::wire::names;
 use serde_json::{Value, json};
@@ -11,14 +11,14 @@ use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
-/// What is kept under a name.
+/// Kind of a named document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NamedDocumentKind {
-    /// What the columns of a file mean.
+    /// A column mapping: the meaning of each column of a file.
     Columns,
-    /// A frame in which targets are programmed.
+    /// A work frame, in which targets are programmed.
     WorkFrame,
-    /// A tool centre point with its orientation.
+    /// A tool: the pose of its tool centre point.
     Tool,
 }
 
@@ -27,15 +27,15 @@ names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool =
 /// One version of a document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedDocumentRow {
-    /// `doc_…`; `col_…` for mappings of columns.
+    /// `doc_…`; `col_…` for column mappings.
     pub id: String,
     /// Its robot.
     pub robot_id: String,
-    /// As [`NamedDocumentKind::as_str`].
+    /// Its kind, as [`NamedDocumentKind::as_str`].
     pub kind: String,
     /// Its name.
     pub name: String,
-    /// From 1; the highest of a name is the one in force. A counter, because clocks may be set back.
+    /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
     pub version: i64,
     /// The document in JSON.
     pub content_json: String,
@@ -64,7 +64,7 @@ macro_rules! columns {
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, NEWEST, BY_ID];
 
-// The robot's row is locked, so the counter has no gaps and no duplicates.
+// The caller has locked the robot's row, so the version numbers have no gaps and no duplicates.
 const INSERT: &str = concat!(
     "insert into named_document (id, robot_id, kind, name, version, content_json, created_by, created_at_ms)
      values ($1, $2, $3, $4,
@@ -111,7 +111,8 @@ impl NamedDocumentRow {
         }
     }
 
-    /// Mappings of columns keep the names that their entries had before there were versions; such an entry has none.
+    /// Content of the audit entry. Entries of column mappings use the older field name `columns_sha256`, so that old entries still match. Entries
+    /// from before versions existed have no `version`.
     fn as_created(&self) -> Value {
         let sha256 = canonical::sha256_hex(self.content_json.as_bytes());
         if self.is_columns() {
@@ -139,18 +140,18 @@ impl Audited for NamedDocumentRow {
     }
 }
 
-/// What is stored.
+/// A named document to be stored.
 #[derive(Clone, Copy, Debug)]
 pub struct NewNamedDocument<'a> {
     /// Its robot.
     pub robot_id: &'a str,
-    /// What it is.
+    /// Its kind.
     pub kind: NamedDocumentKind,
     /// Its name.
     pub name: &'a str,
     /// Its content in JSON.
     pub content_json: &'a str,
-    /// Id of the key.
+    /// Id of the API key that stores it.
     pub by: &'a str,
 }
 
@@ -188,7 +189,7 @@ pub async fn newest(
     kind: NamedDocumentKind,
     name: &str,
 ) -> Result<NamedDocumentRow> {
-    // nothing has a name that cannot be stored
+    // PostgreSQL cannot store or compare text with a NUL character, so no document has such a name.
     if name.contains('\0') {
         return Err(super::Error::NotFound);
     }
@@ -200,7 +201,7 @@ pub async fn newest(
         .await?)
 }
 
-/// A robot's documents of a kind that are in force, newest first.
+/// A robot's documents of one kind that are in force, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].

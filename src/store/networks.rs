@@ -1,4 +1,5 @@
-//! Trained networks, at most one of each kind per job. Networks of link parameters and residual networks are in two tables; lists have both.
+//! Trained networks, at most one of each kind per job. Networks of link parameters and residual networks are stored in two tables. Lists contain both
+//! kinds.
 
 use serde_json::{Value, json};
 
@@ -20,9 +21,9 @@ pub struct NetworkRow {
     pub robot_id: String,
     /// The job that trained it.
     pub job_id: String,
-    /// The model of that job, as text: `verify` has to read any.
+    /// The model of that job, as text, because `verify` must be able to read any text.
     pub model: String,
-    /// The preset of that job, as text like the model.
+    /// The preset of that job, as text for the same reason.
     pub preset: String,
     /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
@@ -32,7 +33,7 @@ pub struct NetworkRow {
     pub created_at_ms: i64,
     /// When it was archived.
     pub archived_at_ms: Option<i64>,
-    /// The version of its robot's joint map that it was trained with.
+    /// Version of the robot's joint map that the network was trained with.
     pub joint_map_version: i64,
 }
 
@@ -102,7 +103,7 @@ macro_rules! columns {
     };
 }
 
-// Networks that jobs may choose: those in use that were trained with the robot's joint map.
+// SQL condition for the networks that a new job may choose: not archived, and trained with the robot's current joint map.
 macro_rules! is_usable {
     ($table:literal) => {
         concat!(
@@ -188,7 +189,8 @@ const BY_ID: &str = concat!(
      where id > $1 order by id limit cast($2 as bigint)"
 );
 
-// The row has no weights. `insert` adds the hash of the safetensors file to the entry; `weights_sha256` is the hash of the tensors in it.
+// The row does not contain the weights. `insert` adds the hash of the safetensors file to the audit entry. `weights_sha256` is the hash of the
+// tensors in that file.
 fn as_created(row: &NetworkRow) -> Value {
     json!({"robot_id": row.robot_id, "job_id": row.job_id, "model": row.model, "preset": row.preset, "created_at_ms": row.created_at_ms,
         "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
@@ -213,7 +215,7 @@ impl Audited for NetworkRow {
 /// Stores the network of link parameters of a job.
 ///
 /// # Errors
-/// [`super::Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
+/// [`super::Conflict::Duplicate`] if the job already has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
     insert_by(INSERT, tx, job_id, new).await
 }
@@ -307,7 +309,7 @@ pub async fn newest_residual(
         .await?)
 }
 
-/// A robot's networks of both kinds by whether they are archived.
+/// A robot's networks of both kinds, filtered by archived state.
 ///
 /// # Errors
 /// [`super::Error::Database`].

@@ -1,4 +1,5 @@
-//! LISTEN and NOTIFY between the processes on one PostgreSQL. Notices only shorten waiting: listeners also poll, because one may be lost.
+//! LISTEN and NOTIFY between the processes on one PostgreSQL database. Notices only shorten waiting times. Listeners also poll, because a notice may
+//! be lost.
 
 use sqlx::postgres::PgListener;
 
@@ -18,10 +19,10 @@ pub struct Notices {
 }
 
 impl Notices {
-    /// The next notice; none after a reconnection, when notices may have been missed.
+    /// The next notice; none after a reconnection, because notices may have been missed.
     ///
     /// # Errors
-    /// [`super::Error::Database`] if it cannot reconnect.
+    /// [`super::Error::Database`] if the connection cannot be made again.
     pub async fn next(&mut self) -> Result<Option<String>> {
         Ok(self
             .listener
@@ -31,7 +32,7 @@ impl Notices {
     }
 }
 
-/// Starts to listen; none on SQLite, which has one process.
+/// Starts to listen; none on SQLite, which is used by one process.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -44,7 +45,7 @@ pub async fn listen(store: &Store) -> Result<Option<Notices>> {
     Ok(Some(Notices { listener }))
 }
 
-/// Sends a notice to every process on this database. At most 8,000 bytes.
+/// Sends a notice to every process on this database. A notice may have at most 8,000 bytes.
 ///
 /// # Errors
 /// [`super::Error::Database`].

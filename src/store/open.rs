@@ -1,4 +1,4 @@
-//! Opening the database: where it is, its settings and its lock.
+//! Opens the database: location, settings and lock.
 
 use std::convert::Infallible;
 use std::fs::{DirBuilder, File, Permissions, TryLockError};
@@ -18,7 +18,7 @@ use super::{Engine, Error, Result, Store, leases};
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StoreLocation {
-    /// The embedded database, in this directory, which is made if it is missing.
+    /// The embedded database in this directory. The directory is created if it is missing.
     Sqlite {
         /// The directory.
         data_dir: PathBuf,
@@ -30,7 +30,7 @@ pub enum StoreLocation {
     },
 }
 
-/// A URL of PostgreSQL, or else a data directory.
+/// Parses a PostgreSQL URL; any other text is a data directory.
 impl FromStr for StoreLocation {
     type Err = Infallible;
 
@@ -46,41 +46,41 @@ impl FromStr for StoreLocation {
     }
 }
 
-/// Permissions of the data directory: the owner's only.
+/// Permissions of the data directory: only the owner has access.
 const PRIVATE_DIR: u32 = 0o700;
 /// Permissions of the files in it.
 const PRIVATE_FILE: u32 = 0o600;
-/// Permissions of everybody but the owner.
+/// Mask of the permissions of the group and of others.
 const OTHERS: u32 = 0o077;
-/// Oldest version that is accepted: older ones can corrupt a database in WAL mode.
+/// Oldest accepted SQLite version. Older versions can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
-/// Connections that read. SQLite's readers do not wait for each other; more connections only cost memory.
+/// Number of connections that read. SQLite's readers do not wait for each other; more connections would only cost memory.
 const SQLITE_READERS: u32 = 8;
-/// Connections that read, per process. A PostgreSQL server accepts 100 connections by default.
+/// Number of connections that read, per process. A PostgreSQL server accepts 100 connections by default.
 const POSTGRES_READERS: u32 = 8;
-/// Connections that write, per process. They are apart from the others, so that writers that wait for a lock leave the readers alone.
+/// Number of connections that write, per process. They are separate from the readers, so that writers that wait for a lock do not block readers.
 const POSTGRES_WRITERS: u32 = 8;
-/// Timeouts with which a node that is frozen, paused or cut off stops the writes of the other nodes for less than 10 s.
+/// Timeouts of a session. With them, a node that is frozen, paused or disconnected blocks the writes of the other nodes for less than 10 s.
 ///
-/// - `lock_timeout`: longest wait for one lock; then the request fails, and the client tries again. A write to a row may wait for two locks, the
-///   row's queue and the row itself: 4 s in all.
-/// - `idle_in_transaction_session_timeout`: longest time for which a frozen node's transaction keeps its locks. It is longer than 4 s: when the
-///   transaction ends, the frozen node's other requests for the same row have failed, so none of them holds the row for another 5 s. If one of
-///   them gets the row from another node just before 4 s are over, the row is locked until 9 s after the freeze. Receiving counts as idle, so the
-///   network must carry the largest upload, 32 MiB, within 5 s.
+/// - `lock_timeout`: longest wait for one lock. Then the request fails, and the client tries again. A write to a row may wait for two locks, the
+///   row's queue and the row itself, which makes 4 s in total.
+/// - `idle_in_transaction_session_timeout`: longest time for which the transaction of a frozen node keeps its locks. It must be longer than 4 s. When
+///   this transaction ends, the frozen node's other requests for the same row have then already failed, so none of them holds the row for another 5
+///   s. The worst case is 9 s: one of them gets the row from another node just before its 4 s are over, and holds it for 5 s. The time for receiving
+///   data counts as idle, so the network must transfer the largest upload, 32 MiB, within 5 s.
 /// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
 const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transaction_session_timeout = '5s'; \
     set tcp_keepalives_idle = 5; set tcp_keepalives_interval = 1; set tcp_keepalives_count = 3; set tcp_user_timeout = '8s'";
 
-/// Longest wait of a request for a connection that reads; then the answer is 503.
+/// Longest wait of a request for a connection that reads. After that the answer is 503.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
-/// WAL and FULL: an acknowledged write survives power loss. The busy timeout (ms) is for locks of other programs, such as `kincal key`: the
-/// server's own writers queue for one connection, for [`WRITER_TIMEOUT`] at most.
+/// Settings of an SQLite connection. With WAL and FULL, an acknowledged write survives a power loss. The busy timeout (ms) is for locks of other
+/// programs, such as `kincal key`. The server's own writers queue for one connection, for at most [`WRITER_TIMEOUT`].
 pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 3000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
 
 impl Store {
-    /// Opens the database for a server: updates its schema and, on SQLite, locks the data directory and ends the leases of the previous process,
-    /// which is dead.
+    /// Opens the database for a server and migrates its schema. On SQLite, also locks the data directory and ends the leases of the previous process,
+    /// which no longer runs.
     ///
     /// # Errors
     /// [`Error::Open`] (data directory in use, SQLite too old, …), [`Error::Database`].
@@ -88,10 +88,10 @@ impl Store {
         as_server(location).await
     }
 
-    /// Opens the database for a short-lived tool (`kincal key …`) that may run beside the server.
+    /// Opens the database for a short-lived tool (`kincal key …`), which may run at the same time as the server.
     ///
     /// # Errors
-    /// As [`Store::open`], but a data directory in use is accepted.
+    /// As [`Store::open`], but a data directory that is in use is accepted.
     pub async fn open_beside_a_server(location: StoreLocation) -> Result<Store> {
         beside_a_server(location).await
     }
@@ -245,8 +245,8 @@ async fn connect_sqlite(
     let readers = options.clone().max_connections(SQLITE_READERS);
     let readers = connect(readers, &url, SQLITE_PRAGMAS).await?;
     refuse_old_sqlite(&readers).await?;
-    // Closes the connection if SQLite itself ended the transaction (disk full), because sqlx still counts it as open. The ping first waits for the
-    // rollback of a dropped transaction, which sqlx has queued.
+    // If SQLite itself ended the transaction (disk full), sqlx still counts it as open. Such a connection is closed here. The ping first waits for
+    // the rollback of a dropped transaction, which sqlx has queued.
     let writer = options
         .max_connections(1)
         .acquire_timeout(WRITER_TIMEOUT)
@@ -310,7 +310,7 @@ fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
     data_dir.canonicalize().map_err(failed)
 }
 
-/// Makes a directory that only its owner can read, if it is missing. It will hold measurements, reports and hashes of keys.
+/// Creates a directory that only its owner can read, if it is missing. The directory will hold measurements, reports and hashes of keys.
 pub(super) fn make_private_dir(dir: &Path) -> std::io::Result<()> {
     DirBuilder::new()
         .recursive(true)
@@ -318,7 +318,7 @@ pub(super) fn make_private_dir(dir: &Path) -> std::io::Result<()> {
         .create(dir)
 }
 
-/// Makes an empty file that only its owner can read, if it is missing. SQLite gives its log and index the same permissions.
+/// Creates an empty file that only its owner can read, if it is missing. SQLite gives its WAL and shared-memory files the same permissions.
 pub(super) fn make_private_file(file: &Path) -> std::io::Result<()> {
     if file.exists() {
         return Ok(());
@@ -335,7 +335,7 @@ pub(super) fn make_private_file(file: &Path) -> std::io::Result<()> {
     }
 }
 
-/// Removes the permissions of others from a directory that an older version made. Only its owner can do that.
+/// Removes the permissions of other users from a data directory that an older version created. This works only if the process owns the directory.
 fn make_private(data_dir: &Path) {
     let mode = std::fs::metadata(data_dir).map_or(0, |data| data.permissions().mode());
     if mode & OTHERS == 0 {
@@ -357,7 +357,7 @@ fn make_private(data_dir: &Path) {
     }
 }
 
-/// Locks the data directory; none if another process has locked it. The lock ends with the process.
+/// Locks the data directory; none if another process has locked it. The lock ends when the file is closed, at the latest with the process.
 fn lock(data_dir: &Path) -> Result<Option<File>> {
     let path = data_dir.join(LOCK);
     let failed = |e: std::io::Error| Error::Open {

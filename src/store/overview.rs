@@ -1,4 +1,5 @@
-//! Every robot with its released and its newest set, its newest session and its newest job: one query for a page of robots.
+//! Overview of robots. Each robot comes with its released and its newest parameter set, its newest session and its newest job. One query reads a
+//! whole page of robots.
 
 use super::from_row::from_row;
 use super::{JobStatus, ListRequest, Listed, Page, Result, Store, robots};
@@ -10,7 +11,7 @@ use crate::wire::verification::Fit;
 
 pub(super) const ALL_QUERIES: &[&str] = &[LIST];
 
-/// One robot.
+/// One robot of the overview.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs)] // the columns of the tables that are joined
 pub struct OverviewRow {
@@ -55,7 +56,7 @@ from_row!(OverviewRow {
     newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, session_expanded_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
 } optional { decision_rule, active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status });
 
-// $1 is as in the list of robots, of at most one page. The newest rows are found by the indices of their tables.
+// $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables.
 const LIST: &str = "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
         y.tolerance_mm as tolerance_mm, y.decision_rule as decision_rule,
@@ -81,7 +82,7 @@ const LIST: &str = "
     left join job j on j.id = (select k.id from job k where k.robot_id = r.id order by k.created_at_ms desc, k.id desc limit 1)
     where replace($1, r.id, '') <> $1";
 
-/// A page of robots as in their list, with the facts that decide what each needs; `only` limits it to those that a key may see.
+/// A page of the list of robots, with the facts that decide what each robot needs next. `only` limits the list to the robots that a key may see.
 ///
 /// # Errors
 /// [`super::Error::Database`].

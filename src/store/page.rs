@@ -1,4 +1,5 @@
-//! Pages of lists, newest first. Items that existed at the first page appear exactly once, even if others are added meanwhile.
+//! Pages of lists. In a list that is sorted by creation time, items that existed when the first page was read appear exactly once, even if other
+//! items are added in the meantime.
 
 use crate::wire::canonical::hex;
 use crate::wire::page::{self, MAX_PAGE, Sort};
@@ -6,23 +7,23 @@ use crate::wire::page::{self, MAX_PAGE, Sort};
 /// Request for a page of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PageRequest {
-    /// Most items on the page; clamped to 1..=[`MAX_PAGE`].
+    /// Maximum number of items on the page; clamped to 1..=[`MAX_PAGE`].
     pub limit: u32,
-    /// End of the page before; none for the first page.
+    /// End of the previous page; none for the first page.
     pub cursor: Option<Cursor>,
 }
 
 /// One page of a list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Page<T> {
-    /// The items, newest first.
+    /// The items, in the requested order.
     pub items: Vec<T>,
     /// Cursor of the next page; none on the last page.
     pub next_cursor: Option<Cursor>,
 }
 
 impl<T> Page<T> {
-    /// The page as an answer, with the number of items on all pages.
+    /// Converts the page to an answer. `total` is the number of items on all pages.
     ///
     /// # Errors
     /// Those of `convert`.
@@ -43,7 +44,7 @@ impl<T> Page<T> {
     }
 }
 
-/// The last item of a page, in the order of the list. Clients get its text and send it back unread.
+/// Position of the last item of a page in the order of the list. Clients get the cursor as an opaque text and send it back unchanged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     pub(super) sort: Sort,
@@ -51,7 +52,7 @@ pub struct Cursor {
     pub(super) id: String,
 }
 
-/// What a list is ordered by.
+/// The value that a list is sorted by.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum CursorKey {
     CreatedAtMs(i64),
@@ -63,10 +64,10 @@ pub(super) enum CursorKey {
 #[error("this is not a cursor of this service")]
 pub struct InvalidCursor;
 
-/// Longest name in a cursor, bytes: a name has at most 200 characters of four bytes.
+/// Maximum length of a name in a cursor, bytes. A name has at most 200 characters of up to four bytes.
 const MAX_NAME_BYTES: usize = 800;
 
-/// First letter of a cursor's text for each order but the newest first, which has none.
+/// First letter of the cursor text for each order. The order "newest first" has no letter.
 const LETTERS: [(Sort, &str); 3] = [
     (Sort::Oldest, "a"),
     (Sort::Name, "n"),
@@ -110,7 +111,7 @@ impl std::str::FromStr for Cursor {
     }
 }
 
-/// The text of hexadecimal digits.
+/// Decodes hexadecimal digits to UTF-8 text.
 fn unhex(digits: &str) -> Option<String> {
     if digits.len() > 2 * MAX_NAME_BYTES || !digits.len().is_multiple_of(2) || !digits.is_ascii() {
         return None;

@@ -1,5 +1,5 @@
-//! Parameter sets: at most one per job, at most one released per robot, none released without its checks. The schema has a constraint for
-//! each.
+//! Parameter sets. A job has at most one parameter set, a robot has at most one released parameter set, and a release needs passed checks. The schema
+//! enforces each of these rules.
 
 use serde_json::{Value, json};
 
@@ -58,15 +58,15 @@ pub struct ParameterSetRow {
     pub release_evidence: Option<Evidence>,
     /// The tool's largest uncertainty over the workspace at its last release, mm.
     pub release_uncertainty_mm: Option<f64>,
-    /// Number of its last release in the robot's count of releases.
+    /// Number of its last release. All releases of a robot are numbered by one counter.
     pub release_seq: Option<i64>,
     /// The set that its last release superseded.
     pub supersedes_id: Option<String>,
     /// When it was archived.
     pub archived_at_ms: Option<i64>,
-    /// Version of its robot that it was identified with.
+    /// Version of the robot that the set was identified with.
     pub robot_version: i64,
-    /// The version of its robot's joint map that it was identified with.
+    /// Version of the robot's joint map that the set was identified with.
     pub joint_map_version: i64,
 }
 
@@ -81,7 +81,7 @@ pub struct NewParameterSet {
     pub body_json: String,
     /// SHA-256 of the parameters, hexadecimal.
     pub sha256: String,
-    /// What later sessions are compared with, `wire::estimate`.
+    /// The estimate that later sessions are compared with, see `wire::estimate`.
     pub estimate_json: Option<Hashed<String>>,
 }
 
@@ -108,18 +108,19 @@ pub struct Release {
     pub uncertainty_mm: Option<f64>,
 }
 
-/// State of the database for which the checks of a release were made. If it has changed when the release is written, the checks must run again.
+/// State of the database for which the checks of a release were made. If this state has changed when the release is written, the checks must run
+/// again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CheckedState {
     /// The robot's active set.
     pub active: Option<String>,
     /// Version of the robot's policy.
     pub policy_version: i64,
-    /// Number of jobs that have identified or scored sets of the robot.
+    /// Number of verification facts of the robot: jobs that have identified or scored its sets.
     pub n_verifications: i64,
     /// The state of the robot.
     pub robot: RobotCheck,
-    /// A withdrawn set whose values this one holds.
+    /// A withdrawn set whose values the released set holds, if there is one.
     pub withdrawn_source: Option<String>,
 }
 
@@ -169,8 +170,8 @@ const ACTIVE: &str = concat!(
     " from parameter_set where robot_id = $1 and status = 'released'"
 );
 
-// The set that the active one superseded. If that set was withdrawn, or no set is active, the superseded set that was released last, by the robot's
-// counter and not by a clock.
+// The set that the active set superseded. If that set was withdrawn, or if no set is active: the superseded set that was released last, by the
+// robot's release counter and not by a clock.
 const BEFORE_ACTIVE: &str = concat!(
     "select ",
     columns!(),
@@ -206,7 +207,7 @@ pub(super) const LIST: ListQueries = list_queries!(
     "$6"
 );
 
-// Changes nothing. It locks the robot's row, so that releases and withdrawals of a robot run one after the other.
+// This update changes no value. It locks the robot's row, so that releases and withdrawals of one robot run one after the other.
 const LOCK_ROBOT: &str =
     "update robot set name = name where id = (select robot_id from parameter_set where id = $1)";
 
@@ -236,7 +237,8 @@ fn as_created(row: &ParameterSetRow) -> Value {
 }
 
 fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
-    // A release writes all of these columns. If only some are set, somebody else wrote them, and the comparison with the chain fails.
+    // A release writes all of these columns. If only some are set, an edit outside the service wrote them. Then the time is 0, and the comparison
+    // with the audit chain fails.
     let is_set = row.release_reason.is_some() || row.released_by.is_some();
     let is_set = is_set || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
     let at_ms = row.released_at_ms.or(is_set.then_some(0))?;
@@ -288,7 +290,7 @@ impl Audited for ParameterSetRow {
 /// Stores the parameter set of a job, as a candidate.
 ///
 /// # Errors
-/// [`Conflict::Duplicate`] if the job has one, [`super::Error::Database`].
+/// [`Conflict::Duplicate`] if the job already has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
     let query = sqlx::query_as(INSERT)
         .bind(new_id("par"))
@@ -327,7 +329,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
         .await?)
 }
 
-/// The set that a rollback would release: the one that the active set superseded.
+/// The set that a rollback would release: usually the set that the active set superseded.
 ///
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
@@ -339,8 +341,8 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
-/// The robot's newest parameter set that was identified from other uploads than these measurement sets (ids with commas between them), without those
-/// whose identification found the fit `except`.
+/// The robot's newest parameter set that was identified from other uploads than these measurement sets (ids separated by commas). Sets whose
+/// identification found the fit `except` are left out.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -358,7 +360,7 @@ pub async fn of_another_upload(
         .await?)
 }
 
-/// A robot's parameter sets by status and whether they are archived.
+/// A robot's parameter sets, filtered by status and archived state.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -371,8 +373,7 @@ pub async fn search(
     listing::list(store, &LIST, &filters, request).await
 }
 
-/// Makes a candidate or superseded set the active one; the active one before becomes superseded.
-/// Releasing the active one again changes nothing.
+/// Makes a candidate or superseded set the active one. The previously active set becomes superseded. Releasing the active set again changes nothing.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`Conflict::Withdrawn`], [`Conflict::ActiveChanged`], [`Conflict::ChecksOutdated`],
@@ -435,7 +436,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
     Ok(row)
 }
 
-/// Rolls back: withdraws the active set and releases a superseded one (`release`), both or neither.
+/// Rolls back: withdraws the active set and releases a superseded set (`release`) in one transaction.
 ///
 /// # Errors
 /// As [`release`].
@@ -446,7 +447,7 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
         .bind(&set.robot_id)
         .fetch_optional(tx.connection())
         .await?;
-    // Checked again inside the transaction: another release since the lookup changes which set comes before.
+    // Checked again inside the transaction, because another release may have changed which set a rollback releases.
     let is_before = before.is_some_and(|before| before.id == release.id);
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
         return Err(Conflict::ActiveChanged.into());
@@ -459,7 +460,7 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     self::release(tx, &release).await
 }
 
-/// Withdraws a set in any state. If it was the active one, the robot has none afterwards.
+/// Withdraws a set in any state. If it was the active set, the robot has no active set afterwards.
 ///
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].

@@ -1,4 +1,4 @@
-//! Release policies of robots. For a robot without a row only the gates that always hold are checked.
+//! Release policies of robots. For a robot without a policy row, a release is checked only against the gates that apply to every robot.
 
 use serde_json::{Value, json};
 
@@ -12,11 +12,11 @@ use crate::wire::policy::{DecisionRule, PolicyBody};
 pub struct PolicyRow {
     /// Largest uncertainty of the tool's position, and largest rms on verify points, mm.
     pub tolerance_mm: Option<f64>,
-    /// How that rms is compared with it; none in a policy that an older version stored.
+    /// How the rms is compared with the tolerance; none in a policy that an older version stored.
     pub decision_rule: Option<DecisionRule>,
-    /// Another measuring session must have verified the set.
+    /// Whether another measuring session must have verified the set.
     pub independent_session_required: bool,
-    /// The key that releases must not be the one that uploaded.
+    /// Whether the key that releases must differ from the key that uploaded.
     pub second_person_required: bool,
     /// Number of changes; 0 if never set.
     pub version: i64,
@@ -39,8 +39,8 @@ impl PolicyRow {
     }
 }
 
-/// Bound in place of an absent double. sqlx's `Any` binds an absent double as float4, and PostgreSQL refuses it if the statement was prepared
-/// with float8.
+/// Value that is bound in place of an absent double. sqlx's `Any` binds an absent double as float4, which PostgreSQL refuses if the statement was
+/// prepared with float8.
 pub(super) const ABSENT: f64 = -1.0;
 
 pub(super) const ALL_QUERIES: &[&str] = &[GET, PUT, BY_ID];
@@ -83,7 +83,7 @@ fn as_changed(set: &PolicyChange) -> Value {
     let mut entry = json!({"tolerance_mm": policy.tolerance_mm, "independent_session_required": policy.independent_session_required,
         "second_person_required": policy.second_person_required, "version": policy.version,
         "changed_by": changed_by, "changed_at_ms": changed_at_ms});
-    // entries of older versions do not have it
+    // Audit entries of older versions do not have this field.
     if let Some(rule) = policy.decision_rule {
         entry["decision_rule"] = json!(rule.as_str());
     }
@@ -131,7 +131,7 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> Result<PolicyRow> {
-    // A release that is under way ends first; a later one sees this policy.
+    // The lock waits until a release of this robot that is under way has ended. A later release sees the new policy.
     robots::lock(tx, robot_id).await?;
     let query = sqlx::query_as(PUT)
         .bind(robot_id)

@@ -1,4 +1,4 @@
-//! The summary of each job's report: `wire::report_summary`.
+//! The summary of each job's report, see `wire::report_summary`.
 
 use super::from_row::from_row;
 use super::{Conflict, JobStatus, Result, Store, Tx};
@@ -8,7 +8,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_JOB, JOBS_WITHOUT, BY_ID];
 const INSERT: &str = "
     insert into report_summary (job_id, summary_json) values ($1, $2) on conflict (job_id) do nothing";
 
-// A job that a node of an older version ended beside this one has no summary before the next start. Its report says the same at greater length.
+// A job that a node of an older version ended has no summary until this server starts again. Its report is used instead, because the report has the
+// fields of the summary.
 const OF_JOB: &str = "
     select j.status as status, coalesce(s.summary_json, j.report_json) as summary_json
     from job j left join report_summary s on s.job_id = j.id where j.id = $1";
@@ -22,7 +23,7 @@ const BY_ID: &str = "
     select s.job_id as job_id, s.summary_json as summary_json, coalesce(j.report_json, '') as report_json
     from report_summary s join job j on j.id = s.job_id where s.job_id > $1 order by s.job_id limit cast($2 as bigint)";
 
-/// A job that has a summary if it succeeded.
+/// A job's status and summary. The summary exists only if the job succeeded.
 struct OfJob {
     status: JobStatus,
     summary_json: Option<String>,
@@ -30,7 +31,7 @@ struct OfJob {
 
 from_row!(OfJob { summary_json } parsed { status });
 
-/// A summary beside the report that it was made of.
+/// A summary together with the report that it was made from.
 pub(super) struct SummaryOfReport {
     /// The job.
     pub job_id: String,
@@ -46,7 +47,7 @@ from_row!(SummaryOfReport {
     report_json
 });
 
-/// Stores a summary, unless the job has one.
+/// Stores a summary, unless the job already has one.
 ///
 /// # Errors
 /// [`super::Error::NotFound`] if there is no such job, [`super::Error::Database`].
@@ -73,7 +74,7 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
         .ok_or(Conflict::JobStatus { status }.into())
 }
 
-/// Succeeded jobs without a summary, which an older version ended, in the order of their ids: at most `limit` after this one.
+/// Ids of succeeded jobs without a summary, which an older version ended. In the order of their ids, at most `limit` ids after `after`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -85,7 +86,7 @@ pub async fn jobs_without(store: &Store, after: &str, limit: i64) -> Result<Vec<
         .await?)
 }
 
-/// Summaries with their reports, in the order of their jobs' ids: at most `limit` after this one.
+/// Summaries with their reports, in the order of their jobs' ids, at most `limit` after the job `after`.
 pub(super) async fn with_reports(
     store: &Store,
     after: &str,

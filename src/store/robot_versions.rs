@@ -1,5 +1,5 @@
-//! Robots after an edit. The robot's own row keeps it as it was created; each edit adds a version here. A job keeps the version that it was posted
-//! with, so that its result can be computed and read again.
+//! Versions of edited robots. The row in `robot` keeps the robot as it was created. Each edit adds a row here. A job refers to the version that it
+//! was posted with, so that its result can be computed and read again.
 
 use serde_json::{Value, json};
 
@@ -31,7 +31,7 @@ from_row!(RobotVersionRow {
 /// An edit of a robot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RobotEdit {
-    /// Version that was edited. If it is not the robot's last, nothing is stored.
+    /// Version that was edited. If it is not the robot's last version, nothing is stored.
     pub edited_version: i64,
     /// Its name after the edit.
     pub name: String,
@@ -57,12 +57,12 @@ const AT: &str = "select body_json from robot_version where robot_id = $1 and ve
 
 const FIRST: &str = "select body_json from robot where id = $1";
 
-// Versions after ($1, $2), in order.
+// Versions after ($1, $2) = (robot, version), in order.
 const ALL: &str = "
     select robot_id, version, joint_map_version, body_json, changed_by, changed_at_ms from robot_version
     where (robot_id, version) > ($1, $2) order by robot_id, version limit cast($3 as bigint)";
 
-/// Content of the entry about an edit.
+/// Content of the audit entry about an edit.
 pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
     json!({"version": row.version, "joint_map_version": row.joint_map_version, "sha256": canonical::sha256_hex(row.body_json.as_bytes()),
         "changed_by": row.changed_by, "changed_at_ms": row.changed_at_ms})
@@ -71,7 +71,7 @@ pub(super) fn as_edited(row: &RobotVersionRow) -> Value {
 /// Stores a new version of a robot.
 ///
 /// # Errors
-/// [`Conflict::RobotChanged`] if it was edited meanwhile, [`Conflict::JointMapReleased`], [`Error::NotFound`], [`Error::Database`].
+/// [`Conflict::RobotChanged`] if the robot was edited in the meantime, [`Conflict::JointMapReleased`], [`Error::NotFound`], [`Error::Database`].
 pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<RobotRow> {
     tx.require_disk_space()?;
     robots::lock(tx, id).await?;
@@ -116,7 +116,7 @@ pub async fn robot_at(store: &Store, robot_id: &str, version: i64) -> Result<Rob
     Ok(row)
 }
 
-/// The versions after one of them, by robot and number.
+/// At most `limit` versions after this one, sorted by robot and version.
 pub(super) async fn after(
     store: &Store,
     (robot_id, version): (&str, i64),

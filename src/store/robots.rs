@@ -20,11 +20,13 @@ pub struct RobotRow {
     pub body_json: String,
     /// When it was stored.
     pub created_at_ms: i64,
-    /// Job of the session that did not fit; set while the robot is in the state `check_robot`.
+    /// Job of the session that did not fit the robot; set while the robot is in the state `check_robot`.
     pub check_job_id: Option<String>,
-    /// Number of the last session that did not fit the robot, in the robot's counter; 0 for none. It stays when the state `check_robot` ends.
+    /// Number of the last session that did not fit the robot, in the robot's counter of verifications; 0 for none. The number stays when the state
+    /// `check_robot` ends.
     pub check_seq: i64,
-    /// Number of the robot's counter at the last `checked` request, whose reason explains all sessions up to then; 0 for none.
+    /// The robot's counter of verifications at the last `checked` request; 0 for none. The reason of this request explains all sessions up to that
+    /// number.
     pub checked_seq: i64,
     /// Reason given by `checked`.
     pub checked_reason: Option<String>,
@@ -32,13 +34,13 @@ pub struct RobotRow {
     pub checked_by: Option<String>,
     /// When `checked` was called.
     pub checked_at_ms: Option<i64>,
-    /// Number of its last edit; 1 for a robot as it was created.
+    /// Version after its last edit; 1 for a robot that was never edited.
     pub version: i64,
-    /// The version in which its joint map last changed.
+    /// Version of the robot in which its joint map last changed.
     pub joint_map_version: i64,
     /// When it was archived.
     pub archived_at_ms: Option<i64>,
-    /// Its name as lists are ordered by it.
+    /// Its name in lower case, for sorting lists.
     pub sort_name: String,
 }
 
@@ -62,7 +64,7 @@ from_row!(RobotRow {
 list_row!(RobotRow, sort_name);
 
 impl RobotRow {
-    /// The part of the row that a release depends on: see [`super::CheckedState`].
+    /// The part of the row that a release depends on, see [`super::CheckedState`].
     pub fn check(&self) -> RobotCheck {
         RobotCheck {
             job_id: self.check_job_id.clone(),
@@ -99,7 +101,7 @@ macro_rules! columns {
     };
 }
 
-// The robot's own row, with the document as it was created. No robot is archived when it is created.
+// Columns of a row in `robot`, with the document as it was created. A robot is never archived when it is created.
 macro_rules! own_columns {
     () => {
         "id, name, body_json, created_at_ms, check_job_id, check_seq, checked_seq, checked_reason, checked_by, checked_at_ms, version,
@@ -127,7 +129,7 @@ const INSERT: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from robot_now where id = $1");
 
-// $1 is a comma-separated list of ids; '' for all. No id contains another one, so removing an id changes the list exactly if the list has it.
+// $1 is a comma-separated list of ids; '' for all robots. No id contains another id, so `replace` changes the list exactly if the list has the id.
 pub(super) const LIST: ListQueries = list_queries!(
     columns!(),
     "robot_now",
@@ -141,7 +143,7 @@ pub(super) const LIST: ListQueries = list_queries!(
     "$7"
 );
 
-// Changes nothing. It locks the robot's row, so that releases, policies and scores of a robot are written one after the other.
+// This update changes no value. It locks the robot's row, so that releases, policies and verifications of one robot are written one after the other.
 const LOCK: &str = "update robot set name = name where id = $1";
 
 const LOCK_OF_JOB: &str =
@@ -163,7 +165,8 @@ const CHECKED_NOW: &str = "
         checked_seq = (select coalesce(max(v.seq), 0) from verification v where v.robot_id = robot.id)
     where id = $1";
 
-/// Of the robot's own row, which has the document as it was created. An edited robot has another name; the entry of the edit has that.
+/// Content of the audit entry about the creation. `row` comes from the table `robot`, so its document is the one that was created. The name may have
+/// changed in an edit, and then the entry of the edit has the name.
 fn as_created(row: &RobotRow) -> Value {
     let sha256 = canonical::sha256_hex(row.body_json.as_bytes());
     let mut created = json!({"sha256": sha256, "created_at_ms": row.created_at_ms});
@@ -226,7 +229,7 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
     Ok(())
 }
 
-/// Puts the robot into the state `check_robot`: a session does not fit it.
+/// Puts the robot into the state `check_robot`, because a session does not fit it.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -245,7 +248,7 @@ pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Resul
     Ok(())
 }
 
-/// Ends the state `check_robot`: a session fits the robot.
+/// Ends the state `check_robot`, because a session fits the robot.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -306,7 +309,7 @@ pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
         .await?)
 }
 
-/// Robots, newest first; with `only`, just those.
+/// Robots, newest first; with `only`, only the robots with these ids.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -318,7 +321,7 @@ pub async fn list(
     Ok(search(store, only, &ListRequest::all(request)).await?.page)
 }
 
-/// Robots by name, serial number and whether they are archived; with `only`, just those.
+/// Robots, filtered by name, serial number and archived state; with `only`, only the robots with these ids.
 ///
 /// # Errors
 /// [`super::Error::Database`].

@@ -10,13 +10,13 @@ pub struct JobStatistics {
     pub status: JobStatus,
     /// Number of jobs.
     pub n_jobs: i64,
-    /// Age of the oldest, from its posting, ms.
+    /// Age of the oldest job since it was posted, ms.
     pub oldest_age_ms: i64,
-    /// Number of those that have begun.
+    /// Number of these jobs that have started.
     pub n_begun: i64,
-    /// Sum of the times from posting to the (last) beginning, ms.
+    /// Sum of the times from posting to the (last) start, ms.
     pub waited_ms: i64,
-    /// Sum of the times from the (last) beginning to the end, ms.
+    /// Sum of the times from the (last) start to the end, ms.
     pub ran_ms: i64,
 }
 
@@ -24,7 +24,7 @@ from_row!(JobStatistics { n_jobs, oldest_age_ms, n_begun, waited_ms, ran_ms } pa
 
 pub(super) const ALL_QUERIES: &[&str] = &[JOBS];
 
-// Sums of bigint are numeric on PostgreSQL, hence the casts.
+// On PostgreSQL the sum of a bigint column has the type numeric, so the sums are cast to bigint.
 const JOBS: &str = "
     select status, count(*) as n_jobs,
         cast(max(now_ms - created_at_ms) as bigint) as oldest_age_ms,

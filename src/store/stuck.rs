@@ -1,4 +1,4 @@
-//! How long a lock has blocked the writers. Writes nothing.
+//! Finds out for how long writers have been blocked. Writes nothing.
 
 use std::time::Duration;
 
@@ -8,8 +8,8 @@ use super::{Engine, Result, Store};
 
 pub(super) const QUERIES_POSTGRES: &[&str] = &[HOLDER];
 
-// The session that has blocked writers longest. It does not wait for a lock itself, and either others wait for it, or it holds the head of the
-// audit chain, which every write needs. `state_change` is the time at which it last began or finished a statement.
+// The session that has blocked writers for the longest time. This session does not wait for a lock itself. Either other sessions wait for it, or it
+// holds the head of the audit chain, which every write needs. `state_change` is the time at which the session last began or finished a statement.
 const HOLDER: &str = "
     select cast(extract(epoch from clock_timestamp() - holder.state_change) * 1000 as bigint) as held_ms,
         case when holder.state like 'idle in transaction%' then 1 else 0 end as is_idle
@@ -25,7 +25,7 @@ const HOLDER: &str = "
             where waiting.datname = current_database() and waiting.wait_event_type = 'Lock')
     order by holder.state_change limit 1";
 
-/// Longest wait of the trial transaction for the write lock. A free lock is taken in less time.
+/// Longest wait of the trial transaction for the write lock. Taking a free lock needs less time.
 const TRIAL_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Blocked writers.
@@ -33,7 +33,7 @@ const TRIAL_TIMEOUT: Duration = Duration::from_millis(200);
 pub struct Stuck {
     /// Time for which no write has succeeded.
     pub duration: Duration,
-    /// What the writers wait for, without internals.
+    /// What the writers wait for, without internal details.
     pub reason: &'static str,
 }
 
@@ -65,8 +65,8 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     }))
 }
 
-/// Only this process writes, so only its own writes count. If the last write failed and none is under way, a trial transaction shows
-/// whether writes succeed again. It gets [`TRIAL_TIMEOUT`] at most.
+/// Only this process writes to SQLite, so it is enough to look at its own writes. If the last write failed and no write is under way, a trial
+/// transaction shows whether writes succeed again. The trial takes at most [`TRIAL_TIMEOUT`].
 async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
     let writes = &store.inner.writes;
     writes.stuck_for()?;

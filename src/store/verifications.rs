@@ -1,5 +1,5 @@
-//! Verification facts: what each succeeded job found about a parameter set. The release gates read them. A counter of the robot orders them,
-//! never a clock.
+//! Verification facts: what each succeeded job found about a parameter set. The release gates read these facts. The facts of a robot are ordered by a
+//! counter (`seq`), never by a clock.
 
 use serde_json::{Value, json};
 
@@ -17,9 +17,9 @@ pub struct VerificationRow {
     pub job_id: String,
     /// Its robot.
     pub robot_id: String,
-    /// The set that it identified or scored; none if it scored the nominal robot.
+    /// The parameter set that the job identified or scored; none if the job scored the nominal robot.
     pub parameter_set_id: Option<String>,
-    /// The job's measurement set: fitted by an identification, scored by a session.
+    /// The job's measurement set. An identification fits it; a session scores it.
     pub measurement_set_id: String,
     /// The frame of that set's positions.
     pub frame: Frame,
@@ -55,7 +55,7 @@ impl VerificationRow {
             "before_rms_mm": found.before_rms_mm, "after_rms_mm": found.after_rms_mm, "is_better": i64::from(found.is_better), "fit": found.fit.as_str(),
             "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "is_worse": i64::from(found.is_worse), "check_seq": found.check_seq,
             "verified_uncertainty_mm": found.uncertainty_mm});
-        // Entries of older versions do not have it.
+        // Audit entries of older versions do not have this field.
         if let Some(expanded_mm) = found.after_expanded_mm {
             entry["after_expanded_mm"] = json!(expanded_mm);
         }
@@ -63,7 +63,7 @@ impl VerificationRow {
     }
 }
 
-/// An upload from before the session that did not fit the robot.
+/// An earlier upload, which new points must not repeat.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EarlierUpload {
     /// The measurement set.
@@ -74,7 +74,7 @@ pub struct EarlierUpload {
 
 from_row!(EarlierUpload { id, n_points });
 
-/// A session that another set was identified from, and on which this set was not scored.
+/// A later session: another parameter set was identified from it, and this parameter set was not scored on it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LaterSession {
     /// The job that identified the other set.
@@ -94,12 +94,12 @@ from_row!(LaterSession {
     summary_json
 });
 
-/// The two numbers of a robot's row that a job reads when it begins and when it ends.
+/// Two numbers of a robot's row. A job reads them when it begins and when it ends.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CheckRow {
     /// Number of the last session that did not fit the robot; 0 for none.
     pub check_seq: i64,
-    /// Number of the robot's counter at its last `checked` request; 0 for none.
+    /// The robot's counter at its last `checked` request; 0 for none.
     pub checked_seq: i64,
 }
 
@@ -117,7 +117,7 @@ macro_rules! rows {
     };
 }
 
-// The uploads that a job scored: its verify set if it has one, else its own points, of several sessions all. `u` is one of its own uploads.
+// SQL for the upload that a job scored: its verify set if it has one, otherwise `u`, which is one of its own uploads (one row per session).
 macro_rules! scored_set {
     () => {
         "coalesce(j.verify_set_id, u.measurement_set_id)"
@@ -156,10 +156,11 @@ const OF_JOB: &str = concat!(rows!(), " where v.job_id = $1");
 
 const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v.seq");
 
-// Of the whole robot: a later session of another set counts as well.
+// Counts the facts of the whole robot, because a later session of another set matters as well.
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
 
-// Repeats of earlier uploads show nothing new. Of several sessions of one job, one that repeats does not hide the others.
+// Jobs that repeat earlier uploads are left out, because they show nothing new. A job with several sessions is not left out, because one repeated
+// session must not hide the others.
 const LATER_SESSIONS: &str = "
     select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
     from verification v join job_upload u on u.job_id = v.job_id left join report_summary r on r.job_id = v.job_id
@@ -171,15 +172,15 @@ const LATER_SESSIONS: &str = "
                 or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = u.measurement_set_id)))
     order by v.seq, u.measurement_set_id limit cast($4 as bigint)";
 
-// Jobs that an older version of kincal ended and that have no facts yet.
+// Counts jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "
     select count(*) from job j where j.status = 'succeeded'
         and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
-// Uploads from before the session that did not fit, in the order of the audit chain. Uploads of sessions that did not fit are left out: a robot that has
-// changed is identified from them. One in which a check found a change is no later session by being scored again ($5). An upload
-// without an entry is older than the chain.
+// Uploads up to the session that did not fit, in the order of the audit chain. An upload without an entry is older than the chain. Uploads of
+// sessions that did not fit are left out, because a changed robot may be identified from them. With $5 = 1 the uploads of checks that found a change
+// are included: scoring such an upload again does not make it a new session.
 const EARLIER_UPLOADS: &str = concat!(
     "select m.id as id, m.n_points as n_points from measurement_set m
     where m.robot_id = $1
@@ -196,7 +197,7 @@ const EARLIER_UPLOADS: &str = concat!(
     order by m.id limit cast($3 as bigint)"
 );
 
-// Uploads that a check is compared with, the newest first: those before its own, and its own if another job has used it.
+// Uploads that a check is compared with, newest first: the uploads before its own, and its own upload if another kind of job has used it.
 const UPLOADS_BEFORE: &str = "
     select m.id as id, m.n_points as n_points from measurement_set m
     where m.robot_id = $1 and ((m.id <> $2
@@ -219,7 +220,7 @@ const BY_ID: &str = concat!(
     " where v.job_id > $1 order by v.job_id limit cast($2 as bigint)"
 );
 
-// In the order in which the jobs ended, by the audit chain.
+// Sorted by the order in which the jobs ended, from the audit chain.
 const JOBS_WITHOUT: &str = "
     select id from (
         select j.id as id, (select min(a.seq) from audit a where a.subject = j.id and a.event = $1) as ended
@@ -243,8 +244,8 @@ impl Audited for VerificationRow {
     }
 }
 
-/// Stores what a job found, in the transaction that ends the job and has locked the robot's row. Returns the stored row; `None` if the job has
-/// facts already.
+/// Stores what a job found. The transaction must be the one that ends the job, and it must have locked the robot's row. Returns the stored row;
+/// `None` if the job has facts already.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -317,7 +318,8 @@ pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
         .await?)
 }
 
-/// Sessions from which other sets of the robot were identified after this one, and on which it was not scored: at most `limit`, in order.
+/// Sessions from which other parameter sets of the robot were identified after this one, and on which this one was not scored. At most `limit`, in
+/// order.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -335,7 +337,7 @@ pub async fn later_sessions(
         .await?)
 }
 
-/// Number of succeeded jobs of a parameter set without facts.
+/// Number of succeeded jobs of a parameter set that have no facts.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -384,8 +386,8 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
         .await?)
 }
 
-/// The uploads from before the session with number `check_seq`, which did not fit the robot. An upload that repeats one of them was not measured
-/// since. `is_session`: the job scores a set, and identifies none.
+/// The uploads up to the session with number `check_seq`, which did not fit the robot. An upload that repeats one of them was not measured after that
+/// session. `is_session` says that the job scores a parameter set and does not identify one.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -406,7 +408,7 @@ pub async fn earlier_uploads(
         .await?)
 }
 
-/// Uploads that the points of a check must not repeat: at most `limit`, the newest first.
+/// Uploads that the points of a check must not repeat. At most `limit`, newest first.
 ///
 /// # Errors
 /// [`super::Error::Database`].

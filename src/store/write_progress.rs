@@ -1,4 +1,4 @@
-//! Measures for how long no write has succeeded, on SQLite.
+//! Measures for how long no write has succeeded. Used on SQLite.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -16,11 +16,11 @@ struct State {
     n_under_way: usize,
     /// Whether the last write failed.
     has_failed: bool,
-    /// Start of the first write since the last success that still waits or has failed.
+    /// Since when writes have been waiting or failing without a success. None if no write is waiting and the last write did not fail.
     since: Option<Instant>,
 }
 
-/// One write, from its request to its end.
+/// One write, from the request for a transaction to its end.
 #[derive(Debug)]
 pub(super) struct Write {
     progress: Arc<WriteProgress>,

@@ -1,4 +1,4 @@
-//! Conversion between degrees and radians. Nothing else in the project converts them for the wire.
+//! Conversion between degrees and radians. All conversions for the wire use these functions.
 
 /// Degrees of the wire to radians of the core.
 pub fn to_radians(deg: f64) -> f64 {

@@ -1,5 +1,5 @@
-//! Bounds of request fields that attributes cannot add to the OpenAPI document: bounds of list items, and bounds by the constants of the checks.
-//! A test sends values at and beyond every bound of the document.
+//! Bounds of request fields in the OpenAPI document that utoipa's attributes cannot express: bounds of list items, and bounds that are constants of
+//! the checks. A test sends values at and beyond every bound of the document.
 
 use crate::kinematics::model::MAX_LINKS;
 use crate::measurement::csv::{
@@ -25,15 +25,15 @@ use utoipa::Number;
 use utoipa::openapi::schema::{ArrayItems, KnownFormat, Object, SchemaFormat};
 use utoipa::openapi::{OpenApi, RefOr, Schema};
 
-/// One bound. Several bounds of a field go from the outermost list inwards.
+/// One bound. The bounds of nested lists are given from the outermost list inwards.
 enum Bound {
-    /// Items of a list, fewest and most.
+    /// Number of items of a list, minimum and maximum.
     Items(usize, usize),
-    /// A number, smallest and largest.
+    /// Value of a number, minimum and maximum.
     Number(f64, f64),
-    /// A number strictly between two others.
+    /// Value of a number, strictly between two others.
     Between(f64, f64),
-    /// Characters of a text, fewest and most.
+    /// Number of characters of a text, minimum and maximum.
     Text(usize, usize),
     /// A text that is a time.
     Time,
@@ -228,7 +228,7 @@ fn bounded() -> Vec<Bounded> {
     ]
 }
 
-/// Writes the bounds into a document. Returns the fields that the document lacks; there should be none.
+/// Writes the bounds into a document. Returns the fields that are missing in the document; there should be none.
 pub fn write(document: &mut OpenApi) -> Vec<String> {
     let Some(components) = &mut document.components else {
         return Vec::new();
@@ -256,7 +256,7 @@ fn field_of<'s>(schema: &'s mut RefOr<Schema>, field: &str) -> Option<&'s mut Re
     }
 }
 
-/// Writes bounds into a schema. Returns false if the schema is of another kind than the bounds.
+/// Writes bounds into a schema. Returns false if the bounds do not match the type of the schema.
 fn bound(schema: &mut RefOr<Schema>, bounds: &[Bound]) -> bool {
     let Some((first, rest)) = bounds.split_first() else {
         return true;
@@ -301,7 +301,7 @@ fn bound_scalar(object: &mut Object, bound: &Bound) {
     }
 }
 
-/// A JSON number, without a decimal point if it is whole.
+/// A JSON number, without a decimal point if it is an integer.
 fn number(value: f64) -> Number {
     if value.fract() == 0.0 && value.abs() < 1e15 {
         Number::Int(value as isize)

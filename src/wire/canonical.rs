@@ -1,8 +1,8 @@
-//! Canonical JSON and its hash: the same content has the same bytes in every implementation.
+//! Canonical JSON and its hash. The same content has the same bytes in every implementation.
 //!
-//! The form is RFC 8785 (JCS): no white space, keys sorted, numbers as ECMAScript prints them (the shortest text that reads
-//! back as the same 64-bit float; `1.0` is `1`). Libraries for it exist in every language, so a cell PC can check a
-//! parameter set's `sha256`. One deviation: integers beyond 2^53 (seeds) are written exactly.
+//! The format is RFC 8785 (JCS): no white space, sorted keys, and numbers as ECMAScript prints them (the shortest text that reads back as the same
+//! 64-bit float; `1.0` is written as `1`). Libraries for RFC 8785 exist in most languages, so the PC of a robot cell can check a parameter set's
+//! `sha256`. There is one deviation: integers beyond 2^53 (seeds) are written exactly.
 
 use serde::Serialize;
 use serde_json::{Number, Value};
@@ -10,10 +10,10 @@ use sha2::{Digest, Sha256};
 use std::cmp::Ordering;
 use std::fmt::Write;
 
-/// Canonical JSON of anything that serialises.
+/// Canonical JSON of any serialisable value.
 ///
 /// # Errors
-/// If the value cannot be JSON at all (a map with keys that are not text).
+/// If the value cannot be written as JSON (a map with keys that are not text).
 pub fn to_canonical_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
     canonical_text(&serde_json::to_value(value)?)
 }
@@ -26,8 +26,8 @@ pub fn canonical_text(value: &Value) -> Result<String, serde_json::Error> {
     text_with(value, write_number)
 }
 
-/// Canonical JSON with this hash: as written now, or as written by versions before 22 November 2026, which wrote the text further
-/// from zero where two texts are equally near to a number. Returns `None` if neither text has the hash.
+/// The canonical JSON of `value` that has this hash. Two texts are tried: the current one, and the one of versions before 22 November 2026. If two
+/// shortest texts are equally near to a number, those versions wrote the text further from zero. Returns `None` if neither text has the hash.
 ///
 /// # Errors
 /// As [`to_canonical_json`].
@@ -95,7 +95,7 @@ fn write_value(value: &Value, number: WriteNumber, out: &mut String) -> std::fmt
     }
 }
 
-/// The order of keys: by UTF-16 units.
+/// The order of keys: by UTF-16 code units (RFC 8785, section 3.2.3).
 fn in_utf16(a: &str, b: &str) -> Ordering {
     a.encode_utf16().cmp(b.encode_utf16())
 }
@@ -130,8 +130,8 @@ fn write_number(number: &Number, out: &mut String) -> std::fmt::Result {
     }
 }
 
-/// Writes a number as versions before 22 November 2026 did, with the digits of the standard library: where two texts are equally near, the one
-/// further from zero.
+/// Writes a number as versions before 22 November 2026 did, with the digits of the standard library. If two shortest texts are equally near to the
+/// number, this is the text further from zero.
 fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result {
     match number.as_f64() {
         Some(0.0) if number.is_f64() => write_ecmascript("0.0", out),
@@ -140,8 +140,9 @@ fn write_number_as_before(number: &Number, out: &mut String) -> std::fmt::Result
     }
 }
 
-/// Number::toString of ECMAScript: digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` must have these digits. Where
-/// two texts are equally near, ECMAScript requires the even one, which `{:e}` of the standard library does not give.
+/// Writes a number like `Number::toString` of ECMAScript: with the digits d1…dk and n such that the value is 0.d1…dk × 10^n. `shortest` must have
+/// these digits. If two texts are equally near to the number, ECMAScript requires the one with the even last digit. `{:e}` of the standard library
+/// does not do that.
 fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     let unsigned = shortest.strip_prefix('-').unwrap_or(shortest);
     if unsigned == "0.0" {
@@ -151,7 +152,8 @@ fn write_ecmascript(shortest: &str, out: &mut String) -> std::fmt::Result {
     if unsigned.len() < shortest.len() {
         out.push('-');
     }
-    // The decimal point is in place already, except after a whole number and in d1.d2…dkE(n-1).
+    // Without an exponent the text is already in the required form, except for ".0" after an integer. With an exponent it has the form
+    // d1.d2…dkE(n-1).
     let Some((mantissa, exponent)) = unsigned.split_once('e') else {
         out.push_str(unsigned.strip_suffix(".0").unwrap_or(unsigned));
         return Ok(());
@@ -211,7 +213,7 @@ mod tests {
 
     #[test]
     fn of_two_texts_that_are_equally_near_the_even_one_is_written() {
-        // As node prints them. `{:e}` of the standard library rounds the first up.
+        // The expected texts are those of Node.js. `{:e}` of the standard library rounds the first number up.
         assert_eq!(
             text_of_float(87_477_002_012_648.0 + 0.125),
             "87477002012648.12"

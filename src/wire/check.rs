@@ -1,4 +1,4 @@
-//! The answer of a quick check, as part of a report.
+//! The result of a quick check, as part of a report.
 
 pub use crate::calibration::CheckVerdict;
 use crate::calibration::quick_check::{CheckTest, DetectableChange, LikeliestCause, QuickCheck};
@@ -6,79 +6,81 @@ use crate::wire::job::After;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Whether the released set still holds.
+/// Result of a quick check: whether the released parameter set is still valid for the robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CheckReport {
-    /// The verdict. `changed` puts the robot into the state `check_robot`; `cannot_tell` is no evidence.
+    /// The verdict. `changed` puts the robot into the state `check_robot`. `cannot_tell` is evidence neither for nor against a change.
     pub verdict: CheckVerdict,
-    /// Why, in one sentence.
+    /// Reason for the verdict, in one sentence.
     pub reason: String,
-    /// What happened before, as the request says.
+    /// What happened to the robot before the check, as stated in the request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after: Option<After>,
-    /// Configurations that were measured.
+    /// Number of measured configurations.
     pub n_configurations: usize,
-    /// Share of unchanged robots that the test calls changed.
+    /// Significance level of the test: share of unchanged robots for which it reports a change.
     pub level: f64,
-    /// Probability with which it finds a change of the size stated in `detectable`.
+    /// Power of the test: probability of detecting a change of the size stated in `detectable`.
     pub power: f64,
-    /// rms of the set's errors on the points, mm.
+    /// rms error of the parameter set on the measured points, mm.
     pub rms_mm: f64,
-    /// rms of its errors on the points held out when it was identified, mm.
+    /// rms error of the parameter set on the points that were held out when it was identified, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verified_rms_mm: Option<f64>,
-    /// The test; null if it cannot be made.
+    /// The statistical test; null if there are too few data for it.
     #[schema(required)]
     pub test: Option<CheckTestReport>,
-    /// The smallest changes that it finds with probability `power`, each alone; empty without a test.
+    /// The smallest single changes that the test detects with probability `power`; empty without a test.
     pub detectable: Vec<DetectableReport>,
-    /// What changed, the likeliest cause first; empty unless the verdict is `changed`.
+    /// Possible causes of the change, the likeliest first; empty unless the verdict is `changed`.
     pub likeliest: Vec<CauseReport>,
-    /// What to measure next.
+    /// Recommended next measurement.
     pub next: String,
 }
 
-/// The test of a quick check: the errors of the points, whitened by what the set's own uncertainty and noise let expect, and without what placing base
-/// and targets takes up. Their sum of squares over `n_combinations` is compared with Fisher's F.
+/// The statistical test of a quick check. The errors of the points are whitened with the covariance that follows from the uncertainty and the noise
+/// of the parameter set. The part that a new placement of base and targets can absorb is removed. The sum of squares divided by `n_combinations` is
+/// compared with Fisher's F distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CheckTestReport {
-    /// Sum of squares.
+    /// Sum of squares of the whitened errors.
     pub statistic: f64,
-    /// Equations less the numbers of base and targets that were placed anew.
+    /// Number of equations minus the number of parameters of base and targets, which are fitted again.
     pub n_combinations: usize,
-    /// Degrees of freedom of the noise, of the set's own session.
+    /// Degrees of freedom of the noise estimate, which comes from the session of the parameter set.
     pub freedom: f64,
-    /// Probability that an unchanged robot shows as much.
+    /// p-value: probability that an unchanged robot gives at least this statistic.
     pub probability: f64,
-    /// Error of a point that an unchanged robot is expected to show, 3-D, rms, mm.
+    /// Expected 3-D rms error of a point for an unchanged robot, mm.
     pub expected_rms_mm: f64,
 }
 
-/// The smallest change of one kind that a check finds.
+/// The smallest change of one parameter that a check detects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DetectableReport {
-    /// A joint's zero (`theta_offset_3`), or a shift of `base` or of `target_0` in the direction in which it shows least.
+    /// The parameter: a joint zero (`theta_offset_3`), or a shift of `base` or `target_0` in the direction that is hardest to detect.
     pub name: String,
     /// `deg` or `mm`.
     pub unit: String,
-    /// The change; null if these poses do not show it: base and targets are placed anew, or the target hardly leaves the joint's axis.
+    /// Size of the change; null if these poses cannot show it, because base and targets are fitted again or because the target lies almost on the
+    /// joint's axis.
     #[schema(required)]
     pub change: Option<f64>,
-    /// How far that change moves the target at these poses, rms, mm.
+    /// rms displacement of the target by this change at these poses, mm.
     #[schema(required)]
     pub tool_mm: Option<f64>,
 }
 
-/// A cause that explains the points.
+/// A possible cause of the change.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CauseReport {
-    /// The parameter; several names with "or" between them if the poses cannot decide which.
+    /// The parameter. Several names joined by "or" if the poses cannot tell these parameters apart.
     pub name: String,
     /// `deg` or `mm`.
     pub unit: String,
-    /// now − then.
+    /// Change: current value − value in the parameter set.
     pub delta: f64,
-    /// |delta| in units of its own uncertainty.
+    /// |delta| divided by its standard uncertainty.
     pub sigmas: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The mapping of a file's columns as callers write it: `{"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}`.
+//! The column mapping of a file, as callers write it: `{"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}`.
 
 use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
@@ -12,27 +12,31 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-/// Longest text in a mapping, characters.
+/// Maximum length of a text in a mapping, characters.
 const MAX_TEXT: usize = 200;
-/// Most entries of a mapping: a robot has at most 12 joints.
+/// Maximum number of entries of a mapping. This is ample, because a robot has at most 12 joints.
 const MAX_ENTRIES: usize = 100;
-/// Most columns that a mapping may ignore.
+/// Maximum number of columns that a mapping may ignore.
 const MAX_IGNORED: usize = 1000;
 /// Largest line and column number.
 const MAX_NUMBER: u64 = 1_000_000;
 
-/// What a caller says about the columns of a file. Keys are meanings with units (`q1_deg` or `q1_rad` …; `x_mm`, `_m`, `_cm`, `_um` or `_in`;
-/// `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`; `name`, `number`, `time_s`), values are
-/// the column's header or its number, counted from 1. Besides: `decimal` (`point`, `comma`), `separator` (`,` `;` `|` `tab` `spaces`), `header_row` (a line,
-/// counted from 1, or false), `comments` (true, false), `ignore` (columns), `sheet`, and for columns that name no unit `joint_unit` (`deg`, `rad`) and
-/// `position_unit` (`mm`, `m`, `cm`, `um`, `in`). For two files: what is said of one of them in `robot` and
-/// `instrument`, and `join` (`{"by": "name"|"number"|"time"|"order", "tolerance_s", "clock_offset_s"}`).
+/// Column mapping of a file. Each key is the meaning of a column, with its unit: `q1_deg` or `q1_rad` …; `x_mm`, `x_m`, `x_cm`, `x_um` or `x_in` …;
+/// `configuration`, `target`, `subset`, `measured_at`, `std_mm`, `station`, `session`, `sequence`, `temperature_c`; `name`, `number`, `time_s`. Each
+/// value is the header of the column, or its number counted from 1.
+///
+/// Further keys are settings: `decimal` (`point`, `comma`), `separator` (`,` `;` `|` `tab` `spaces`), `header_row` (a line number counted from 1, or
+/// false), `comments` (true, false), `ignore` (a list of columns), `sheet`, and the units of columns whose header has no unit: `joint_unit` (`deg`,
+/// `rad`) and `position_unit` (`mm`, `m`, `cm`, `um`, `in`).
+///
+/// For two files: `robot` and `instrument` contain the mapping of one of the files, and `join` says how their rows are joined (`{"by":
+/// "name"|"number"|"time"|"order", "tolerance_s", "clock_offset_s"}`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(value_type = Object, example = json!({"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}))]
 #[serde(transparent)]
 pub struct ColumnsBody(pub Map<String, Value>);
 
-/// A mapping that is kept under a name.
+/// A column mapping that is stored under a name.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 #[schema(as = ColumnMapping)]
 pub struct ColumnMappingAnswer {
@@ -44,21 +48,21 @@ pub struct ColumnMappingAnswer {
     pub created_at: String,
 }
 
-/// Which of an upload's files a mapping is wanted for.
+/// The file of an upload that a mapping is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FilePart {
-    /// The only one.
+    /// The only file.
     Table,
-    /// The robot's.
+    /// The robot's file, if there are two files.
     Robot,
-    /// The instrument's.
+    /// The instrument's file, if there are two files.
     Instrument,
 }
 
 names!(FilePart { Table = "table", Robot = "robot", Instrument = "instrument" });
 
 impl ColumnsBody {
-    /// Reads a mapping, and checks it as far as that is possible without a file.
+    /// Parses a mapping and makes all checks that are possible without the file.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer.
@@ -76,7 +80,7 @@ impl ColumnsBody {
         Ok(body)
     }
 
-    /// Checks everything that can be checked without a file.
+    /// Makes all checks that are possible without the file.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer.
@@ -88,8 +92,8 @@ impl ColumnsBody {
         Ok(())
     }
 
-    /// The mapping of one file. Of two files, `q1_deg …` is the robot's, every other column the instrument's, and a key (`name`, `number`, `time_s`) both
-    /// files'; what is in `robot` or `instrument` comes first.
+    /// The mapping of one file. With two files, the joint columns (`q1_deg …`) belong to the robot's file and all other columns to the instrument's
+    /// file. The join keys (`name`, `number`, `time_s`) belong to both files. Entries in `robot` or `instrument` take precedence.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer.
@@ -150,7 +154,7 @@ impl ColumnsBody {
         Ok(mapping)
     }
 
-    /// What it says about the join of two files.
+    /// The options for joining two files.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer.
@@ -195,7 +199,7 @@ impl ColumnsBody {
     }
 }
 
-/// Keys that are no columns.
+/// Keys that are settings and not meanings of columns.
 const SETTINGS: [&str; 8] = [
     "decimal",
     "separator",
@@ -210,7 +214,7 @@ const SETTINGS: [&str; 8] = [
 /// Units of joint values.
 const ANGLES: [&str; 2] = ["deg", "rad"];
 
-/// Reads the values of a mapping, and collects what is wrong.
+/// Reads the values of a mapping and collects the issues.
 #[derive(Default)]
 struct Reader {
     checker: Checker,

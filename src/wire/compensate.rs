@@ -1,4 +1,4 @@
-//! Corrected joint targets.
+//! Compensation: request and answer with corrected joint targets.
 
 pub use crate::compensation::{Base, Mode, Status};
 use crate::wire::corrections::PayloadBody;
@@ -12,18 +12,19 @@ use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most targets of one request: some seconds of one core.
+/// Maximum number of targets of one request. They take some seconds on one core.
 pub const MAX_TARGETS_PER_REQUEST: usize = 20_000;
-/// Farthest Cartesian target, mm.
+/// Largest absolute coordinate of a Cartesian target, mm.
 pub(super) const MAX_TARGET_MM: f64 = 100_000.0;
-/// Frames of targets that every robot has: its base frame, and the measuring frame.
+/// Frames that every robot has for its targets: the base frame and the measuring frame.
 pub const OWN_FRAMES: [&str; 2] = ["base", "measuring"];
 
-/// Targets to correct: `q_deg`, or `targets`. They must have been programmed offline: taught targets already contain the robot's errors.
+/// Targets to correct: either `q_deg` or `targets`. The targets must have been programmed offline, because taught targets already contain the robot's
+/// errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompensateBody {
-    /// The controller's joint values, degrees, target by target.
+    /// The controller's joint values of each target, degrees.
     #[schema(max_items = 20000)]
     #[serde(
         default,
@@ -43,41 +44,41 @@ pub struct CompensateBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub frame: Option<String>,
-    /// The tool is this reflector, 0-based.
+    /// Use this reflector as the tool, 0-based.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
     pub target: Option<usize>,
-    /// The tool centre point instead of a reflector.
+    /// The tool centre point, instead of a reflector.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolBody>,
-    /// The name of a tool of the robot, instead of `tool`.
+    /// The name of a stored tool of the robot, instead of `tool`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub tool_name: Option<String>,
     /// Whether the tool's pose is corrected, or only its position.
     #[serde(default)]
     pub mode: Mode,
-    /// The frame in which targets are reached; default: `measured` if positions were measured in the base frame, else `robot`.
+    /// The base frame in which the corrected targets are exact. Default: `measured` if positions were measured in the base frame, otherwise `robot`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base: Option<Base>,
-    /// Payload at these targets; default: the payload at the identification. Without corrections it has no effect.
+    /// Payload at these targets; default: the payload during the identification. The payload has no effect if the parameter set has no corrections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
 }
 
-/// A Cartesian target: where the tool has to be, and joint values near those that reach it.
+/// A Cartesian target: the pose of the tool, and joint values near the solution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CartesianTarget {
     /// Position of the tool in `frame`, mm.
     pub position_mm: [f64; 3],
-    /// Orientation of the tool in `frame`: w, x, y, z. With mode `pose` this or `rotation` is needed.
+    /// Orientation of the tool in `frame`: w, x, y, z. Mode `pose` needs either `quaternion` or `rotation`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quaternion: Option<[f64; 4]>,
     /// Orientation of the tool in `frame`: a rotation matrix, row by row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
-    /// The controller's joint values near the target, degrees: they choose the posture (elbow, wrist).
+    /// The controller's joint values near the target, degrees. They select the posture (elbow, wrist).
     pub q_near_deg: Vec<f64>,
 }
 
@@ -86,7 +87,7 @@ pub struct CartesianTarget {
 pub struct ToolPose {
     /// mm.
     pub position_mm: [f64; 3],
-    /// w, x, y, z with w not negative.
+    /// w, x, y, z with w ≥ 0.
     pub quaternion: [f64; 4],
 }
 
@@ -103,49 +104,54 @@ pub enum ErrorFrame {
 /// Corrected targets, in the order of the request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CompensateAnswer {
-    /// The controller's joint values with which the robot has its tool where the nominal robot would have it, degrees.
+    /// Corrected joint values for the controller, degrees. With them the tool of the real robot is where the tool of the nominal robot would be.
     pub q_deg: Vec<Vec<f64>>,
-    /// The frame of the errors below. Answers of older versions do not have this field; their frame is `robot_base`.
+    /// The frame of the errors below. Answers of older versions do not have this field; for them the frame is `robot_base`.
     #[serde(default = "ErrorFrame::default_robot_base")]
     pub frame: ErrorFrame,
     /// Position error of the tool with the requested joint values, mm.
     pub position_error_before_mm: Vec<f64>,
-    /// Position error of the tool with the corrected joint values, by the identified robot, mm.
+    /// Remaining position error of the tool with the corrected joint values, computed with the identified robot, mm.
     pub position_error_after_mm: Vec<f64>,
-    /// Orientation error of the tool with the corrected joint values, degrees.
+    /// Remaining orientation error of the tool with the corrected joint values, degrees.
     pub orientation_error_after_deg: Vec<f64>,
     /// Status of each target.
     pub status: Vec<Status>,
-    /// True if the corrected target is outside the measured region, where corrections fade to the links alone; always false without
-    /// corrections.
+    /// True if the corrected target is outside the measured region. There the corrections fade out, and only the link parameters remain. Always false
+    /// without corrections.
     pub extrapolated: Vec<bool>,
-    /// Standard uncertainty of the tool's position with the corrected joint values (3-D: the root of the three variances' sum), mm, in `frame`: of
-    /// the identified links and of the work frame. The robot's repeatability comes on top. Absent if the uncertainty of the links is not known.
+    /// Standard uncertainty of the tool's position with the corrected joint values, in `frame`, mm (3-D: root of the sum of the three variances). It
+    /// contains the uncertainty of the identified links and of the work frame. It does not contain the robot's repeatability. Absent if the
+    /// uncertainty of the links is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,
-    /// For Cartesian targets: the pose to give a controller that takes poses, so that its tool comes to the target. In the frame of the targets;
-    /// for targets in the measuring frame, which the controller does not know, in the robot's base frame.
+    /// For Cartesian targets: corrected poses, for a controller that is programmed with poses instead of joint values. They are in the frame of the
+    /// targets. For targets in the measuring frame they are in the robot's base frame, because the controller does not know the measuring frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<Vec<ToolPose>>,
     /// Identified errors that are not corrected.
     #[serde(default)]
     pub left_out: LeftOut,
-    /// Warnings: `pose_not_seen` if the measured positions do not determine the flange's pose completely, and this tool or mode depends on
-    /// it.
+    /// Warnings. `pose_not_seen`: the measured positions do not determine the flange's pose completely, and this tool or mode depends on the part
+    /// that is not determined.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
 
-/// Identified errors that are not corrected, because they count as the pose of base and tool. With `base: robot` these are all errors of
-/// link 1 (also a wrong mastering of joint 1), and `theta_offset` and `d` of the last link. With `base: measured` the base is corrected and its
-/// values are 0. Of the last link `theta_offset` is not corrected, nor `d` if it changed so much that it contains the length of a tool.
-/// Corrected targets are right in a base frame and on a flange that have moved by these values: measure the work object and the tool with
-/// this robot, or add the values to them. All are 0 if the set was identified from an instrument, which cannot determine them.
+/// Identified errors that are not corrected, because they are treated as part of the pose of base and tool.
+///
+/// With `base: robot` these are all errors of link 1 (also a wrong mastering of joint 1), and `theta_offset` and `d` of the last link. With `base:
+/// measured` the base is corrected, and the values of the base are 0. For the last link, `theta_offset` is not corrected; `d` is not corrected if it
+/// changed so much that it contains the length of a tool.
+///
+/// Corrected targets are exact in a base frame and on a flange that have moved by these values. So measure the work object and the tool with this
+/// robot, or add these values to them. All values are 0 if the set was identified in the frame of an instrument, because such a set cannot determine
+/// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeftOut {
-    /// Rotation of the base frame from the nominal one, degrees. A wrong mastering of joint 1 rotates it about the axis of that joint.
+    /// Rotation of the base frame relative to the nominal one, degrees. A wrong mastering of joint 1 rotates the base about the axis of joint 1.
     pub base_turn_deg: f64,
-    /// Shift of the base frame from the nominal one, mm.
+    /// Shift of the base frame relative to the nominal one, mm.
     pub base_shift_mm: f64,
     /// Rotation of the flange about the last axis, degrees.
     pub flange_turn_deg: f64,
@@ -154,7 +160,7 @@ pub struct LeftOut {
 }
 
 impl CompensateAnswer {
-    /// Appends the answer to the next part of a long program. `left_out` belongs to the parameter set and is the same in each part.
+    /// Appends the answer for the next part of a long program. `left_out` depends only on the parameter set, so it is the same for each part.
     pub fn extend(&mut self, next: Self) {
         self.q_deg.extend(next.q_deg);
         self.position_error_before_mm
@@ -173,7 +179,7 @@ impl CompensateAnswer {
 }
 
 impl CompensateBody {
-    /// Checks that need only the request and the number of joints.
+    /// Makes all checks that need only the request and the number of joints.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to everything that is wrong.
@@ -281,7 +287,7 @@ impl From<&IsometryMatrix3<f64>> for ToolPose {
     }
 }
 
-/// Both parts of a long program, if both have the values.
+/// Concatenates the values of two parts of a long program; none if one of the parts has no values.
 fn joined<T>(first: Option<Vec<T>>, next: Option<Vec<T>>) -> Option<Vec<T>> {
     let (mut all, next) = first.zip(next)?;
     all.extend(next);
@@ -304,7 +310,7 @@ impl ErrorFrame {
 }
 
 impl CompensateAnswer {
-    /// An answer without targets yet, with room for `n`.
+    /// An answer without targets, with capacity for `n` targets.
     pub fn with_capacity(n: usize, frame: ErrorFrame) -> Self {
         Self {
             q_deg: Vec::with_capacity(n),

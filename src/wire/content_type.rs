@@ -1,15 +1,16 @@
-//! What the content type of a CSV file declares: its decimal mark and its convention of rotations. It is stored with the upload.
+//! Parameters in the content type of a CSV file: the decimal mark and the rotation convention. The content type is stored with the upload.
 
 use crate::measurement::rotation_convention::CONVENTIONS;
 use crate::measurement::{Decimal, RotationConvention};
 use crate::wire::issue::Invalid;
 
-/// Parameter of a content type that declares decimal commas. It is stored with the upload, so that the stored bytes are parsed the same way again.
+/// Parameter of a content type that declares decimal commas. The parameter is stored with the upload, so that the stored bytes are parsed in the same
+/// way again.
 pub const DECIMAL_COMMA: &str = "decimal=comma";
-/// The same for decimal points.
+/// Parameter of a content type that declares decimal points.
 pub const DECIMAL_POINT: &str = "decimal=point";
 
-/// Decimal mark of a CSV file, from its content type, if that states one.
+/// Decimal mark that a content type declares, if any.
 pub fn declared_decimal(content_type: &str) -> Option<Decimal> {
     let mut parameters = content_type.split(';').skip(1);
     parameters.find_map(|parameter| match parameter.trim() {
@@ -19,24 +20,24 @@ pub fn declared_decimal(content_type: &str) -> Option<Decimal> {
     })
 }
 
-/// Parameter of a content type that declares what the angles of poses mean; stored like [`DECIMAL_COMMA`].
+/// Parameter of a content type that declares the rotation convention of poses. It is stored with the upload, like [`DECIMAL_COMMA`].
 const ROTATION: &str = "rotation=";
 
-/// A content type that declares a convention of rotations.
+/// Adds a rotation convention to a content type.
 pub fn with_rotation(content_type: &str, convention: RotationConvention) -> String {
     format!("{content_type}; {ROTATION}{convention}")
 }
 
-/// Convention of rotations, from a CSV file's content type.
+/// Rotation convention that a content type declares, if any.
 pub fn declared_rotation(content_type: &str) -> Option<RotationConvention> {
     let mut parameters = content_type.split(';').skip(1).map(str::trim);
     parameters.find_map(|parameter| parameter.strip_prefix(ROTATION)?.parse().ok())
 }
 
-/// Parses the name of a convention of rotations.
+/// Parses the name of a rotation convention.
 ///
 /// # Errors
-/// [`Invalid`] with what it may be.
+/// [`Invalid`] with a list of the possible names.
 pub fn rotation_convention(name: &str) -> Result<RotationConvention, Invalid> {
     name.parse().map_err(|_| {
         let shown: String = name.chars().take(40).collect();

@@ -1,4 +1,4 @@
-//! Corrections beyond link parameters, as part of a parameter set.
+//! Corrections in addition to link parameters, as part of a parameter set.
 
 use crate::identification::KinematicModel;
 use crate::identification::corrected::CorrectedModel;
@@ -14,24 +14,25 @@ use nalgebra::{IsometryMatrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Version of this shape. Other versions are refused, because their formula differs.
+/// Version of this document. Documents of other versions are refused, because their formula differs.
 pub const CORRECTIONS_VERSION: u32 = 1;
 /// Largest mass of a payload, kg.
 pub const MAX_PAYLOAD_KG: f64 = 10_000.0;
-/// Farthest centre of a payload from the flange, mm.
+/// Largest absolute coordinate of a payload's centre in the flange frame, mm.
 pub const MAX_PAYLOAD_OFFSET_MM: f64 = 10_000.0;
 
-/// Corrections beside `links_with_corrections`, and where they hold. With M_i the moment of gravity about the origin of frame i, in that
-/// frame, M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g on the links alone (lengths in metres, g a unit vector), and M_0 the same
-/// about the base's origin in the base frame:
+/// Corrections in addition to `links_with_corrections`, and the region in which they are valid.
+///
+/// M_i is the moment of gravity about the origin of frame i, expressed in frame i: M_i = R_iᵀ·Σ_{j≥i} [m_j·(o_j − o_i) + R_j·c_j] × g. It is computed
+/// with the link parameters only (lengths in metres, g a unit vector). M_0 is the same moment about the base's origin, in the base frame. Then:
 /// T_base_flange = Trans(net(q)) · Rot(B∘M_0) · Π [Rx(alpha)·Dx(a)·Ry(beta)·Rz(q + theta_offset + h(q))·Dz(d)·Rot(K_i∘M_i)].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CorrectionsContent {
-    /// 1.
+    /// Version of the formula: 1.
     pub version: u32,
-    /// Base in the measuring frame, as identified together with the corrections.
+    /// Pose of the base in the measuring frame, identified together with the corrections.
     pub t_instrument_base: Transform,
-    /// Where the reflectors are in the flange frame, as identified together with the corrections.
+    /// Positions of the reflectors in the flange frame, identified together with the corrections.
     pub targets: Vec<Target>,
     /// g: unit vector along gravity, in the base frame.
     pub gravity_in_base: [f64; 3],
@@ -43,17 +44,17 @@ pub struct CorrectionsContent {
     pub joint_compliance_deg: Vec<[f64; 3]>,
     /// B: rotation of the base about x, y and z of the base frame per unit moment, degrees.
     pub base_compliance_deg: [f64; 3],
-    /// Payload on the flange while the robot was measured, if it was stated; its mass is not among `masses`.
+    /// Payload on the flange while the robot was measured, if it was stated. Its mass is not contained in `masses`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
-    /// Kilograms per unit of mass, for the mass of a payload beside those of the links.
+    /// Kilograms per unit of mass. This converts the mass of a payload to the unit of `masses`.
     pub mass_unit_kg: f64,
-    /// h(q) = Σ sin_deg · sin(order·q) + cos_deg · cos(order·q), by joint; those that are not listed are 0.
+    /// h(q) = Σ sin_deg · sin(order·q) + cos_deg · cos(order·q), for each joint. Harmonics that are not listed are 0.
     pub harmonics: Vec<HarmonicContent>,
     /// net(q): displacement of the flange in the base frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network: Option<ResidualNetworkContent>,
-    /// The measured region. Outside of it predictions fade to those of `links`.
+    /// The measured region. Outside this region, predictions fade to those of `links`.
     pub measured: MeasuredRegionContent,
 }
 
@@ -64,7 +65,7 @@ pub struct PayloadBody {
     /// Mass, kg.
     #[schema(minimum = 0, maximum = 10000)]
     pub mass_kg: f64,
-    /// Its centre in the flange frame, mm; default: the flange's origin.
+    /// Centre of mass in the flange frame, mm; default: the flange's origin.
     #[serde(default)]
     pub centre_mm: [f64; 3],
 }
@@ -82,12 +83,13 @@ pub struct HarmonicContent {
     pub cos_deg: f64,
 }
 
-/// Single hidden layer: y = scale_mm · (W2·tanh(W1·x − T1) − T2), x_j = (q_j − centre_j) / half_range_j, q the model's joint values.
+/// Network with a single hidden layer: y = scale_mm · (W2·tanh(W1·x − T1) − T2), x_j = (q_j − centre_j) / half_range_j. q are the model's joint
+/// values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ResidualNetworkContent {
     /// Middle of each joint's range, degrees.
     pub centre_deg: Vec<f64>,
-    /// Half of that range, degrees.
+    /// Half of each joint's range, degrees.
     pub half_range_deg: Vec<f64>,
     /// W1, row by row: hidden × joints.
     pub hidden_weights: Vec<f64>,
@@ -101,16 +103,16 @@ pub struct ResidualNetworkContent {
     pub scale_mm: f64,
 }
 
-/// The joint values at which the robot was measured, in the model's convention (after the joint map).
+/// Region of joint values in which the robot was measured. Joint values are those of the model, i.e. after the joint map.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeasuredRegionContent {
     /// Smallest value of each joint, degrees.
     pub q_lowest_deg: Vec<f64>,
     /// Largest value of each joint, degrees.
     pub q_highest_deg: Vec<f64>,
-    /// Mean of each joint, degrees.
+    /// Mean value of each joint, degrees.
     pub q_mean_deg: Vec<f64>,
-    /// Lower triangle of the Cholesky factor of the joints' covariance, row by row, degrees.
+    /// Lower triangle of the Cholesky factor of the covariance of the joint values, row by row, degrees.
     pub q_spread_deg: Vec<f64>,
     /// Largest squared Mahalanobis distance of a measured pose from the others.
     pub farthest: f64,
@@ -221,7 +223,7 @@ impl ResidualNetworkContent {
 }
 
 impl CorrectionsContent {
-    /// The corrections of an identified robot. `targets` are its targets as the parameter set lists them.
+    /// The corrections of an identified robot. `targets` are its targets in the form of the parameter set.
     pub fn new(corrected: &CorrectedModel, targets: Vec<Target>) -> Self {
         let Corrections {
             compliance,
@@ -270,7 +272,7 @@ impl CorrectionsContent {
         }
     }
 
-    /// The core's model with these corrections and links. `segment`: the segment of targets that moved; default: the last.
+    /// The core's model with these corrections and links. `segment` selects the positions of targets that moved; default: the last segment.
     pub fn corrected_model(&self, links: Vec<Link>, segment: Option<u32>) -> CorrectedModel {
         let n_targets = self.targets.iter().map(|t| t.target + 1).max().unwrap_or(0);
         let target_mm = |target| {
@@ -320,7 +322,7 @@ impl CorrectionsContent {
         }
     }
 
-    /// Checks a document from outside (a parameter set in a file) against a robot of `n` links.
+    /// Checks a document from outside the service (a parameter set in a file) against a robot with `n` links.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to every part that does not fit.

@@ -1,4 +1,4 @@
-//! The estimate that is kept with a parameter set, for comparisons with later sessions. It is stored, and no route answers it.
+//! The estimate that is stored with a parameter set, for comparisons with later sessions. No route of the API returns it.
 
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
@@ -15,33 +15,33 @@ use crate::wire::robot::RobotBody;
 use nalgebra::{DMatrix, IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// An estimate, and what it is an estimate of. All numbers are written so that they read back to the same bits.
+/// An estimate, with the model and the robot geometry that it belongs to. All numbers are written so that they read back bit for bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoredEstimate {
     /// The model that was identified.
     pub model: Model,
     /// Hash of the robot's links and joint map, see [`geometry_sha256`].
     pub geometry_sha256: String,
-    /// Free parameters by name; rows of the matrices below are in their order.
+    /// Names of the free parameters. The rows of the matrices below have the same order.
     parameters: Vec<String>,
     /// Rotation from base to measuring frame, row by row.
     rotation: [[f64; 3]; 3],
-    /// Base in the measuring frame, mm.
+    /// Position of the base in the measuring frame, mm.
     translation_mm: [f64; 3],
     /// a (mm), alpha (rad), d (mm), theta_offset (rad), beta (rad) of each link.
     links: Vec<[f64; 5]>,
     /// Targets in the flange frame, mm.
     targets_mm: Vec<[f64; 3]>,
-    /// How targets are turned in it, row by row, where poses were measured.
+    /// Rotations of the targets in the flange frame, row by row; empty unless poses were measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     target_rotations: Vec<[[f64; 3]; 3]>,
-    /// Noise of a coordinate, mm, and its degrees of freedom.
+    /// Noise (standard deviation) of one coordinate, mm. `noise_freedom` is its degrees of freedom.
     noise_std_mm: f64,
     noise_freedom: f64,
     uncertainty: StoredUncertainty,
 }
 
-/// [`Uncertainty`].
+/// Stored form of [`Uncertainty`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct StoredUncertainty {
     noise_std_mm: f64,
@@ -64,10 +64,10 @@ struct Rows {
     rows: Vec<Vec<f64>>,
 }
 
-/// Hash of what an estimate depends on of its robot: nominal links without their limits, and the joint map.
+/// Hash of the part of a robot that an estimate depends on: the nominal links without joint limits, and the joint map.
 ///
 /// # Errors
-/// If it cannot be serialised; does not happen for finite numbers.
+/// If the robot cannot be serialised. This does not happen for finite numbers.
 pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
     let mut links = robot.links.clone();
     links
@@ -77,7 +77,7 @@ pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
 }
 
 impl StoredEstimate {
-    /// An estimate of a robot.
+    /// The stored form of an estimate.
     ///
     /// # Errors
     /// As [`geometry_sha256`].

@@ -18,26 +18,26 @@ pub enum ExportFormat {
     Yaml,
     /// One row per link.
     Csv,
-    /// A description for simulation and planning.
+    /// A URDF robot description, for simulation and planning.
     Urdf,
-    /// Joint origins as the drivers of Universal Robots read them; six joints.
+    /// Joint origins in the format of the Universal Robots drivers. Only for robots with six joints.
     UrKinematics,
-    /// Joint offsets for controllers that accept nothing else.
+    /// Joint offsets only, for controllers that accept no other parameters.
     Mastering,
 }
 
-/// Treatment of Hayati's beta.
+/// Treatment of the Hayati parameter beta.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BetaChoice {
-    /// Links with beta.
+    /// Export links with beta.
     #[default]
     Keep,
-    /// Links with beta 0 that are nearest over the workspace, and their remaining error.
+    /// Export links with beta = 0 that are fitted to the identified robot over the workspace, and state their remaining error.
     Refit,
 }
 
-/// The nominal robot and what was identified, in one document.
+/// The nominal robot and the identified parameters, in one document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ExportDocument {
     /// The parameter set.
@@ -47,7 +47,7 @@ pub struct ExportDocument {
     /// The identified parameters.
     #[serde(flatten)]
     pub content: ParameterSetContent,
-    /// With `beta=refit`: distance of the tool by these links from the tool by the identified ones.
+    /// With `beta=refit`: distance between the tool position of these links and that of the identified links.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_error_mm: Option<RemainingError>,
     /// Its provenance, and warnings.
@@ -55,7 +55,8 @@ pub struct ExportDocument {
     pub provenance: Provenance,
 }
 
-/// Distance of points 100 mm from the flange's origin from the same points by the identified links, over the workspace.
+/// Position error over the workspace, for points 100 mm from the flange's origin: distance between their positions computed with the exported and
+/// with the identified parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RemainingError {
     /// Mean, mm.
@@ -64,16 +65,16 @@ pub struct RemainingError {
     pub max: f64,
 }
 
-/// Joint offsets for a controller that accepts nothing else.
+/// Joint offsets, for a controller that accepts no other parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringDocument {
-    /// One per joint.
+    /// One offset for each joint.
     pub joints: Vec<MasteringOffset>,
-    /// Error of the tool that remains with them.
+    /// Error of the tool that remains with these offsets.
     pub remaining_error_mm: RemainingError,
 }
 
-/// JSON exports: the document with `format=json`, the offsets with `format=mastering`.
+/// A JSON export: the document with `format=json`, or the offsets with `format=mastering`.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum ExportAnswer {
@@ -83,14 +84,14 @@ pub enum ExportAnswer {
     Mastering(MasteringDocument),
 }
 
-/// Offset to add to a joint's value, in the controller's own sign: where the controller shows q, it should show q + offset.
+/// Offset to add to a joint's value, with the sign of the controller: where the controller displays q, it should display q + offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MasteringOffset {
     /// 1-based.
     pub joint: usize,
     /// Degrees.
     pub offset_deg: f64,
-    /// False for the first and the last joint: positions cannot distinguish their offsets from the pose of base and tool.
+    /// False for the first and the last joint, because position measurements cannot distinguish their offsets from the pose of base and tool.
     pub determined: bool,
 }
 

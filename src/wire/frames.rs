@@ -25,7 +25,7 @@ impl From<&IsometryMatrix3<f64>> for Transform {
     }
 }
 
-/// Restores the transformation bit for bit.
+/// Restores the transformation bit for bit, without normalising the rotation matrix.
 impl From<&Transform> for IsometryMatrix3<f64> {
     fn from(transform: &Transform) -> Self {
         let matrix = Matrix3::from_fn(|i, j| transform.rotation[i][j]);
@@ -36,14 +36,14 @@ impl From<&Transform> for IsometryMatrix3<f64> {
     }
 }
 
-/// Base and tool frame, with the circles behind them.
+/// Base and tool frame, with the fitted circles that they were computed from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FramesContent {
     /// Base frame in the instrument's frame.
     pub t_instrument_base: Transform,
-    /// The target's distance from the flange along its axis, mm.
+    /// Distance of the target from the flange along the flange's axis, mm.
     pub z_tool_mm: f64,
-    /// One circle for each swept joint.
+    /// The fitted circle of each swept joint.
     pub circles: Vec<Circle>,
 }
 
@@ -71,9 +71,9 @@ pub struct FramesAnswer {
     pub robot_id: String,
     /// Base frame in the instrument's frame.
     pub t_instrument_base: Transform,
-    /// The target's distance from the flange along its axis, mm.
+    /// Distance of the target from the flange along the flange's axis, mm.
     pub z_tool_mm: f64,
-    /// One circle for each swept joint.
+    /// The fitted circle of each swept joint.
     pub circles: Vec<Circle>,
     /// RFC 3339, UTC.
     pub created_at: String,

@@ -14,14 +14,14 @@ use utoipa::ToSchema;
 pub struct HistoryAnswer {
     /// Newest first.
     pub items: Vec<HistoryItem>,
-    /// For the next page, if there is one.
+    /// Cursor for the next page, if there is one.
     #[schema(required)]
     pub next_cursor: Option<String>,
     /// Number of identifications on all pages.
     #[serde(default)]
     #[schema(minimum = 0, required)]
     pub total: i64,
-    /// Growth of the released set's error, and when to calibrate next.
+    /// Growth of the error of the released parameter set, and when to calibrate next.
     pub trend: Trend,
 }
 
@@ -36,11 +36,11 @@ pub struct HistoryItem {
     pub status: ParameterSetStatus,
     /// Every free parameter, with its uncertainty.
     pub parameters: Vec<ParameterReport>,
-    /// Root mean square error of the held-out points, mm; null if there were none.
+    /// Root mean square error of the held-out points, mm; null if there were no held-out points.
     #[schema(required)]
     pub verify_rms_mm: Option<f64>,
-    /// Changes since the session before, in units of their own uncertainty. Empty if nothing changed beyond chance, or there was no session
-    /// before.
+    /// Significant changes since the previous session, in units of their standard uncertainty. Empty if no change is significant, or if there was no
+    /// previous session.
     pub changed: Vec<ChangeReport>,
 }
 
@@ -51,14 +51,14 @@ pub struct CompareAnswer {
     pub parameter_set_id: String,
     /// The set it is compared with.
     pub with: String,
-    /// Mean distance of the tool over the map, mm.
+    /// Mean distance between the tool positions of the two sets over the map, mm.
     pub mean_mm: f64,
-    /// The largest, mm.
+    /// Largest distance over the map, mm.
     pub max_mm: f64,
-    /// The tool at seeded configurations within the joint limits.
+    /// Tool positions at seeded random configurations within the joint limits.
     pub map: Vec<MapPoint>,
-    /// Whether the sessions of the two sets differ beyond chance; null if both come from one upload, or if one of the sessions alone is too
-    /// small to identify from.
+    /// Test whether the sessions of the two sets differ significantly. Null if both sets come from one upload, or if one of the sessions is too small
+    /// to identify parameters from it alone.
     #[schema(required)]
     pub sessions: Option<SessionTest>,
 }
@@ -68,22 +68,22 @@ pub struct CompareAnswer {
 pub struct MapPoint {
     /// The controller's joint values, degrees.
     pub q_deg: Vec<f64>,
-    /// Position of the tool by the nominal robot, base frame, mm.
+    /// Position of the tool of the nominal robot, in the base frame, mm.
     pub position_mm: [f64; 3],
-    /// Tool by the set in the path − tool by the other one, base frame, mm.
+    /// Tool position with the set in the path − tool position with the other set, in the base frame, mm.
     pub difference_mm: [f64; 3],
 }
 
-/// One test of all link parameters together.
+/// A joint test of all link parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SessionTest {
-    /// dᵀ·V⁻¹·d of the combinations of link parameters that both sessions determine.
+    /// Test statistic dᵀ·V⁻¹·d, where d is the difference of the combinations of link parameters that both sessions determine.
     pub chi_square: f64,
     /// Number of these combinations.
     pub n_combinations: usize,
-    /// Probability of at least this value for an unchanged robot.
+    /// p-value: probability of at least this value for an unchanged robot.
     pub probability: f64,
-    /// Differences, including those of base and targets.
+    /// All differences, including those of base and targets.
     pub changed: Vec<ChangeReport>,
 }
 

@@ -2,10 +2,10 @@
 
 use crate::wire::issue::Invalid;
 
-/// Longest text that is looked up as an id. The service's ids have 36 characters.
+/// Maximum length of a text that is looked up as an id. The ids of this service have 36 characters.
 pub(super) const MAX_ID: usize = 100;
 
-/// Whether a text may be an id of this service. Other texts are not looked up: PostgreSQL accepts no U+0000, and a long text costs time.
+/// Whether a text may be an id of this service. Other texts are not looked up, because PostgreSQL does not accept U+0000 and a long text costs time.
 pub fn is_plausible(id: &str) -> bool {
     id.len() <= MAX_ID
         && id
@@ -13,7 +13,7 @@ pub fn is_plausible(id: &str) -> bool {
             .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
 }
 
-/// Refusal of an id that this robot does not have. The answer is the same whether or not another robot has it.
+/// Refusal of an id that does not belong to this robot. The answer is the same whether or not the id belongs to another robot.
 pub fn unknown(at: &str, what: &str) -> Invalid {
     Invalid::at(
         at,
@@ -22,7 +22,7 @@ pub fn unknown(at: &str, what: &str) -> Invalid {
     )
 }
 
-/// Refuses a text that cannot be an id, with the answer for an unknown id.
+/// Refuses a text that cannot be an id. The answer is the same as for an unknown id.
 ///
 /// # Errors
 /// [`Invalid`]: `unknown_reference`.

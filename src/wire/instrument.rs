@@ -1,4 +1,4 @@
-//! What an instrument at the origin of the measuring frame states of its noise: in uploads, and in the summary of a set.
+//! Noise model of a measuring instrument at the origin of the measuring frame, as stated in uploads and in the summary of a set.
 
 use crate::measurement::csv::{MAX_STD_MM, MIN_STD_MM};
 use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD};
@@ -9,18 +9,18 @@ use crate::wire::issue::{Invalid, Issue};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Noise of an instrument that measures a length and two angles, such as a laser tracker: along its beam `range_std_mm` + `range_std_mm_per_m` · length,
-/// across it length · `angle_std_deg`. One standard deviation each. The instrument is the origin of the measuring frame, of every station its
-/// own. `range_std_mm` and `angle_std_deg` belong together; `levelled` may stand alone.
+/// Noise and level of an instrument that measures a range and two angles, such as a laser tracker. Each noise is one standard deviation. Along the beam
+/// it is `range_std_mm` + `range_std_mm_per_m` · range; across the beam it is range · `angle_std_deg`. The instrument is at the origin of the
+/// measuring frame; each station has its own measuring frame. `range_std_mm` and `angle_std_deg` must be given together; `levelled` may stand alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Instrument)]
 pub struct InstrumentBody {
-    /// Standard uncertainty of a length, mm: the part that does not depend on it.
+    /// Standard uncertainty of the range, mm: the part that does not depend on the range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1e-6, maximum = 1000)]
     pub range_std_mm: Option<f64>,
-    /// And the part that grows with it, mm per m; default 0.
+    /// Standard uncertainty of the range: the part that grows with the range, mm per m; default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1000)]
     pub range_std_mm_per_m: Option<f64>,
@@ -33,24 +33,24 @@ pub struct InstrumentBody {
     pub levelled: Option<bool>,
 }
 
-/// An instrument, and where it is stated.
+/// The noise of an instrument, and where it is stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
-    /// What it states.
+    /// The stated noise.
     pub instrument: InstrumentBody,
-    /// True if a JSON body states it, under `/instrument`; else parameters beside the file do.
+    /// True if it is stated in a JSON body, under `/instrument`; false if it is stated in the query parameters.
     pub in_body: bool,
 }
 
-/// Codes of refusals.
+/// Codes of issues.
 const OUT_OF_RANGE: &str = "out_of_range";
 const INCOMPLETE: &str = "incomplete_instrument";
 const IN_BASE_FRAME: &str = "instrument_in_base_frame";
-/// A noise is stated by the points and by their instrument, or twice by a point.
+/// Code of an issue: the noise is stated both by the points and by their instrument, or twice by a point.
 pub const TWICE: &str = "noise_stated_twice";
 
 impl InstrumentBody {
-    /// Of parameters beside a file; `None` where none is given.
+    /// From the parameters of a query; `None` if no parameter is given.
     pub fn of_parameters(
         range_std_mm: Option<f64>,
         range_std_mm_per_m: Option<f64>,
@@ -66,7 +66,7 @@ impl InstrumentBody {
         (instrument != Self::default()).then_some(instrument)
     }
 
-    /// What it states, by name and value, for a query.
+    /// Names and values of the given parameters, for a query.
     pub fn parameters(&self) -> impl Iterator<Item = (&'static str, String)> {
         let noise = self.noise_numbers();
         let noise = noise.map(|(name, value)| (name, value.to_string()));
@@ -74,7 +74,7 @@ impl InstrumentBody {
         noise.chain(levelled.map(|levelled| ("instrument_levelled", levelled.to_string())))
     }
 
-    /// The numbers of its noise that it states, by name.
+    /// Names and values of the given noise parameters.
     fn noise_numbers(&self) -> impl Iterator<Item = (&'static str, f64)> {
         let all = [
             ("range_std_mm", self.range_std_mm),
@@ -86,10 +86,10 @@ impl InstrumentBody {
     }
 }
 
-/// The instrument of a body, or of the parameters beside it.
+/// The instrument that the body states, or the one that the query parameters state.
 ///
 /// # Errors
-/// [`Invalid`] if both state one.
+/// [`Invalid`] if both state an instrument.
 pub fn resolve(
     body: Option<InstrumentBody>,
     beside: Option<InstrumentBody>,
@@ -111,10 +111,10 @@ pub fn resolve(
 }
 
 impl Stated {
-    /// The noise that it states.
+    /// Checks the values and converts them to the core's noise model.
     ///
     /// # Errors
-    /// [`Invalid`] with the parameter or JSON pointer of everything that is wrong.
+    /// [`Invalid`] with the parameter or JSON pointer of each invalid value.
     pub fn noise(&self, frame: Frame) -> Result<InstrumentNoise, Invalid> {
         let InstrumentBody {
             range_std_mm,
@@ -185,10 +185,10 @@ impl Stated {
         }
     }
 
-    /// States of a set what it says: its level, and the noise of every point.
+    /// Sets the level of a measurement set, and the noise of every point.
     ///
     /// # Errors
-    /// As [`Self::noise`]; if points state their own noise; and if a level is stated of positions in the base frame.
+    /// As [`Self::noise`]; if the points state their own noise; and if a level is given for positions in the base frame.
     pub fn state(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
         set.is_levelled = self.instrument.levelled == Some(true);
         if set.is_levelled && set.frame == Frame::Base {

@@ -1,19 +1,19 @@
-//! Issues of an upload or a request body, each with its position.
+//! Issues in an upload or a request body, each with its position.
 
 use crate::wire::joint_map::JointMapBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Largest number of issues in one answer: enough to correct a file at once, few enough to read.
+/// Maximum number of issues in one answer. This is enough to correct a file in one go, and few enough to read.
 pub const MAX_ISSUES: usize = 100;
 
-/// One fault of the input: where, what, and how to correct it.
+/// One error in the input: where it is, what it is, and how to correct it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Issue {
     /// 0-based data row of a CSV file (the header is not counted).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub row: Option<usize>,
-    /// Line of the file, or row of the sheet, on which that row begins, counted from 1.
+    /// Line of the file, or row of the sheet, on which the data row begins, counted from 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<usize>,
     /// Column of a CSV file, or name of a query parameter.
@@ -22,7 +22,7 @@ pub struct Issue {
     /// JSON pointer (RFC 6901) into the request body.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pointer: Option<String>,
-    /// Stable, machine-readable reason.
+    /// Stable, machine-readable code.
     pub code: String,
     /// Description, with the value found and a hint.
     pub detail: String,
@@ -61,13 +61,13 @@ impl Issue {
     }
 }
 
-/// Input that was parsed but cannot be used (422), with all reasons.
+/// Input that was parsed but cannot be used (HTTP status 422), with all issues.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", self.summary())]
 pub struct Invalid {
     /// Code of the problem as a whole.
     pub code: &'static str,
-    /// The reasons, at most [`MAX_ISSUES`].
+    /// The issues, at most [`MAX_ISSUES`].
     pub issues: Vec<Issue>,
 }
 
@@ -80,7 +80,7 @@ impl Invalid {
         }
     }
 
-    /// First issue, and the number of further ones.
+    /// Text of the first issue, and the number of further issues.
     pub fn summary(&self) -> String {
         let Some(first) = self.issues.first() else {
             return "the input cannot be used".into();
@@ -154,7 +154,7 @@ impl Checker {
         }
     }
 
-    /// As [`Self::text`], for text that people read: it must contain a letter or a digit.
+    /// As [`Self::text`], and the text must contain a letter or a digit, because people read it.
     pub fn words(&mut self, pointer: &str, text: &str, max: usize) {
         self.text(pointer, text, max);
         if !text.is_empty() && !text.chars().any(is_readable) {
@@ -182,7 +182,7 @@ impl Checker {
     }
 }
 
-/// Whether a character is visible and readable. Hangul fillers count as letters but are blank.
+/// Whether a character is visible and readable. Hangul fillers are excluded: they are letters in Unicode, but are displayed as blanks.
 fn is_readable(c: char) -> bool {
     c.is_alphanumeric() && !matches!(c, '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}')
 }

@@ -1,4 +1,4 @@
-//! Request body of a job. Its status and answer are in [`crate::wire::job_answer`].
+//! Request body of a job. The status and the answer of a job are in [`crate::wire::job_answer`].
 
 use crate::calibration::corrections_are_wanted;
 use crate::calibration::request::{self, CalibrationRequest, PreviousSession, VerifySource};
@@ -20,7 +20,7 @@ use crate::wire::sessions;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Highest priority of a job; the lowest is its negative.
+/// Highest priority of a job. The lowest priority is `-MAX_PRIORITY`.
 pub const MAX_PRIORITY: i64 = 10;
 
 /// Kind of a job.
@@ -30,119 +30,121 @@ pub enum Kind {
     /// Identifies parameters.
     #[default]
     Identify,
-    /// Scores a parameter set on all points; identifies nothing.
+    /// Scores a parameter set on all points. No parameters are identified.
     Verify,
-    /// Says from five to ten configurations, or more, whether the released set still holds; identifies nothing.
+    /// Checks with a few configurations (five to ten, or more) whether the released parameter set is still valid. No parameters are identified.
     Check,
 }
 
 names!(Kind { Identify = "identify", Verify = "verify", Check = "check" });
 
 impl Kind {
-    /// True if a job of this kind scores a parameter set and identifies nothing.
+    /// True if a job of this kind scores a parameter set and does not identify parameters.
     pub fn scores(self) -> bool {
         self != Self::Identify
     }
 }
 
-/// A calibration to run. Only the set is required: `measurement_set_id`, or for several sessions `measurement_set_ids`.
+/// A calibration to run. The only required field is `measurement_set_id`, or `measurement_set_ids` for several sessions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobRequestBody {
-    /// The measured points.
+    /// The measurement set of a single session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measurement_set_id: Option<String>,
-    /// Instead of it: the sets of several sessions of one robot, each with its own base, targets and noise. They are compared first, and fitted
-    /// together only if the robot was the same in all of them; else the job fails with `sessions_differ`.
+    /// Instead of `measurement_set_id`: the measurement sets of several sessions of one robot. Each session has its own base, targets and noise. The
+    /// sessions are compared first. They are fitted together only if the robot did not change between them; otherwise the job fails with
+    /// `sessions_differ`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measurement_set_ids: Option<Vec<String>>,
     /// Kind of job.
     #[serde(default)]
     pub kind: Kind,
-    /// `kind: verify`: the parameter set to score; default: the active one, else the nominal robot. `kind: check`: the one to check; default: the
-    /// active one. `kind: identify`: the one whose session to compare with; default: the robot's last from another upload.
+    /// `kind: verify`: the parameter set to score; default: the active set, or the nominal robot if there is none. `kind: check`: the parameter set
+    /// to check; default: the active set. `kind: identify`: the parameter set whose session the new session is compared with; default: the robot's
+    /// last parameter set from another upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_id: Option<String>,
     /// Method of identification.
     #[serde(default)]
     pub method: Method,
-    /// Which parameters exist; default: complete; paper with `frames_id`, and for a set in the base frame with preset paper.
+    /// Kinematic model. Default: `complete`; but `paper` with `frames_id`, and for a set in the base frame with preset `paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
-    /// Default values of options.
+    /// The preset, which sets the default values of options.
     #[serde(default)]
     pub preset: Preset,
     /// Choice of free parameters; default: all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameters: Option<ParametersBody>,
-    /// Base and tool frame from sweeps.
+    /// Base and tool frame that were computed from sweeps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames_id: Option<String>,
-    /// The network for `bpnn_pso`, and for `auto` if least squares from nominal does not find the robot; default: the newest of the same
-    /// model, preset and parameters.
+    /// The network for method `bpnn_pso`. Method `auto` uses it if least squares from the nominal parameters fails. Default: the newest network with
+    /// the same model, preset and parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
-    /// The residual network from which training continues, if corrections are searched; default: the robot's newest that was not trained on
-    /// these points. It is chosen when the job is posted.
+    /// The residual network from which training continues, if the job searches for corrections. Default: the robot's newest residual network that was
+    /// not trained on these points. The network is chosen when the job is posted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network_id: Option<String>,
-    /// Seed of every random number.
+    /// Seed of all random numbers of the job.
     #[serde(default)]
     pub seed: u64,
-    /// Levenberg-Marquardt after the swarm; default: true, false in preset paper.
+    /// Whether Levenberg-Marquardt refines the result of the swarm. Default: true; false in preset `paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<bool>,
-    /// Where the verify points come from.
+    /// Source of the points that are held out for verification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify: Option<VerifyBody>,
-    /// Points to which the delivered parameters are fitted after the verification; default: all, identify_subset in preset paper and with
-    /// `refine: false`.
+    /// The points to which the delivered parameters are fitted after the verification. Default: `all`; but `identify_subset` in preset `paper` and
+    /// with `refine: false`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub final_fit: Option<FinalFit>,
-    /// Jobs of a higher priority run first, -10 to 10; above 0 requires a key with the scope admin.
+    /// Priority, -10 to 10. Jobs with a higher priority run first. A priority above 0 requires a key with the scope `admin`.
     #[serde(default, skip_serializing_if = "is_zero")]
     #[schema(minimum = -10, maximum = 10)]
     pub priority: i64,
-    /// Corrections beyond link parameters; default: auto, off in preset paper.
+    /// Corrections in addition to link parameters. Default: `auto`; `off` in preset `paper`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<CorrectionsChoice>,
-    /// Payload on the flange while the set was measured; with it, corrections hold for other payloads too.
+    /// Payload on the flange while the set was measured. If it is given, the corrections are also valid for other payloads.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
     /// Search options.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub options: Option<OptionsBody>,
-    /// `kind: check`: what happened to the robot before; what it may have changed is suspected first.
+    /// `kind: check`: what happened to the robot before the check. Parameters that this event may have changed are suspected first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after: Option<After>,
 }
 
-/// Where the verify points come from.
+/// Source of the points that are held out for verification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "source", rename_all = "snake_case", deny_unknown_fields)]
 pub enum VerifyBody {
     /// The set's `subset` column.
     Subset,
-    /// A seeded share of the configurations.
+    /// A random share of the configurations, chosen with the seed.
     Fraction {
-        /// Between 0 and 1.
+        /// The share, between 0 and 1.
         fraction: f64,
     },
-    /// Another set of the same robot.
+    /// Another measurement set of the same robot.
     Set {
         /// Id of that set.
         measurement_set_id: String,
     },
 }
 
-/// Parsed documents that a job refers to.
+/// The parsed documents that a job refers to.
 #[derive(Clone, Debug)]
 pub struct JobParts {
     /// The robot.
     pub robot: Robot,
-    /// The measurement set; of several sessions the first.
+    /// The measurement set; with several sessions, the first one.
     pub set: MeasurementSet,
-    /// The other sessions' sets, in the order of the request.
+    /// The measurement sets of the other sessions, in the order of the request.
     pub further_sets: Vec<MeasurementSet>,
     /// The set of `verify: {source: "set"}`.
     pub verify_set: Option<MeasurementSet>,
@@ -150,14 +152,14 @@ pub struct JobParts {
     pub frames: Option<crate::frames::PreliminaryFrames>,
     /// The network that was chosen when the job was posted.
     pub network: Option<TrainedNetwork>,
-    /// The residual network that was chosen when the job was posted; training continues from it.
+    /// The residual network that was chosen when the job was posted. Training continues from this network.
     pub residual_network: Option<ResidualNetwork>,
     /// The session of the robot's last identification, to compare with.
     pub previous: Option<PreviousSession>,
 }
 
 impl JobRequestBody {
-    /// The request for a set, everything else by default.
+    /// A request for one measurement set, with defaults for all other fields.
     pub fn for_set(measurement_set_id: &str) -> Self {
         Self {
             measurement_set_id: Some(measurement_set_id.into()),
@@ -183,7 +185,7 @@ impl JobRequestBody {
         }
     }
 
-    /// The request for several sessions, everything else by default.
+    /// A request for several sessions, with defaults for all other fields.
     pub fn for_sets(measurement_set_ids: Vec<String>) -> Self {
         Self {
             measurement_set_id: None,
@@ -192,14 +194,14 @@ impl JobRequestBody {
         }
     }
 
-    /// The sets that are fitted or scored, in order.
+    /// The measurement sets that are fitted or scored, in order.
     pub fn set_ids(&self) -> Vec<&str> {
         let several = self.measurement_set_ids.iter().flatten();
         let all = self.measurement_set_id.iter().chain(several);
         all.map(String::as_str).collect()
     }
 
-    /// Where the request names the set of this place.
+    /// JSON pointer to the measurement set with this index.
     pub fn set_pointer(&self, place: usize) -> String {
         match self.measurement_set_ids {
             Some(_) => format!("/measurement_set_ids/{place}"),
@@ -207,10 +209,11 @@ impl JobRequestBody {
         }
     }
 
-    /// Checks that need only the request.
+    /// Makes all checks that need only the request.
     ///
     /// # Errors
-    /// [`Invalid`]: `invalid_job` for values out of range and for fields that the job would ignore, `unknown_reference` for texts that cannot be ids.
+    /// [`Invalid`]: `invalid_job` for values that are out of range and for fields that the job would ignore, `unknown_reference` for texts that
+    /// cannot be ids.
     pub fn check(&self) -> Result<(), Invalid> {
         sessions::check(
             self.measurement_set_id.as_ref(),
@@ -251,7 +254,7 @@ impl JobRequestBody {
         self.check_applicable()
     }
 
-    /// Refuses of several sessions what only one can have.
+    /// For a job with several sessions: refuses fields that are only possible with one session.
     fn check_of_one_session(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         let cases = [
@@ -376,7 +379,7 @@ impl JobRequestBody {
         checker.finish("invalid_job")
     }
 
-    /// True if the job searches for corrections. The last of them is the residual network.
+    /// True if the job searches for corrections. The last of these corrections is the residual network.
     pub fn may_train_residual_network(&self) -> bool {
         let has_priors = self
             .parameters
@@ -386,7 +389,7 @@ impl JobRequestBody {
         self.kind == Kind::Identify && are_wanted && !has_priors && !self.holds_parameter_set()
     }
 
-    /// True for a partial recalibration.
+    /// True for a partial recalibration: all parameters that are not identified keep the values of a parameter set.
     pub fn holds_parameter_set(&self) -> bool {
         self.kind == Kind::Identify
             && self
@@ -395,16 +398,16 @@ impl JobRequestBody {
                 .is_some_and(|p| p.rest == Some(Rest::ParameterSet))
     }
 
-    /// The model that is identified from a set in this frame: the requested one, else the default.
+    /// The model that is identified from a set in this frame: the requested model, or the default.
     pub fn model_for(&self, frame: Frame) -> Model {
         self.model
             .unwrap_or_else(|| request::default_model(self.preset, frame, self.frames_id.is_some()))
     }
 
-    /// The core's request of this body and the documents that it refers to.
+    /// Converts this body, and the documents that it refers to, to a request of the core.
     ///
     /// # Errors
-    /// As [`JobRequestBody::check`], and for priors that do not fit robot and model.
+    /// As [`JobRequestBody::check`], and for priors that do not fit the robot and the model.
     pub fn calibration_request(&self, parts: JobParts) -> Result<CalibrationRequest, Invalid> {
         self.check()?;
         let priors = self

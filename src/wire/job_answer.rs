@@ -12,13 +12,13 @@ use utoipa::ToSchema;
 pub enum JobStatus {
     /// Waiting for a worker.
     Queued,
-    /// A worker computes it.
+    /// A worker computes the job.
     Running,
-    /// Done; report and parameter set exist.
+    /// Done; the report exists, and after an identification the parameter set.
     Succeeded,
     /// Ended without a result; `error` has the cause.
     Failed,
-    /// Stopped on request.
+    /// Cancelled on request.
     Cancelled,
 }
 
@@ -50,21 +50,21 @@ pub enum Stage {
     TrainNetwork,
     /// Least squares refines the swarm's result.
     Refine,
-    /// Corrections beyond link parameters are searched.
+    /// The job searches for corrections in addition to link parameters.
     Corrections,
-    /// Least squares on the same points, to compare with.
+    /// Least squares on the same points, for comparison.
     CompareLeastSquares,
-    /// A cold swarm on the same points, to compare with.
+    /// A cold swarm on the same points, for comparison.
     ComparePso,
-    /// A swarm from the last answer, to compare with.
+    /// A swarm that starts from the last identified parameters, for comparison.
     CompareWarmStart,
     /// The delivered parameters are fitted to all points of the upload.
     FinalFit,
     /// Errors and uncertainties are computed.
     Uncertainty,
-    /// The uncertainty of the parameters that a partial recalibration holds.
+    /// The uncertainty of the parameters that a partial recalibration holds is computed.
     HeldUncertainty,
-    /// The session is compared with the one before, or several sessions of the job with each other.
+    /// The session is compared with the previous session, or the sessions of the job are compared with each other.
     CompareSessions,
     /// A parameter set is scored.
     Verify,
@@ -79,12 +79,12 @@ names!(Stage {
 });
 
 impl Stage {
-    /// Stage with this name in the core.
+    /// The stage that has this name in the core.
     pub fn parse(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|stage| stage.as_str() == name)
     }
 
-    /// True for the main method. Iterations are counted for it only.
+    /// True for the main method. Iterations are counted only in these stages.
     pub fn has_iterations(self) -> bool {
         matches!(self, Self::LeastSquares | Self::Pso | Self::BpnnPso)
     }
@@ -96,9 +96,9 @@ pub struct ProgressAnswer {
     /// Current stage; absent in progress that an older version stored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stage: Option<Stage>,
-    /// Finished iterations of the main method. Other stages follow it and have none.
+    /// Number of finished iterations of the main method. The stages after the main method have no iterations.
     pub iteration: u64,
-    /// Largest number of iterations, which is seldom reached; 0 before the main method.
+    /// Maximum number of iterations, which is rarely reached; 0 before the main method.
     pub n_iterations: u64,
     /// Smallest F so far, mm².
     #[schema(required)]
@@ -112,11 +112,11 @@ pub struct JobAnswer {
     pub id: String,
     /// The robot.
     pub robot_id: String,
-    /// The measurement set; of several sessions the first, `request` names all.
+    /// The measurement set. With several sessions, the set of the first session; `request` has all sets.
     pub measurement_set_id: String,
     /// Its kind.
     pub kind: Kind,
-    /// The requested method; the report has the one that ran.
+    /// The requested method. The report has the method that was used.
     pub method: Method,
     /// The request, as it was parsed.
     pub request: JobRequestBody,
@@ -124,25 +124,25 @@ pub struct JobAnswer {
     pub status: JobStatus,
     /// Number of attempts.
     pub attempt: u32,
-    /// Its progress.
+    /// Progress of the current attempt.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<ProgressAnswer>,
-    /// Why it failed.
+    /// Why the job failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Problem>,
-    /// The parameter set that it verifies, at which it holds parameters, or with which it is compared; chosen when it was posted.
+    /// The parameter set that the job verifies, whose values it holds, or whose session it is compared with. It is chosen when the job is posted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_from: Option<String>,
-    /// Its parameter set, once it has succeeded.
+    /// The parameter set that the job identified, once it has succeeded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_id: Option<String>,
-    /// The network it trained, if it was a swarm.
+    /// The network that the job trained, if its method was a swarm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network_id: Option<String>,
-    /// The residual network from which its training continues, chosen when it was posted.
+    /// The residual network from which training continues. It is chosen when the job is posted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network_from: Option<String>,
-    /// The residual network of its corrections, if they use one.
+    /// The residual network that the job trained, if its corrections use one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_network_id: Option<String>,
     /// RFC 3339, UTC.
@@ -153,7 +153,7 @@ pub struct JobAnswer {
     /// RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finished_at: Option<String>,
-    /// Version of the robot that it computes with, if the robot had been edited.
+    /// Version of the robot that the job computes with, if the robot had been edited.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot_version: Option<i64>,
     /// When it was archived: RFC 3339, UTC.
@@ -164,7 +164,7 @@ pub struct JobAnswer {
 /// One server-sent event of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobEvent {
-    /// `progress` at each change of the job, `finished` once when it has ended.
+    /// `progress` after each change of the job, `finished` once when the job has ended.
     pub event: JobEventName,
     /// The job, in JSON.
     pub data: String,

@@ -13,18 +13,18 @@ pub struct JointMapBody {
     /// +1 or -1 for each joint; default: all +1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sign: Option<Vec<f64>>,
-    /// Added last, degrees; default: all 0.
+    /// Offset of each joint, added last, degrees; default: all 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<Vec<f64>>,
-    /// n rows of n values, invertible; default: the identity.
+    /// Invertible matrix of n rows with n values each; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coupling: Option<Vec<Vec<f64>>>,
 }
 
-/// Fills every field; angles in degrees.
+/// Fills every field, also those with default values. Angles are in degrees.
 impl From<&JointMap> for JointMapBody {
     fn from(map: &JointMap) -> Self {
-        // Removes the rounding error of radians.
+        // Rounds to 1e-9°, to remove the rounding error of the conversion from radians.
         let rounded_deg = |rad: &f64| (to_degrees(*rad) * 1e9).round() / 1e9;
         Self {
             sign: Some(map.sign.clone()),
@@ -40,7 +40,7 @@ impl From<&JointMap> for JointMapBody {
 }
 
 impl JointMapBody {
-    /// The joint map of a robot with `n` joints. Call it after the checks.
+    /// The joint map of a robot with `n` joints. The body must have been checked before.
     pub(super) fn joint_map(&self, n: usize) -> JointMap {
         JointMap {
             sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
@@ -56,7 +56,7 @@ impl JointMapBody {
     }
 }
 
-/// A matrix from its rows, all of the same length.
+/// A square matrix from its rows.
 pub(super) fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
     DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j])
 }

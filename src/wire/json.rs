@@ -1,4 +1,4 @@
-//! Parses request bodies in JSON. Errors have a JSON pointer.
+//! Parses JSON request bodies. Errors have a JSON pointer.
 
 use crate::wire::{Invalid, Issue};
 use serde::de::{
@@ -11,20 +11,20 @@ use std::marker::PhantomData;
 /// Why a body could not be parsed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// Not JSON (400).
+    /// The body is not JSON (HTTP status 400).
     #[error("the body is not JSON: {0}")]
     Syntax(String),
-    /// JSON of another shape (422).
+    /// The body is JSON with another structure (HTTP status 422).
     #[error(transparent)]
     Shape(#[from] Invalid),
 }
 
-/// Reads a body; unknown fields, missing fields and wrong types are named with a JSON pointer.
+/// Parses a body. Unknown fields, missing fields and wrong types are reported with a JSON pointer.
 ///
 /// # Errors
-/// [`Error::Syntax`] if it is not JSON, [`Error::Shape`] if it is JSON of another shape.
+/// [`Error::Syntax`] if the body is not JSON, [`Error::Shape`] if it is JSON with another structure.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
-    // serde would accept a list as the values of the fields in order.
+    // A list is refused here, because serde would accept it as the values of the fields in order.
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         return Err(Invalid::at(
             "",
@@ -44,10 +44,10 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Error> {
     Ok(value)
 }
 
-/// Parses a list of at most `MAX` items. It stops at the first item beyond them, so that a longer list does not fill the memory.
+/// Parses a list of at most `MAX` items. Parsing stops at the first item beyond `MAX`, so that a longer list does not fill the memory.
 ///
 /// # Errors
-/// Those of the parser, or that the list is too long.
+/// Errors of the parser, or an error that the list is too long.
 pub fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MAX: usize>(
     reader: D,
 ) -> Result<Vec<T>, D::Error> {
@@ -85,7 +85,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
             issues: vec![Issue::at(pointer, "out_of_range", detail)],
         });
     }
-    // Where an enum is expected, serde_json reports null as a syntax error.
+    // serde_json reports null as a syntax error if an enum is expected. So null is detected at the position of the error.
     let line = bytes
         .split(|byte| *byte == b'\n')
         .nth(error.line().saturating_sub(1))
@@ -102,7 +102,7 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
                 issues: vec![Issue::at(pointer, "invalid_body", detail)],
             })
         }
-        // serde_json also reports a list that is too long as a syntax error.
+        // serde_json also reports a fixed-size list with too many items as a syntax error.
         Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
             let detail = format!("this list has too many items ({text})");
             Error::Shape(Invalid {

@@ -1,14 +1,14 @@
-//! What a key may do.
+//! Permissions of API keys.
 
 use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Something that a key may do.
+/// A permission of an API key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
-    /// Read everything but keys, and predict.
+    /// Read everything except keys, and predict.
     Read,
     /// Store robots, measurement sets and frames.
     Upload,
@@ -16,7 +16,7 @@ pub enum Scope {
     Identify,
     /// Release and withdraw parameter sets.
     Release,
-    /// Everything.
+    /// Everything, including the management of keys.
     Admin,
 }
 
@@ -25,21 +25,21 @@ names!(Scope {
 });
 
 impl Scope {
-    /// The scope of this name.
+    /// The scope with this name.
     pub fn parse(name: &str) -> Option<Self> {
         serde_json::from_value(name.into()).ok()
     }
 }
 
-/// Permissions of a request's key, without the key itself.
+/// The permissions of the API key of a request, without the key itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct KeyAnswer {
-    /// Its identifier; `anonymous` if no key is needed.
+    /// Id of the key; `anonymous` if the server needs no key.
     pub id: String,
-    /// `read`, `upload`, `identify`, `release`, `admin`; the last one includes the others.
+    /// `read`, `upload`, `identify`, `release`, `admin`. `admin` includes all others.
     #[schema(value_type = Vec<String>)]
     pub scopes: Vec<Scope>,
-    /// The robots it is limited to; null for all.
+    /// Ids of the robots that the key is limited to; null for all robots.
     #[schema(required)]
     pub robots: Option<Vec<String>>,
 }

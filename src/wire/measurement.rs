@@ -24,26 +24,27 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
-/// Most points of one set; the largest public campaigns have under a thousand.
+/// Maximum number of points of one set. The largest public data sets have less than a thousand points.
 pub const MAX_POINTS: usize = measurement::csv::MAX_ROWS;
-/// Largest upload, bytes: 100,000 rows of 300 characters.
+/// Maximum size of an upload, bytes: 100,000 rows of about 300 characters.
 pub const MAX_UPLOAD_BYTES: usize = 32 * 1024 * 1024;
 
-/// Frame of an upload that does not declare it; the command line has the same default.
+/// Frame of an upload that does not declare a frame. The command line has the same default.
 pub const DEFAULT_FRAME: Frame = Frame::Base;
 
 /// A measurement set in JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeasurementSetBody {
-    /// The frame of every position; may be given in the query instead.
+    /// The frame of all positions. It may be given in the query instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<Frame>,
     /// Its name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub name: Option<String>,
-    /// The instrument whose noise all points have, in frame `instrument`; may be given in the query instead. The points then state none.
+    /// The instrument that measured all points, for frame `instrument`. It states the noise, so the points must not state their own. It may be given
+    /// in the query instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument: Option<InstrumentBody>,
     /// The points, in measuring order.
@@ -57,7 +58,7 @@ pub struct MeasurementSetBody {
 pub struct SetSummary {
     /// Opaque identifier.
     pub id: String,
-    /// The robot it was measured on.
+    /// The robot that was measured.
     pub robot_id: String,
     /// Its name.
     #[schema(required)]
@@ -76,16 +77,16 @@ pub struct SetSummary {
     pub created_at: String,
     /// Warnings.
     pub warnings: Vec<Warning>,
-    /// Code of the suspicion that the uploader overrode with `insist`. No release rests on such a set.
+    /// Code of the suspicion that the uploader overrode with `insist`. Parameters that depend on such a set cannot be released.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insisted_on: Option<Insist>,
-    /// How a table was understood; JSON and older sets have none.
+    /// How the table was interpreted; absent for JSON and for older sets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub understood: Option<UnderstoodBody>,
-    /// How two files were understood and joined.
+    /// How two files were interpreted and joined.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joined: Option<JoinedFiles>,
-    /// The instrument whose noise all points have.
+    /// The instrument that measured all points, with its noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument: Option<InstrumentBody>,
     /// When it was archived: RFC 3339, UTC.
@@ -93,29 +94,29 @@ pub struct SetSummary {
     pub archived_at: Option<String>,
 }
 
-/// A file of measurements and what the caller says about it.
+/// A file of measurements, with the information that the caller gives about it.
 #[derive(Clone, Copy, Debug)]
 pub struct Upload<'a> {
-    /// Its content type: JSON, a form of several files, else a table.
+    /// Its content type: JSON or a form with several files. Any other content type is read as a table.
     pub content_type: &'a str,
     /// Its bytes.
     pub bytes: &'a [u8],
-    /// What its columns mean, where the file does not say it.
+    /// The column mapping that the caller gives.
     pub columns: &'a ColumnsBody,
-    /// Its decimal mark, where the caller states it beside the content type.
+    /// The decimal mark, if the caller gives it separately from the content type.
     pub decimal: Option<Decimal>,
-    /// What angles of poses mean, where the caller states it beside the content type.
+    /// The rotation convention of poses, if the caller gives it separately from the content type.
     pub rotation: Option<RotationConvention>,
     /// The frame of every position.
     pub frame: Frame,
-    /// The instrument that is stated beside the file.
+    /// The instrument, if the caller gives it separately from the file.
     pub instrument: Option<InstrumentBody>,
 }
 
-/// Reads sweeps, or any other table with decimal marks as it writes them.
+/// Parses sweeps, or any other table, without further information from the caller. The decimal mark is detected.
 ///
 /// # Errors
-/// [`Invalid`] with row, column and value of everything that is wrong.
+/// [`Invalid`] with the row, column and value of each error.
 pub fn from_table(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
     let upload = Upload {
         content_type: "text/csv",
@@ -129,10 +130,10 @@ pub fn from_table(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<Measure
     Ok(from_file(&upload, n_joints)?.0)
 }
 
-/// Parses a new file, and tells how a table was understood.
+/// Parses a new file. Also returns how a table was interpreted.
 ///
 /// # Errors
-/// [`Invalid`] with row, column and value of everything that is wrong.
+/// [`Invalid`] with the row, column and value of each error.
 pub fn from_file(
     upload: &Upload,
     n_joints: usize,
@@ -178,10 +179,10 @@ pub fn from_file(
     Ok((set, Some(reading)))
 }
 
-/// Parses a stored upload. `reading_json` is how it was read; uploads that are older than that, and JSON, have none.
+/// Parses a stored upload. `reading_json` says how the upload was interpreted when it was new; JSON and older uploads may have none.
 ///
 /// # Errors
-/// [`Invalid`]; does not happen for bytes that were accepted once.
+/// [`Invalid`]. This does not happen for bytes that were accepted once.
 pub fn from_upload(
     content_type: &str,
     reading_json: Option<&str>,
@@ -195,7 +196,8 @@ pub fn from_upload(
         let beside = reading.and_then(|reading| reading.instrument);
         let reading = JsonReading {
             is_time: |_| true,
-            // what the body states is stored beside it, too
+            // The stored reading also contains the instrument of the body. So it is used only if the body has none; otherwise the instrument would be
+            // stated twice.
             instrument: beside.filter(|_| body.instrument.is_none()),
         };
         return body.set_as(Some(frame), n_joints, &reading);
@@ -239,10 +241,10 @@ fn json_body(bytes: &[u8]) -> Result<MeasurementSetBody, Invalid> {
     })
 }
 
-/// How a set in JSON is read.
+/// Options for reading a measurement set in JSON.
 struct JsonReading {
     is_time: TimeCheck,
-    /// The instrument that is stated beside the body.
+    /// The instrument, if it is given separately from the body.
     instrument: Option<InstrumentBody>,
 }
 
@@ -257,10 +259,10 @@ fn csv_issue(issue: measurement::csv::Issue) -> Issue {
 }
 
 impl MeasurementSetBody {
-    /// The measurement set, after the same checks as for CSV. `frame` and `instrument` are those of the query.
+    /// Converts the body to a measurement set, after the same checks as for CSV. `frame` and `instrument` come from the query.
     ///
     /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    /// [`Invalid`] with a JSON pointer to each error.
     pub fn measurement_set(
         &self,
         frame: Option<Frame>,
@@ -274,7 +276,7 @@ impl MeasurementSetBody {
         self.set_as(frame, n_joints, &reading)
     }
 
-    /// What is stored of how it was read; nothing where no instrument is stated.
+    /// The reading to store with the upload; none if no instrument is stated.
     pub fn reading(&self, beside: Option<InstrumentBody>) -> Option<Reading> {
         let instrument = self.instrument.or(beside)?;
         Some(Reading {
@@ -328,7 +330,7 @@ impl MeasurementSetBody {
         Ok(set)
     }
 
-    /// All points state their noise in the same way, or none does.
+    /// Checks that all points state their noise in the same way, or that no point states it.
     fn check_noise(&self, checker: &mut Checker) {
         type States = fn(&PointBody) -> bool;
         let ways: [(&str, &str, States); 3] = [
@@ -352,7 +354,7 @@ impl MeasurementSetBody {
         }
     }
 
-    /// Poses and positions are sets of their own.
+    /// Checks that a set contains either only poses or only positions.
     fn check_kinds(&self, checker: &mut Checker) {
         let n_poses = self
             .points
@@ -381,10 +383,10 @@ impl MeasurementSetBody {
         }
     }
 
-    /// The frame in the body, else that in the query; none if neither has one.
+    /// The frame in the body, or the frame in the query; none if neither has a frame.
     ///
     /// # Errors
-    /// [`Invalid`] if they differ.
+    /// [`Invalid`] if both have a frame and the frames differ.
     pub fn resolve_frame(&self, query: Option<Frame>) -> Result<Option<Frame>, Invalid> {
         match (self.frame, query) {
             (Some(body), Some(query)) if body != query => {

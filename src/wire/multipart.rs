@@ -1,32 +1,33 @@
-//! Parts of a `multipart/form-data` body (RFC 7578). The body is stored as it came, so it is read from the stored bytes again, without a runtime.
+//! Parses a `multipart/form-data` body (RFC 7578). The body is stored as it was received and is parsed again from the stored bytes, so this parser is
+//! synchronous and needs no async runtime.
 
 use crate::wire::Invalid;
 use utoipa::ToSchema;
 
-/// Most parts of an upload: two files and a mapping, and one to spare.
+/// Maximum number of parts of an upload: two files, a mapping, and one spare part.
 const MAX_PARTS: usize = 4;
-/// Longest headers of a part, bytes.
+/// Maximum length of the headers of a part, bytes.
 const MAX_HEADERS: usize = 4096;
 
-/// The bytes of a file, for the document: a list of numbers would be a list of numbers to generated clients.
+/// The bytes of a file. This type exists only for the OpenAPI document: without it, generated clients would get a list of numbers.
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
 pub struct FileBytes(#[expect(dead_code)] Vec<u8>);
 
-/// The parts of a form, for the document: `robot` and `instrument`, or `table`, and perhaps `columns`.
+/// The parts of an upload form: either `robot` and `instrument`, or `table`; `columns` is optional.
 #[derive(ToSchema)]
 #[expect(dead_code)]
 pub struct UploadForm {
-    /// The robot's file of two.
+    /// The robot's file, if there are two files.
     #[schema(value_type = Option<String>, format = Binary)]
     robot: Option<Vec<u8>>,
-    /// The instrument's file of two.
+    /// The instrument's file, if there are two files.
     #[schema(value_type = Option<String>, format = Binary)]
     instrument: Option<Vec<u8>>,
     /// The only file.
     #[schema(value_type = Option<String>, format = Binary)]
     table: Option<Vec<u8>>,
-    /// What the columns mean: a mapping in JSON.
+    /// The column mapping, in JSON.
     columns: Option<String>,
 }
 
@@ -41,7 +42,7 @@ pub struct Part<'a> {
     pub body: &'a [u8],
 }
 
-/// Whether a content type is that of a form with files.
+/// Whether the content type is `multipart/form-data`.
 pub fn is_multipart(content_type: &str) -> bool {
     let media_type = content_type.split(';').next().unwrap_or_default();
     media_type
@@ -52,13 +53,13 @@ pub fn is_multipart(content_type: &str) -> bool {
 /// The parts of a body.
 ///
 /// # Errors
-/// [`Invalid`] for a body that is none of this kind.
+/// [`Invalid`] if the body is not well-formed.
 pub fn parts<'a>(content_type: &str, body: &'a [u8]) -> Result<Vec<Part<'a>>, Invalid> {
     let boundary = parameter(content_type, "boundary")
         .filter(|boundary| (1..=70).contains(&boundary.len()))
         .ok_or_else(|| malformed("the content type has no boundary"))?;
     let delimiter = format!("\r\n--{boundary}");
-    // the first delimiter has no line before it
+    // The first delimiter has no line break before it.
     let first = &delimiter.as_bytes()[2..];
     let mut rest = match body.strip_prefix(first) {
         Some(rest) => rest,

@@ -1,4 +1,4 @@
-//! Work frames and tools of a robot, kept under a name.
+//! Named work frames and tools of a robot.
 
 use crate::compensation::{FixturePoint, WorkFrame, WorkFrameError};
 use crate::wire::compensate::OWN_FRAMES;
@@ -11,31 +11,31 @@ use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most points of a measured frame.
+/// Maximum number of points of a measured frame.
 pub const MAX_FIXTURE_POINTS: usize = 1000;
-/// Farthest point of a fixture, mm.
+/// Largest absolute coordinate of a point of a fixture, mm.
 pub(super) const MAX_FIXTURE_MM: f64 = 100_000.0;
 
-/// The frame that a work frame is given in.
+/// The reference frame in which a work frame is given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WorkFrameReference {
-    /// The robot's base frame, as the controller has it.
+    /// The robot's base frame, as defined in the controller.
     #[default]
     Base,
     /// The measuring frame of a measurement set.
     Measuring,
 }
 
-/// A work frame: either typed (`translation_mm` with `quaternion` or `rotation`), or measured (`points`).
+/// A work frame: either typed in (`translation_mm` with `quaternion` or `rotation`), or measured (`points`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WorkFrameBody {
-    /// The frame that the numbers are given in; default `base`.
+    /// The reference frame of the numbers; default: `base`.
     #[serde(default)]
     pub reference: WorkFrameReference,
-    /// With `reference: measuring`: the measurement set in whose measuring frame they are given. The work frame holds for parameter sets that
-    /// were identified from it.
+    /// With `reference: measuring`: the measurement set whose measuring frame is the reference. The work frame can be used with parameter sets that
+    /// were identified from this measurement set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measurement_set_id: Option<String>,
     /// Origin of the work frame, mm.
@@ -47,11 +47,12 @@ pub struct WorkFrameBody {
     /// Rotation matrix, row by row; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
-    /// Three points or more that are known in the work frame and were measured.
+    /// Three or more points that were measured and whose nominal positions in the work frame are known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_items = 3, max_items = 1000)]
     pub points: Option<Vec<FixturePointBody>>,
-    /// Standard uncertainty of one coordinate of a measured point, mm, as the instrument states it. What the residuals show counts if it is more.
+    /// Standard uncertainty of one coordinate of a measured point, mm, as stated for the instrument. If the residuals show a larger uncertainty, the
+    /// larger one is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_mm: Option<f64>,
 }
@@ -60,9 +61,9 @@ pub struct WorkFrameBody {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FixturePointBody {
-    /// In the work frame, as drawn, mm.
+    /// Nominal position in the work frame, mm.
     pub nominal_mm: [f64; 3],
-    /// As measured, in the reference frame, mm.
+    /// Measured position in the reference frame, mm.
     pub measured_mm: [f64; 3],
 }
 
@@ -72,19 +73,19 @@ pub struct FixturePointBody {
 pub struct WorkFrameAnswer {
     /// Its name.
     pub name: String,
-    /// The frame that it is given in.
+    /// The reference frame in which it is given.
     pub reference: WorkFrameReference,
-    /// With `reference: measuring`: whose measuring frame.
+    /// With `reference: measuring`: the measurement set whose measuring frame is the reference.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measurement_set_id: Option<String>,
-    /// The work frame in the reference frame.
+    /// Pose of the work frame in the reference frame.
     pub t_reference_work: Transform,
-    /// Distance of each measured point from where the frame has it, mm; empty for a frame that was typed.
+    /// Residual of each point, mm: distance between its measured and its fitted position. Empty for a frame that was typed in.
     pub residuals_mm: Vec<f64>,
-    /// Their root mean square, mm; absent for a frame that was typed.
+    /// Root mean square of the residuals, mm; absent for a frame that was typed in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_mm: Option<f64>,
-    /// Standard uncertainty of the work frame's origin (3-D), mm; absent for a frame that was typed.
+    /// Standard uncertainty of the origin of the work frame (3-D), mm; absent for a frame that was typed in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin_std_mm: Option<f64>,
     /// RFC 3339, UTC.
@@ -97,7 +98,7 @@ pub struct WorkFrameAnswer {
 pub struct ToolAnswer {
     /// Its name.
     pub name: String,
-    /// The tool in the flange frame.
+    /// Pose of the tool in the flange frame.
     pub t_flange_tool: Transform,
     /// RFC 3339, UTC.
     pub created_at: String,
@@ -106,7 +107,7 @@ pub struct ToolAnswer {
 /// Checks the name of a work frame or tool.
 ///
 /// # Errors
-/// [`Invalid`] for names that cannot be kept.
+/// [`Invalid`] for a name that is not allowed.
 pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
     let mut checker = Checker::default();
     checker.words("/name", name, max);
@@ -122,10 +123,10 @@ pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
 }
 
 impl WorkFrameBody {
-    /// The work frame.
+    /// Checks the body and computes the work frame.
     ///
     /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    /// [`Invalid`] with a JSON pointer to each error.
     pub fn work_frame(&self) -> Result<WorkFrame, Invalid> {
         self.check()?;
         let Some(points) = &self.points else {
@@ -212,7 +213,7 @@ impl WorkFrameBody {
         checker.finish("invalid_work_frame")
     }
 
-    /// The answer for a frame that is stored.
+    /// The answer for a stored work frame.
     ///
     /// # Errors
     /// As [`Self::work_frame`].
@@ -233,7 +234,7 @@ impl WorkFrameBody {
 }
 
 impl ToolBody {
-    /// The answer for a tool that is stored.
+    /// The answer for a stored tool.
     pub fn answer(self, name: String, created_at: String) -> ToolAnswer {
         ToolAnswer {
             name,

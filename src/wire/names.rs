@@ -1,6 +1,6 @@
 //! Names of enums without data.
 
-/// Implements `as_str` and `ALL` for an enum. The names are those of JSON, of the database and of the command line.
+/// Implements `as_str` and `ALL` for an enum. The same names are used in JSON, in the database and on the command line.
 macro_rules! names {
     ($name:ident { $($variant:ident = $text:literal),+ $(,)? }) => {
         impl $name {

@@ -5,44 +5,44 @@ use crate::wire::issue::Checker;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Fewest particles that make a swarm.
+/// Minimum number of particles of a swarm.
 pub const MIN_PARTICLES: usize = 2;
-/// Most particles; five hundred times the paper's.
+/// Maximum number of particles of a swarm: five hundred times the number in the paper.
 pub const MAX_PARTICLES: usize = 100_000;
-/// Most swarm updates.
+/// Maximum number of swarm updates.
 pub const MAX_ITERATIONS: usize = 100_000;
-/// Most cost evaluations one job may ask for; minutes of one core, so that no job blocks a worker for hours.
+/// Maximum number of cost evaluations of one job. They take minutes on one core, so that no job blocks a worker for hours.
 pub const MAX_EVALUATIONS: usize = 50_000_000;
-/// Widest search box for lengths, mm: beyond it the nominal robot is another robot.
+/// Maximum half-width of the search box for lengths, mm. With larger errors the nominal robot would be a different robot.
 pub const MAX_HALF_WIDTH_MM: f64 = 1_000.0;
-/// Widest search box for angles, degrees.
+/// Maximum half-width of the search box for angles, degrees.
 pub const MAX_HALF_WIDTH_DEG: f64 = 180.0;
-/// Largest inertia weight or acceleration; anything above 4 diverges.
+/// Maximum inertia weight and acceleration coefficient. A swarm already diverges above 4.
 pub const MAX_COEFFICIENT: f64 = 10.0;
-/// Largest cost to stop at, mm².
+/// Maximum of `stop_at_cost_mm2`, mm².
 pub(super) const MAX_COST_MM2: f64 = 1e12;
 
-/// Search options; what is absent takes the preset's value.
+/// Search options. An absent option takes the value of the preset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptionsBody {
-    /// Particles in the swarm.
+    /// Number of particles in the swarm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 2, maximum = 100000)]
     pub n_particles: Option<usize>,
-    /// Limit of swarm updates.
+    /// Maximum number of swarm updates.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 100000)]
     pub n_iterations: Option<usize>,
-    /// w of the paper's eq. 9.
+    /// Inertia weight w (paper, eq. 9).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 10)]
     pub inertia_weight: Option<f64>,
-    /// c1 of the paper's eq. 9.
+    /// Cognitive coefficient c1 (paper, eq. 9).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 10)]
     pub cognitive: Option<f64>,
-    /// c2 of the paper's eq. 9.
+    /// Social coefficient c2 (paper, eq. 9).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 10)]
     pub social: Option<f64>,
@@ -54,11 +54,11 @@ pub struct OptionsBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0, maximum = 180)]
     pub search_half_width_deg: Option<f64>,
-    /// Stop once F on the identify subset is at or below this, mm².
+    /// Stop when the cost F on the identify subset is at or below this value, mm².
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub stop_at_cost_mm2: Option<f64>,
-    /// Loss of a residual.
+    /// Loss function of the residuals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss: Option<Loss>,
 }

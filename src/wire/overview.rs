@@ -1,4 +1,4 @@
-//! Every robot with what it needs: the list for somebody who looks after hundreds of them.
+//! Overview of all robots, with what each robot needs next. It is made for a person who looks after hundreds of robots.
 
 use crate::wire::job::Kind;
 use crate::wire::job_answer::JobStatus;
@@ -7,23 +7,23 @@ use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What a robot needs. The order is that of urgency.
+/// What a robot needs next. The variants are sorted by urgency, the most urgent first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Need {
     /// A session did not fit the robot.
     CheckRobot,
-    /// The newest session of the released set exceeds the tolerance, or is much worse than the set was when it was identified.
+    /// The error of the released set in the newest session exceeds the tolerance, or is much larger than when the set was identified.
     Drifted,
     /// The newest job failed.
     JobFailed,
-    /// A newer result than the released set, or the first one, waits for a decision.
+    /// A new parameter set (newer than the released set, or the first one) waits for a decision.
     Review,
-    /// The error reaches its limit within the next days, or has reached it.
+    /// The error will reach its limit within the next days, or has already reached it.
     Due,
-    /// Nothing was identified yet.
+    /// No parameters were identified yet.
     Calibrate,
-    /// Nothing.
+    /// The robot needs nothing.
     Nothing,
 }
 
@@ -41,18 +41,18 @@ pub struct SetOverview {
     /// RFC 3339, UTC; absent if it was never released.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub released_at: Option<String>,
-    /// Error of the nominal robot on the points that the set was judged on, mm; null if it is not known.
+    /// rms error of the nominal robot on the points that verified the set, mm; null if it is not known.
     #[schema(required)]
     pub before_rms_mm: Option<f64>,
-    /// Error of the set on them, mm; null if it is not known.
+    /// rms error of the set on the same points, mm; null if it is not known.
     #[schema(required)]
     pub after_rms_mm: Option<f64>,
-    /// Strength of that verification; null if it is not known.
+    /// Strength of this verification; null if it is not known.
     #[schema(required)]
     pub evidence: Option<Evidence>,
 }
 
-/// The last job of a robot in the overview.
+/// The newest job of a robot in the overview.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobOverview {
     /// The job.
@@ -63,7 +63,7 @@ pub struct JobOverview {
     pub status: JobStatus,
     /// RFC 3339, UTC.
     pub created_at: String,
-    /// RFC 3339, UTC; absent until it has ended.
+    /// RFC 3339, UTC; absent until the job has ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finished_at: Option<String>,
 }
@@ -71,11 +71,11 @@ pub struct JobOverview {
 /// The newest session that the released set was scored on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SessionOverview {
-    /// The job that scored it.
+    /// The job that scored the set.
     pub job_id: String,
     /// RFC 3339, UTC.
     pub created_at: String,
-    /// Error of the released set, mm; null if it is not known.
+    /// rms error of the released set, mm; null if it is not known.
     #[schema(required)]
     pub rms_mm: Option<f64>,
 }
@@ -92,11 +92,11 @@ pub struct RobotOverview {
     pub serial_number: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
-    /// What it needs most.
+    /// The most urgent need of the robot.
     pub need: Need,
-    /// Why, in one sentence; empty where it needs nothing.
+    /// Reason for the need, in one sentence; empty if the robot needs nothing.
     pub reason: String,
-    /// The job that shows it.
+    /// The job that shows the need.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub need_job_id: Option<String>,
     /// The released set.
@@ -108,7 +108,7 @@ pub struct RobotOverview {
     /// The newest session of the released set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub session: Option<SessionOverview>,
-    /// Days until the error reaches its limit; absent if that cannot be said.
+    /// Days until the error reaches its limit; absent if this cannot be predicted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub days_to_limit: Option<f64>,
     /// The newest job.

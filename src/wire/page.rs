@@ -4,9 +4,9 @@ use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most items one page holds; keeps an answer well below a megabyte.
+/// Maximum number of items on a page. It keeps an answer well below a megabyte.
 pub const MAX_PAGE: u32 = 200;
-/// Items on a page when `limit` is not given.
+/// Number of items on a page if `limit` is not given.
 pub const DEFAULT_PAGE: u32 = 50;
 
 /// One page of a list.
@@ -14,7 +14,7 @@ pub const DEFAULT_PAGE: u32 = 50;
 pub struct Page<T> {
     /// The items.
     pub items: Vec<T>,
-    /// Pass it as `cursor` to get the next page; null on the last one.
+    /// Cursor to pass as `cursor` to get the next page; null on the last page.
     #[schema(required)]
     pub next_cursor: Option<String>,
     /// Number of items on all pages.
@@ -22,7 +22,7 @@ pub struct Page<T> {
     pub total: i64,
 }
 
-/// Order of a list. A name begins with `-` if the largest comes first.
+/// Order of a list. A `-` at the beginning of the value means descending order.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
 )]
@@ -36,36 +36,36 @@ pub enum Sort {
     #[serde(rename = "created_at")]
     #[value(name = "created_at")]
     Oldest,
-    /// By name.
+    /// By name, ascending.
     #[serde(rename = "name")]
     #[value(name = "name")]
     Name,
-    /// By name, from the last.
+    /// By name, descending.
     #[serde(rename = "-name")]
     #[value(name = "-name")]
     NameDescending,
 }
 
 impl Sort {
-    /// Whether it needs names.
+    /// Whether the list is sorted by name.
     pub fn is_by_name(self) -> bool {
         matches!(self, Self::Name | Self::NameDescending)
     }
 }
 
-/// Which items a list has.
+/// Whether a list contains archived items.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
 )]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum ArchivedFilter {
-    /// Those that are in use.
+    /// Only items that are not archived.
     #[default]
     False,
-    /// Those that were archived.
+    /// Only archived items.
     True,
-    /// Both.
+    /// All items, archived or not.
     All,
 }
 

@@ -1,4 +1,4 @@
-//! A parameter set: what the controller needs, with a hash it can check.
+//! A parameter set: the identified parameters for a controller, with a hash for checking them.
 
 use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
@@ -20,19 +20,20 @@ use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What `sha256` of a parameter set covers: the SHA-256 of this object's canonical JSON (RFC 8785), lower-case hexadecimal.
+/// The content of a parameter set that is covered by its `sha256`. This is the SHA-256 of the object's canonical JSON (RFC 8785), in lower-case
+/// hexadecimal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterSetContent {
     /// Identified links, base to flange.
     pub links: Vec<IdentifiedLink>,
-    /// Base in the measuring frame; the identity if positions are in the base frame and the model is the paper's.
+    /// Pose of the base in the measuring frame. It is the identity if the positions are in the base frame and the model is `paper`.
     pub t_instrument_base: Transform,
     /// Positions of the reflectors in the flange frame.
     pub targets: Vec<Target>,
-    /// Links identified together with `corrections`; absent if no correction is used.
+    /// Links that were identified together with `corrections`; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links_with_corrections: Option<Vec<IdentifiedLink>>,
-    /// Corrections beyond link parameters; absent if none is used.
+    /// Corrections in addition to link parameters; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<CorrectionsContent>,
 }
@@ -40,13 +41,14 @@ pub struct ParameterSetContent {
 /// Provenance of a parameter set, and warnings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Provenance {
-    /// The frame that its positions were measured in; absent in documents of older versions.
+    /// The frame of the measured positions; absent in documents of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measuring_frame: Option<Frame>,
     /// One standard deviation of the flange's rotation, degrees; absent if it was not computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flange_rotation_std_deg: Option<f64>,
-    /// The part of it that positions never show: the zero of the last joint, degrees; absent in documents of older versions.
+    /// The part of `flange_rotation_std_deg` that position measurements cannot determine: the zero of the last joint, degrees. Absent in documents of
+    /// older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_joint_zero_std_deg: Option<f64>,
     /// Warnings.
@@ -77,7 +79,7 @@ pub enum ParameterSetStatus {
     Candidate,
     /// The robot's active set.
     Released,
-    /// Was released; another set has replaced it.
+    /// Was released and then replaced by the release of another set.
     Superseded,
     /// Withdrawn.
     Withdrawn,
@@ -101,25 +103,25 @@ pub struct ParameterSetAnswer {
     pub status: ParameterSetStatus,
     /// Identified links, base to flange.
     pub links: Vec<IdentifiedLink>,
-    /// Base in the measuring frame; the identity if positions are in the base frame and the model is the paper's.
+    /// Pose of the base in the measuring frame. It is the identity if the positions are in the base frame and the model is `paper`.
     pub t_instrument_base: Transform,
     /// Positions of the reflectors in the flange frame.
     pub targets: Vec<Target>,
-    /// Links identified together with `corrections`; absent if no correction is used.
+    /// Links that were identified together with `corrections`; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub links_with_corrections: Option<Vec<IdentifiedLink>>,
-    /// Corrections beyond link parameters; absent if none is used.
+    /// Corrections in addition to link parameters; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<CorrectionsContent>,
-    /// SHA-256 of the canonical JSON (RFC 8785) of {links, t_instrument_base, targets} and, if present, {links_with_corrections,
-    /// corrections}.
+    /// SHA-256 of the canonical JSON (RFC 8785) of an object with links, t_instrument_base and targets and, if present, links_with_corrections and
+    /// corrections.
     pub sha256: String,
     /// RFC 3339, UTC.
     pub created_at: String,
     /// RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub released_at: Option<String>,
-    /// Why it was last released.
+    /// Reason of the last release.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub release_reason: Option<String>,
     /// Id of the key that last released it.
@@ -128,13 +130,13 @@ pub struct ParameterSetAnswer {
     /// RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub withdrawn_at: Option<String>,
-    /// Why it was withdrawn.
+    /// Reason of the withdrawal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub withdraw_reason: Option<String>,
     /// Id of the key that withdrew it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub withdrawn_by: Option<String>,
-    /// The gates of the last release and their results; look at those with `warning`.
+    /// The gates of the last release and their results. A gate with `warning` passed, but a person should look at it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub release_checks: Option<Vec<Gate>>,
     /// When it was archived: RFC 3339, UTC.
@@ -162,7 +164,7 @@ impl From<&CalibrationReport> for ParameterSetContent {
     }
 }
 
-/// The links alone. A target that moved during the measurement has its last position.
+/// The model with link parameters only, without corrections. A target that moved during the measurement has its last position.
 impl From<&ParameterSetContent> for KinematicModel {
     fn from(content: &ParameterSetContent) -> Self {
         content.links_alone(None)
@@ -170,8 +172,8 @@ impl From<&ParameterSetContent> for KinematicModel {
 }
 
 impl ParameterSetContent {
-    /// Identified robot: links, and corrections if there are any. A target that moved during the measurement has its position in `segment`,
-    /// else its last position.
+    /// The identified robot: links, and corrections if there are any. A target that moved during the measurement has its position in `segment`;
+    /// without `segment` it has its last position.
     pub fn identified_robot(&self, segment: Option<u32>) -> IdentifiedRobot {
         let with_corrections = self
             .links_with_corrections
@@ -200,7 +202,7 @@ impl ParameterSetContent {
         }
     }
 
-    /// Checks a document from outside (a parameter set in a file) against a robot of `n_links`.
+    /// Checks a document from outside the service (a parameter set in a file) against a robot with `n_links` links.
     ///
     /// # Errors
     /// [`Invalid`] with a JSON pointer to every part that does not fit.
@@ -233,10 +235,10 @@ impl ParameterSetContent {
             .map_or(Ok(()), |corrections| corrections.check(n_links))
     }
 
-    /// Hash that the cell PC checks.
+    /// The hash of the content, which the PC of a robot cell can check.
     ///
     /// # Errors
-    /// If it cannot be serialised; does not happen for finite numbers.
+    /// If the content cannot be serialised. This does not happen for finite numbers.
     pub fn sha256(&self) -> Result<String, serde_json::Error> {
         canonical::canonical_sha256(self)
     }
@@ -246,7 +248,7 @@ impl ParameterSetContent {
         self.links.iter().map(Link::from).collect()
     }
 
-    /// Offset of a target in the flange frame: in this segment, else in the last one.
+    /// Position of a target in the flange frame, in this segment; without `segment`, in the last segment.
     pub fn target_mm(&self, target: usize, segment: Option<u32>) -> Option<Vector3<f64>> {
         target_position(&self.targets, target, segment)
     }

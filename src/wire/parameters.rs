@@ -1,4 +1,4 @@
-//! Choice of the parameters that a job identifies, and their priors.
+//! Selection of the parameters that a job identifies, and their priors.
 
 use crate::calibration::request::ParameterChoice;
 use crate::wire::issue::Checker;
@@ -6,17 +6,17 @@ use crate::wire::prior::{self, MAX_NAMES, MAX_PARAMETER_NAME, Prior};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Which of the model's parameters are free: all but `hold`, or only `identify`.
+/// Which of the model's parameters are free: all except those in `hold`, or only those in `identify`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ParametersBody {
-    /// Names to hold at nominal, e.g. `a_1`.
+    /// Names of the parameters to hold at their nominal values, e.g. `a_1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hold: Option<Vec<String>>,
-    /// The only names to identify, e.g. `theta_offset_3`.
+    /// Names of the only parameters to identify, e.g. `theta_offset_3`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identify: Option<Vec<String>>,
-    /// Values of all other parameters, with `identify`; default: nominal.
+    /// With `identify`: the values of all other parameters; default: nominal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest: Option<Rest>,
     /// Priors of free parameters.
@@ -24,18 +24,18 @@ pub struct ParametersBody {
     pub priors: Option<Vec<Prior>>,
 }
 
-/// Values of parameters that are not identified.
+/// Values of the parameters that are not identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Rest {
     /// Their nominal values.
     Nominal,
-    /// Those of `parameter_set_id`, with their uncertainty: partial recalibration, as after a collision.
+    /// The values of `parameter_set_id`, with their uncertainty. This is a partial recalibration, for example after a collision.
     ParameterSet,
 }
 
 impl ParametersBody {
-    /// Checks that need only the body, not the robot.
+    /// Makes all checks that need only the body and not the robot.
     pub(super) fn check(&self, checker: &mut Checker) {
         if self.hold.is_some() && self.identify.is_some() {
             checker.note(

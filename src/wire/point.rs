@@ -15,13 +15,14 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Largest number of joint values that are read per point. It exceeds that of any robot, so the check can report the expected number.
+/// Maximum number of joint values that are read per point. It is larger than the number of joints of any robot, so that the later check can report
+/// the expected number.
 const MAX_LISTED: usize = 1_000;
 
-/// Largest joint value, degrees: ten turns.
+/// Largest absolute joint value, degrees: ten turns.
 pub const MAX_JOINT_VALUE_DEG: f64 = 3_600.0;
 
-/// Check of `measured_at`: new uploads must have a time, older stored ones may have any label.
+/// Check of `measured_at`. New uploads must have a time; older stored uploads may have any label.
 pub type TimeCheck = fn(&str) -> bool;
 
 /// One measured position.
@@ -33,51 +34,52 @@ pub struct PointBody {
     pub q_deg: Vec<f64>,
     /// Measured position of the target, mm.
     pub position_mm: [f64; 3],
-    /// How the target was turned in the measuring frame, of a pose: w, x, y, z, of length 1.
+    /// For a pose: orientation of the target in the measuring frame, as a unit quaternion w, x, y, z.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quaternion: Option<[f64; 4]>,
-    /// Points of one arm configuration share this label; default: equal joint values.
+    /// Label of the arm configuration. Points of the same configuration have the same label. Default: points with equal joint values are one
+    /// configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub configuration: Option<String>,
-    /// Which reflector on the tool, 0-based; default 0.
+    /// Number of the reflector on the tool, 0-based; default: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
     pub target: Option<usize>,
-    /// Whether it is fitted (`identify`) or only scored (`verify`).
+    /// Whether the point is fitted (`identify`) or only scored (`verify`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub subset: Option<Subset>,
-    /// Its own standard uncertainty, mm.
+    /// Standard uncertainty of each coordinate of this point, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_mm: Option<f64>,
-    /// Its own standard uncertainty along x, y and z of the measuring frame, mm; instead of `std_mm`.
+    /// Standard uncertainty of this point along x, y and z of the measuring frame, mm. Instead of `std_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_axes_mm: Option<[f64; 3]>,
-    /// Its own covariance in the measuring frame, mm², row by row; instead of `std_mm`. Symmetric, with positive eigenvalues.
+    /// Covariance of this point in the measuring frame, mm², row by row; symmetric with positive eigenvalues. Instead of `std_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covariance_mm2: Option<[[f64; 3]; 3]>,
-    /// Standard uncertainty of the rotation about each axis, degrees, of a pose.
+    /// For a pose: standard uncertainty of the rotation about each axis, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(exclusive_minimum = 0, maximum = 90)]
     pub std_rotation_deg: Option<f64>,
-    /// Label of the instrument's set-up.
+    /// Label of the station, i.e. of the set-up of the instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub station: Option<String>,
     /// Label of the measuring session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub session: Option<String>,
-    /// Place in the measuring order; default: the order of the points.
+    /// Position in the measuring order; default: the order of the points.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sequence: Option<i64>,
     /// Air temperature at the robot, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
-    /// When it was measured, RFC 3339; stored with the upload.
+    /// Time of the measurement, RFC 3339. It is stored with the upload.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_at: Option<String>,
 }
 
 impl PointBody {
-    /// Notes everything that is wrong.
+    /// Adds an issue to `checker` for each invalid value.
     pub fn check(&self, at: &str, n_joints: usize, is_time: TimeCheck, checker: &mut Checker) {
         checker.length(
             format!("{at}/q_deg"),
@@ -155,7 +157,7 @@ impl PointBody {
         }
     }
 
-    /// Its noise, where it is stated by direction.
+    /// Checks the noise that is stated per axis or as a covariance, and that the noise is stated only once.
     fn check_directions(&self, at: &str, checker: &mut Checker) {
         let range = MIN_STD_MM..=MAX_STD_MM;
         for (k, std) in self.std_axes_mm.iter().flatten().enumerate() {
@@ -187,7 +189,7 @@ impl PointBody {
         }
     }
 
-    /// The point, of a body that was checked.
+    /// Converts the body to a point. The body must have been checked before.
     pub fn point(&self, row: usize) -> Point {
         let of_axes = self.std_axes_mm.map(Vector3::from);
         let of_covariance = self.covariance_mm2.map(matrix);

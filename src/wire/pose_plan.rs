@@ -1,4 +1,4 @@
-//! Pose plans: the poses to measure next.
+//! Pose plans: which poses to measure next.
 
 use crate::planning::{BaseCylinder, Planned, Room};
 use crate::wire::angle::to_degrees;
@@ -12,24 +12,24 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most configurations of a plan; more than anyone measures in a day.
+/// Maximum number of configurations of a plan. This is more than can be measured in a day.
 pub const MAX_PLANNED: usize = 300;
 /// Default number of candidates.
 pub const DEFAULT_CANDIDATES: usize = 10_000;
-/// Most candidates.
+/// Maximum number of candidates.
 pub const MAX_CANDIDATES: usize = 50_000;
-/// Most boxes.
+/// Maximum number of boxes.
 pub const MAX_BOXES: usize = 32;
-/// Most sets that were measured already.
+/// Maximum number of measurement sets in `measured`.
 pub const MAX_MEASURED: usize = 20;
 /// Allowed range of the noise, mm.
 pub(super) const NOISE_MM: (f64, f64) = (1e-4, 10.0);
 
-/// Request for a pose plan. Only the number is required.
+/// Request for a pose plan. Only `n_configurations` is required.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosePlanBody {
-    /// Configurations to measure, repeats included.
+    /// Number of configurations to measure, including repeats.
     #[schema(minimum = 1, maximum = 300)]
     pub n_configurations: usize,
     /// Seed of the random candidates.
@@ -38,7 +38,7 @@ pub struct PosePlanBody {
     /// The model that will be identified; default: complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
-    /// The frame that will be measured in; default: instrument.
+    /// The frame of the planned measurement; default: instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<Frame>,
     /// Position of the reflector in the flange frame, mm; default: [80, 0, 100], with model paper [0, 0, 100].
@@ -47,59 +47,60 @@ pub struct PosePlanBody {
     /// Standard deviation of a measured coordinate, mm; default 0.05.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_std_mm: Option<f64>,
-    /// Random configurations to choose from; default 10,000.
+    /// Number of random configurations from which the plan is chosen; default: 10,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 50000)]
     pub n_candidates: Option<usize>,
-    /// Number of the first configurations that are repeated at the end, to detect drift; default 3, none for plans below 20.
+    /// Number of configurations from the beginning of the plan that are repeated at the end, to detect drift. Default: 3; for plans with less than 20
+    /// configurations 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_repeats: Option<usize>,
-    /// The reflector stays in one of these boxes, base frame.
+    /// Boxes in the base frame. The reflector must be inside one of them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 32)]
     pub boxes: Vec<BoxBody>,
-    /// Reflector, flange, wrist and elbow stay above this, base frame, mm.
+    /// Height in the base frame that reflector, flange, wrist and elbow must stay above, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_z_mm: Option<f64>,
-    /// They stay outside of this cylinder.
+    /// Cylinder that reflector, flange, wrist and elbow must stay outside of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_cylinder: Option<BaseCylinderBody>,
-    /// Sets of this robot that were measured already: the plan adds to them.
+    /// Measurement sets of this robot that already exist. The plan is optimised as an addition to them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 20)]
     pub measured: Vec<String>,
 }
 
-/// A box along the axes of the base frame.
+/// A box aligned with the axes of the base frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxBody {
-    /// Lowest corner, mm.
+    /// Corner with the smallest coordinates, mm.
     pub min_mm: [f64; 3],
-    /// Highest corner, mm.
+    /// Corner with the largest coordinates, mm.
     pub max_mm: [f64; 3],
 }
 
-/// An upright cylinder about the base's z: the robot's own foot.
+/// A cylinder about the z axis of the base frame: the robot's own base.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BaseCylinderBody {
     /// mm.
     pub radius_mm: f64,
-    /// Its top above the base's origin, mm.
+    /// Height of its top above the origin of the base frame, mm.
     pub height_mm: f64,
 }
 
-/// A plan.
+/// A pose plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PosePlanAnswer {
-    /// In the order in which they should be measured.
+    /// The configurations, in the order in which they should be measured.
     pub configurations: Vec<PlannedConfiguration>,
-    /// O1 of the planned configurations.
+    /// Observability index O1 of the planned configurations.
     pub observability_index_o1: f64,
-    /// Predicted standard deviation of the tool over the workspace, with what was measured already and the plan.
+    /// Predicted standard deviation of the tool position over the workspace, with the sets in `measured` and the plan together.
     pub predicted_std_mm: ToolUncertaintyReport,
-    /// The same with as many random configurations in place of the plan.
+    /// Predicted standard deviation with the same number of random configurations instead of the plan.
     pub predicted_std_mm_random: ToolUncertaintyReport,
 }
 
@@ -108,13 +109,13 @@ pub struct PosePlanAnswer {
 pub struct PlannedConfiguration {
     /// The controller's joint values, degrees.
     pub q_deg: Vec<f64>,
-    /// The configuration that it repeats (0-based).
+    /// Number of the configuration that this one repeats (0-based).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeats: Option<usize>,
 }
 
 impl PosePlanBody {
-    /// The request for a plan of `n_configurations`, everything else by default.
+    /// A request for a plan with `n_configurations`, with defaults for all other fields.
     pub fn new(n_configurations: usize) -> Self {
         Self {
             n_configurations,
@@ -132,10 +133,10 @@ impl PosePlanBody {
         }
     }
 
-    /// Checks that need only the request.
+    /// Makes all checks that need only the request.
     ///
     /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         let mut within = |at: &str, value: usize, most: usize| {

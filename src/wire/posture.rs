@@ -1,4 +1,4 @@
-//! The nominal pose of a posture, to be compared with the pendant.
+//! The nominal tool pose for given joint values, for comparison with the display of the teach pendant.
 
 use crate::kinematics::model::MAX_LINKS;
 use crate::wire::issue::{Checker, Invalid};
@@ -7,56 +7,56 @@ use crate::wire::tool::ToolBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Farthest position on a pendant, mm: further than any arm on a track reaches.
+/// Largest absolute coordinate on a pendant, mm. No arm on a linear track reaches that far.
 pub(super) const MAX_POSITION_MM: f64 = 100_000.0;
 
-/// A posture, as the pendant shows it.
+/// A posture as displayed on the teach pendant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PostureBody {
     /// The controller's joint values, degrees.
     #[schema(min_items = 1, max_items = 12)]
     pub q_deg: Vec<f64>,
-    /// The active tool; default: none, the flange.
+    /// The active tool; default: no tool, i.e. the flange.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolBody>,
-    /// The position that the pendant shows in the base frame, mm: then the answer says how far it is from the model's.
+    /// The position that the pendant displays in the base frame, mm. If it is given, the answer contains its distance from the position of the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shown_position_mm: Option<[f64; 3]>,
 }
 
-/// The tool's pose in the base frame of the robot's nominal links.
+/// The pose of the tool in the base frame, computed with the robot's nominal links.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PostureAnswer {
     /// Position, mm.
     pub position_mm: [f64; 3],
     /// Rotation matrix, row by row.
     pub rotation: [[f64; 3]; 3],
-    /// w, x, y, z with w not negative: q1 to q4 of ABB.
+    /// w, x, y, z with w ≥ 0. These are q1 to q4 of ABB.
     pub quaternion: [f64; 4],
-    /// A, B, C of KUKA: about z, then the new y, then the new x, degrees.
+    /// A, B, C of KUKA: rotations about z, then about the new y, then about the new x, degrees.
     pub kuka_abc_deg: [f64; 3],
-    /// W, P, R of FANUC: about x, then y, then z of the base, degrees. Yaskawa's Rx, Ry, Rz are the same.
+    /// W, P, R of FANUC: rotations about x, then y, then z of the base frame, degrees. Rx, Ry, Rz of Yaskawa are the same angles.
     pub fanuc_wpr_deg: [f64; 3],
     /// Rotation vector of Universal Robots, rad.
     pub ur_rotation_vector_rad: [f64; 3],
-    /// True if the second angle is within 0.001° of ±90°: then only the sum or the difference of the others is determined, and they are
-    /// given with no turn about z.
+    /// True if the second angle is within 0.001° of ±90° (gimbal lock). Then only the sum or the difference of the other two angles is determined,
+    /// and the angle about z is given as 0.
     pub angles_not_unique: bool,
-    /// The model's joint values, degrees: the controller's through the joint map.
+    /// The model's joint values, degrees: the controller's joint values after the joint map.
     pub q_model_deg: Vec<f64>,
-    /// Joints that are outside their limits, counted from 1.
+    /// Numbers of the joints that are outside their limits, counted from 1.
     pub outside_limits: Vec<usize>,
-    /// Distance from the position on the pendant, mm.
+    /// Distance between the model's position and the position on the pendant, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_apart_mm: Option<f64>,
 }
 
 impl PostureBody {
-    /// Checks that need only the request and the number of joints.
+    /// Makes all checks that need only the request and the number of joints.
     ///
     /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.length(

@@ -1,4 +1,4 @@
-//! Predicted positions of a target on an identified robot.
+//! Prediction of target positions with an identified robot.
 
 use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::corrections::PayloadBody;
@@ -8,25 +8,25 @@ use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most poses of one request.
+/// Maximum number of poses of one request.
 pub const MAX_POSES: usize = 100_000;
 
 /// Poses to predict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PredictBody {
-    /// The controller's joint values, degrees, pose by pose.
+    /// The controller's joint values of each pose, degrees.
     #[schema(max_items = 100000)]
     #[serde(deserialize_with = "json::at_most::<_, _, { 2 * MAX_POSES }>")]
     pub q_deg: Vec<Vec<f64>>,
-    /// Which reflector, 0-based.
+    /// Number of the reflector, 0-based.
     #[serde(default)]
     #[schema(maximum = 31)]
     pub target: usize,
-    /// Segment of a target that moved; default: the last.
+    /// Segment of the measurement, for a target that moved; default: the last segment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<u32>,
-    /// Payload at these poses; default: the payload at the identification. Without corrections it has no effect.
+    /// Payload at these poses; default: the payload during the identification. The payload has no effect if the parameter set has no corrections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub payload: Option<PayloadBody>,
 }
@@ -34,21 +34,22 @@ pub struct PredictBody {
 /// Predicted positions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictAnswer {
-    /// In the parameter set's measuring frame, mm, pose by pose.
+    /// Position of the target at each pose, in the measuring frame of the parameter set, mm.
     pub position_mm: Vec<[f64; 3]>,
-    /// True if the pose is outside the measured region, where corrections fade to the links alone; always false without corrections.
+    /// True if the pose is outside the measured region. There the corrections fade out, and only the link parameters remain. Always false without
+    /// corrections.
     pub extrapolated: Vec<bool>,
-    /// Standard uncertainty of each position (3-D: the root of the three variances' sum), mm: of the identified links, base and target. The robot's
-    /// repeatability comes on top. Absent if the uncertainty of the links is not known.
+    /// Standard uncertainty of each position, mm (3-D: root of the sum of the three variances). It contains the uncertainty of the identified links,
+    /// base and target. It does not contain the robot's repeatability. Absent if the uncertainty of the links is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,
 }
 
 impl PredictBody {
-    /// Checks that need only the request and the number of joints.
+    /// Makes all checks that need only the request and the number of joints.
     ///
     /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.q_deg.len() > MAX_POSES {
@@ -78,12 +79,12 @@ impl PredictBody {
     }
 }
 
-/// Reports what is wrong with the joint values of pose `i` of `q_deg`.
+/// Checks the joint values of pose `i` of `q_deg`.
 pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
     check_joints(checker, &format!("/q_deg/{i}"), pose, n_joints);
 }
 
-/// Reports what is wrong with the joint values `q_deg` at a pointer.
+/// Checks the joint values `q_deg` at the JSON pointer `at`.
 pub fn check_joints(checker: &mut Checker, at: &str, q_deg: &[f64], n_joints: usize) {
     let what = "one joint value per link of the robot";
     checker.length(at, q_deg.len(), n_joints, what);

@@ -6,25 +6,25 @@ use crate::wire::issue::{Checker, Invalid};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most names in `hold`, `identify` or `priors`: more than any model has.
+/// Maximum number of names in `hold`, `identify` or `priors`. No model has as many parameters.
 pub const MAX_NAMES: usize = 500;
-/// Longest parameter name, characters.
+/// Maximum length of a parameter name, characters.
 pub const MAX_PARAMETER_NAME: usize = 64;
-/// Widest standard deviation, and largest value, mm or degrees.
+/// Largest standard deviation and largest absolute value, mm or degrees.
 pub(super) const MAX_VALUE: f64 = 1e6;
-/// Narrowest standard deviation, mm or degrees: a nanometre. Hold a parameter that is known better.
+/// Smallest standard deviation, mm or degrees. For lengths this is a nanometre. A parameter that is known better should be held.
 pub(super) const MIN_STD: f64 = 1e-6;
 
-/// Prior of a free parameter, in the report's unit (`parameters[].unit`: mm or deg): expected value `mean` ± `std`, and bounds `min` and
-/// `max`.
+/// Prior of a free parameter: expected value `mean` ± `std`, and bounds `min` and `max`. All values are in the unit of the report
+/// (`parameters[].unit`: mm or deg).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
-    /// The parameter: `a_1`, `theta_offset_3`, `target_0_z`, …; every name of the report's `parameters` but the base's turn.
+    /// The parameter: `a_1`, `theta_offset_3`, `target_0_z`, …. All names in the report's `parameters` are allowed, except the rotation of the base.
     pub name: String,
-    /// One standard deviation; above 0.
+    /// Standard deviation; above 0.
     pub std: f64,
-    /// Expected value; default: the report's `nominal`, which for base and targets is their first estimate.
+    /// Expected value; default: `nominal` in the report. For base and targets this is their first estimate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean: Option<f64>,
     /// Smallest value allowed.
@@ -54,7 +54,7 @@ impl From<&Prior> for ParameterPrior {
     }
 }
 
-/// Checks each prior on its own.
+/// Makes the checks of each prior that do not need the robot and the model.
 pub fn check(priors: &[Prior], checker: &mut Checker) {
     if priors.len() > MAX_NAMES {
         checker.note(
@@ -92,7 +92,7 @@ pub fn check(priors: &[Prior], checker: &mut Checker) {
 /// Refuses priors that do not fit the request's robot and model.
 ///
 /// # Errors
-/// [`Invalid`] with every fault at its pointer.
+/// [`Invalid`] with a JSON pointer to each error.
 pub fn check_applicable(request: &CalibrationRequest) -> Result<(), Invalid> {
     let faults = prior_faults(request);
     let Some(code) = faults.first().map(|fault| fault.code) else {

@@ -4,7 +4,7 @@ use crate::wire::issue::{Checker, Invalid};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Longest reason for a release or withdrawal, characters.
+/// Maximum length of a reason, characters.
 pub const MAX_REASON: usize = 2_000;
 
 /// Reason of a release or withdrawal.
@@ -17,10 +17,10 @@ pub struct ReasonBody {
 }
 
 impl ReasonBody {
-    /// A reason must contain text and be at most [`MAX_REASON`] characters long.
+    /// Checks that the reason contains a letter or digit and has at most [`MAX_REASON`] characters.
     ///
     /// # Errors
-    /// [`Invalid`] for an overlong one, or one without a letter or digit.
+    /// [`Invalid`] for a reason that is too long, or that contains no letter or digit.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.words("/reason", &self.reason, MAX_REASON);

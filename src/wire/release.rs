@@ -1,4 +1,4 @@
-//! Shapes of releases: the gates, and the body of a release.
+//! JSON types of releases: the gates, and the request body of a release.
 
 use crate::wire::issue::{Checker, Invalid, Issue};
 use crate::wire::reason::MAX_REASON;
@@ -6,16 +6,16 @@ use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// One gate and its result; stored with the release.
+/// A release gate and its result. It is stored with the release.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Gate {
-    /// Its name.
+    /// Name of the gate.
     pub gate: String,
-    /// Whether it was passed.
+    /// Whether the gate passed.
     pub passed: bool,
-    /// What was found.
+    /// Description of the result.
     pub detail: String,
-    /// True if it was passed, but somebody should look at it.
+    /// True if the gate passed, but a person should look at its result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub warning: bool,
 }
@@ -31,7 +31,7 @@ impl Gate {
         }
     }
 
-    /// Sets `warning`: the gate passed, but somebody should look at it.
+    /// Sets `warning`, if the gate passed.
     pub fn warned(self, warning: bool) -> Self {
         Self {
             warning: warning && self.passed,
@@ -49,18 +49,18 @@ impl Gate {
     }
 }
 
-/// The gates as a release would find them now.
+/// The gates of a parameter set and their results if it were released now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct GatesAnswer {
-    /// The set.
+    /// The parameter set.
     pub parameter_set_id: String,
-    /// Whether every gate is passed: then a release by the same key succeeds, unless something changes meanwhile.
+    /// Whether all gates pass. If so, a release with the same key succeeds, unless something changes in the meantime.
     pub releasable: bool,
     /// Strength of the verification.
     pub evidence: Evidence,
-    /// The tool's largest predicted uncertainty over the workspace, mm; none if it cannot be stated.
+    /// Largest predicted uncertainty of the tool over the workspace, mm; absent if it cannot be computed.
     pub uncertainty_mm: Option<f64>,
-    /// All gates. Those with `warning` passed, but somebody should look at them.
+    /// All gates. A gate with `warning` passed, but a person should look at its result.
     pub gates: Vec<Gate>,
 }
 
@@ -71,7 +71,7 @@ pub struct ReleaseBody {
     /// The reason.
     #[schema(min_length = 1, max_length = 2000)]
     pub reason: String,
-    /// Why parameters changed by more than can be expected, e.g. `collision on Monday`; needed only then.
+    /// Why parameters changed by more than is plausible, e.g. `collision on Monday`. Required only if they did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 2000)]
     pub change_reason: Option<String>,
@@ -81,7 +81,7 @@ impl ReleaseBody {
     /// Checks the length of the reasons, and that they contain text.
     ///
     /// # Errors
-    /// [`Invalid`] for an overlong one, or one without a letter or digit.
+    /// [`Invalid`] for a reason that is too long, or that contains no letter or digit.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.words("/reason", &self.reason, MAX_REASON);

@@ -1,4 +1,4 @@
-//! Conversion of the core's report, and the hash of its result.
+//! Converts the core's report to the report of the API, and computes the hash of the result.
 
 use crate::calibration::report::NamedChange;
 use crate::calibration::report::{
@@ -20,14 +20,14 @@ use crate::wire::report_shape::{
     RotationErrorsReport, RotationReport, SubsetReport, ToolUncertaintyReport,
 };
 
-/// Facts of a run that the core does not know.
+/// Facts about a run that the core does not know.
 #[derive(Clone, Debug)]
 pub struct RunContext<'a> {
     /// The job.
     pub job_id: &'a str,
-    /// The parameter set that was verified, held or compared with.
+    /// The parameter set that was verified, whose values were held, or that was compared with.
     pub parameter_set_from: Option<&'a str>,
-    /// Wall time without the comparison, ms.
+    /// Wall time without the comparison of methods, ms.
     pub duration_ms: f64,
     /// Wall time of each compared method, in the order of `comparison`, ms.
     pub comparison_ms: Vec<f64>,
@@ -35,20 +35,20 @@ pub struct RunContext<'a> {
     pub evidence: VerifyEvidence,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
-    /// The warning that the uploader of the points insisted on them.
+    /// The warning that the uploader of the points overrode a suspicion with `insist`.
     pub insisted: Option<Warning>,
 }
 
-/// Version in every report.
+/// Version of kincal that is written into every report.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Codes of warnings that compare with earlier sessions.
+/// Codes of the warnings that result from a comparison with earlier sessions.
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = [ROBOT_CHANGED, "placement_changed"];
 
-/// Builds the wire's report with its hash.
+/// Builds the report of the API, with its hash.
 ///
 /// # Errors
-/// If the content cannot be serialised; does not happen for a report without NaN.
+/// If the content cannot be serialised. This does not happen for a report without NaN.
 pub fn build(core: &CalibrationReport, run: &RunContext<'_>) -> Result<Report, serde_json::Error> {
     let mut report = without_hash(core, run);
     report.result_sha256 = result_sha256(&report, core, run.network_sha256)?;
@@ -124,8 +124,8 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
     }
 }
 
-/// SHA-256 of report, parameter set, convergence and the network's hash. Identifiers, times, durations and comparisons with earlier sessions are
-/// removed first, because the result does not depend on them.
+/// SHA-256 of the report, the parameter set, the convergence curve and the network's hash. Identifiers, times, durations and comparisons with earlier
+/// sessions are removed first, because they are not part of the result.
 fn result_sha256(
     report: &Report,
     core: &CalibrationReport,

@@ -1,4 +1,4 @@
-//! The shape of a report.
+//! JSON types of a report.
 
 use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
@@ -8,18 +8,18 @@ use crate::wire::sessions::PooledReport;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The outcome of one calibration.
+/// The report of one job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Report {
     /// The job.
     pub job_id: String,
-    /// The earlier parameter set: the one that was verified, at which parameters were held, or with which `changed` compares. Absent if there
-    /// was none, or if the nominal robot was verified.
+    /// An earlier parameter set: the set that was verified, whose values were held, or that `changed` compares with. Absent if there was none, or if
+    /// the nominal robot was verified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_from: Option<String>,
-    /// The method that ran.
+    /// The method that was used.
     pub method: Method,
-    /// Why that method.
+    /// Reason why this method was used.
     pub method_reason: String,
     /// The model that was identified.
     pub model: Model,
@@ -27,81 +27,82 @@ pub struct Report {
     pub preset: Preset,
     /// The seed.
     pub seed: u64,
-    /// The version of kincal that computed it.
+    /// The version of kincal that computed the report.
     pub version: String,
     /// Why the main method stopped.
     pub termination: String,
-    /// Swarm updates or least-squares steps; refine and comparison not counted.
+    /// Number of swarm updates or least-squares steps, without those of refinement and comparison.
     pub n_iterations: usize,
-    /// Cost evaluations; refine and comparison not counted.
+    /// Number of cost evaluations, without those of refinement and comparison.
     pub n_evaluations: usize,
-    /// Wall time of the whole calibration, comparison not counted, ms.
+    /// Wall time of the calibration without the comparison of methods, ms.
     pub duration_ms: f64,
-    /// F on the identify subset after everything, mm².
+    /// Final cost F on the identify subset, mm².
     pub cost_mm2: f64,
     /// Errors of the verified parameters on the points to which they were fitted.
     pub identify: SubsetReport,
-    /// Their errors on points to which they were not fitted; null if there are none.
+    /// Errors of the verified parameters on points to which they were not fitted; null if there are no such points.
     #[schema(required)]
     pub verify: Option<SubsetReport>,
-    /// The same without the points that a warning names as outliers; absent if none of them is. `verify` counts them.
+    /// As `verify`, but without the points that a warning lists as outliers. Absent if none of the verify points is an outlier. `verify` includes the
+    /// outliers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify_without_outliers: Option<SubsetReport>,
-    /// The fit of the delivered parameters to all points of the upload; absent if the parameters that were verified are delivered.
+    /// The fit of the delivered parameters to all points of the upload. Absent if the delivered parameters are the verified ones.
     #[serde(rename = "final", default, skip_serializing_if = "Option::is_none")]
     pub final_fit: Option<FinalFitReport>,
-    /// Every point of the set, then of the verify set, in order.
+    /// All points of the set in order, then all points of the verify set.
     pub per_point: Vec<PointReport>,
-    /// Every free parameter.
+    /// All free parameters.
     pub parameters: Vec<ParameterReport>,
-    /// Predicted uncertainty of the tool's position over the workspace, by the links alone. The errors that the corrections in use describe
-    /// are counted; the errors of the corrections themselves are not. Null if it cannot be stated.
+    /// Predicted uncertainty of the tool's position over the workspace, for the link parameters only. It includes the errors that the corrections in
+    /// use describe, but not the errors of the corrections themselves. Null if it cannot be computed.
     #[schema(required)]
     pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
-    /// Reason why neither the tool nor any parameter has an uncertainty; absent if they have one, or if nothing was identified.
+    /// Reason why neither the tool nor any parameter has an uncertainty. Absent if they have one, or if no parameters were identified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool_uncertainty_absent_because: Option<String>,
-    /// One standard deviation of the flange's rotation in the robot's base over the workspace, degrees, with general priors on robots. It
-    /// contains what the positions do not determine, the distance of the identified links from the best estimate, and the zero of the last
-    /// joint. Above 0.5°, corrected poses and other tools than a measured reflector are refused (`orientation_not_known`). Null if it cannot be
-    /// computed, absent in reports of older versions.
+    /// One standard deviation of the flange's rotation relative to the robot's base over the workspace, degrees, with general priors for robots. It
+    /// contains the part that the positions do not determine, the distance of the identified links from the best estimate, and the zero of the last
+    /// joint. Above 0.5°, compensation of poses and of tools other than a measured reflector is refused (`orientation_not_known`). Null if it cannot
+    /// be computed; absent in reports of older versions.
     #[serde(default)]
     pub flange_rotation_std_deg: Option<f64>,
-    /// The part of `flange_rotation_std_deg` about the last axis that positions never show: the zero of the last joint, degrees. It is known as
-    /// well as the zeros of the other joints turned out to be, or as a prior on it states. If the rest of the rotation is above 0.5°, no
-    /// `change_reason` releases implausible changes. Null if it cannot be computed, absent in reports of older versions.
+    /// The part of `flange_rotation_std_deg` that position measurements cannot determine: the zero of the last joint, degrees. Its standard deviation
+    /// is estimated from the identified zeros of the other joints, or taken from a prior. If the rest of the rotation is above 0.5°, implausible
+    /// changes cannot be released even with a `change_reason`. Null if it cannot be computed; absent in reports of older versions.
     #[serde(default)]
     pub last_joint_zero_std_deg: Option<f64>,
-    /// Scatter of the points about the model; null if it cannot be stated.
+    /// Scatter of the points about the model; null if it cannot be computed.
     #[schema(required)]
     pub error_model: Option<ErrorModelReport>,
-    /// Identifiability: what the data determine.
+    /// Identifiability: which parameters the data determine.
     pub identifiability: IdentifiabilityReport,
-    /// Other methods on the same points.
+    /// Results of other methods on the same points.
     pub comparison: Vec<ComparisonReport>,
-    /// Corrections that were tried, in order; empty if the links leave no error to explain or there are too few points to decide, absent if
-    /// corrections were not searched.
+    /// Corrections that were tried, in order. Empty if the link parameters leave no error to explain, or if there are too few points for a decision.
+    /// Absent if the job did not search for corrections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<Vec<CorrectionReport>>,
-    /// Repeatability at poses that were measured several times; absent if there are none.
+    /// Repeatability at poses that were measured several times; absent if there are no such poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeatability: Option<RepeatabilityReport>,
-    /// Changes since the session of the robot's last identification: the robot's parameters, then base and targets. Empty if nothing changed
-    /// beyond chance; absent if there was no session to compare with.
+    /// Significant changes since the session of the robot's last identification: first the robot's parameters, then base and targets. Empty if no
+    /// change is significant; absent if there was no session to compare with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub changed: Option<Vec<ChangeReport>>,
     /// The sessions that were fitted together; absent if the job has one measurement set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pooled: Option<PooledReport>,
-    /// Whether the released set still holds; only of jobs of kind check.
+    /// Whether the released parameter set is still valid; only for jobs of kind `check`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub check: Option<CheckReport>,
     /// Strength of the verification.
     pub evidence: Evidence,
     /// Warnings.
     pub warnings: Vec<Warning>,
-    /// SHA-256 of the canonical content without identifiers, times, durations and comparisons with earlier sessions: equal for the same
-    /// request, seed and version.
+    /// SHA-256 of the canonical content, without identifiers, times, durations and comparisons with earlier sessions. The same request, seed and
+    /// version give the same hash.
     pub result_sha256: String,
 }
 
@@ -118,33 +119,34 @@ pub struct ErrorsReport {
     pub max_mm: f64,
 }
 
-/// Errors of one half of the points.
+/// Errors of one subset of the points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SubsetReport {
-    /// Points in it.
+    /// Number of points in the subset.
     pub n_points: usize,
-    /// Of the nominal robot.
+    /// Errors of the nominal robot.
     pub before: ErrorsReport,
-    /// Of the identified links.
+    /// Errors of the robot with the identified links, without corrections.
     pub after: ErrorsReport,
-    /// Of the links with corrections: as `after` if none is used, absent if corrections were not searched.
+    /// Errors of the robot with the identified links and corrections. Equal to `after` if no correction is used; absent if the job did not search for
+    /// corrections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<ErrorsReport>,
-    /// Rotation errors of the poses; absent if positions alone were measured.
+    /// Rotation errors of the poses; absent if only positions were measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<RotationReport>,
 }
 
-/// Angles between measured poses and where the robots have them.
+/// Rotation errors: angles between measured and predicted orientations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RotationReport {
-    /// Poses in it.
+    /// Number of poses in the subset.
     pub n_poses: usize,
-    /// Of the nominal robot.
+    /// Errors of the nominal robot.
     pub before: RotationErrorsReport,
-    /// Of the identified links.
+    /// Errors of the robot with the identified links, without corrections.
     pub after: RotationErrorsReport,
-    /// Of the identified robot with its corrections, where some were kept.
+    /// Errors of the identified robot with corrections; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<RotationErrorsReport>,
 }
@@ -160,52 +162,53 @@ pub struct RotationErrorsReport {
     pub max_deg: f64,
 }
 
-/// The delivered parameters beside those that were verified.
+/// The delivered parameters, compared with those that were verified.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FinalFitReport {
-    /// Points to which they were fitted.
+    /// Number of points to which the delivered parameters were fitted.
     pub n_points: usize,
-    /// Root mean square of the errors of these points, by the links alone, mm.
+    /// Root mean square error of these points with the link parameters only, mm.
     pub rms_mm: f64,
-    /// Mean distance of the tool from its position by the verified parameters, at 200 configurations over the workspace, mm.
+    /// Mean distance between the tool positions with the delivered and with the verified parameters, at 200 configurations over the workspace, mm.
     pub moved_mm: f64,
 }
 
-/// One point's error.
+/// The errors of one point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PointReport {
     /// Its configuration.
     pub configuration: String,
     /// Its target.
     pub target: usize,
-    /// Its half.
+    /// Its subset.
     pub subset: Subset,
-    /// Of the nominal robot, mm.
+    /// Position error of the nominal robot, mm.
     pub before_mm: f64,
-    /// Of the identified robot, mm.
+    /// Position error of the robot with the identified links, mm.
     pub after_mm: f64,
-    /// Of the links with corrections, mm: as `after_mm` if none is used, absent if corrections were not searched.
+    /// Position error of the robot with the identified links and corrections, mm. Equal to `after_mm` if no correction is used; absent if the job did
+    /// not search for corrections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_mm: Option<f64>,
-    /// Measured position in the measuring frame, mm. Reports of older versions have no vectors.
+    /// Measured position in the measuring frame, mm. Absent in reports of older versions, as are the other vectors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
-    /// Measured − predicted by the nominal robot, in the measuring frame, mm.
+    /// Residual of the nominal robot (measured − predicted), in the measuring frame, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before_vector_mm: Option<[f64; 3]>,
-    /// Measured − predicted by the identified robot, in the measuring frame, mm.
+    /// Residual of the robot with the identified links (measured − predicted), in the measuring frame, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after_vector_mm: Option<[f64; 3]>,
-    /// Measured − predicted by the links with corrections, in the measuring frame, mm; as `corrected_mm`.
+    /// Residual of the robot with links and corrections (measured − predicted), in the measuring frame, mm. Present if `corrected_mm` is present.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_vector_mm: Option<[f64; 3]>,
-    /// Angle between the measured pose and that of the nominal robot, degrees; absent of a position.
+    /// For a pose: angle between the measured orientation and that of the nominal robot, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before_rotation_deg: Option<f64>,
-    /// And that of the identified robot, degrees.
+    /// For a pose: angle between the measured orientation and that of the identified robot, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after_rotation_deg: Option<f64>,
-    /// A warning names the point as an outlier, and comparisons leave it out; absent if false.
+    /// True if a warning lists the point as an outlier. Comparisons leave such a point out. Absent if false.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub outlier: bool,
 }
@@ -215,7 +218,7 @@ pub struct PointReport {
 pub struct ParameterReport {
     /// `a_1`, `theta_offset_3`, `base_x`, ….
     pub name: String,
-    /// 1-based link, for link parameters.
+    /// For link parameters: number of the link, 1-based.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub link: Option<usize>,
     /// `mm` or `deg`.
@@ -226,19 +229,20 @@ pub struct ParameterReport {
     pub identified: f64,
     /// identified − nominal.
     pub delta: f64,
-    /// One standard deviation; null if it cannot be stated.
+    /// One standard deviation; null if it cannot be computed.
     #[schema(required)]
     pub std_uncertainty: Option<f64>,
-    /// Interval that contains the true value with 95 % probability, in the same unit; null if it cannot be stated.
+    /// Interval that contains the true value with 95 % probability, in the same unit; null if it cannot be computed.
     #[schema(required)]
     pub interval_95: Option<[f64; 2]>,
-    /// 1 − posterior variance / prior variance: the share of what is known of it that comes from the data. Absent in reports of older versions.
+    /// Share of the knowledge about the parameter that comes from the data: 1 − posterior variance / prior variance. Absent in reports of older
+    /// versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub data_share: Option<f64>,
     /// True if `data_share` is at least half.
     pub identifiable: bool,
-    /// Its prior, and how much it decided.
+    /// The prior that the request gave for this parameter, and its influence on the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorReport>,
 }
@@ -256,7 +260,7 @@ pub struct PriorReport {
     /// Largest value allowed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
-    /// Share of the parameter's information that comes from its prior, 0 to 1; null if no uncertainty can be stated.
+    /// Share of the information about the parameter that comes from its prior, 0 to 1; null if no uncertainty can be computed.
     #[schema(required)]
     pub share: Option<f64>,
     /// `min` or `max` if the fit ended at that bound.
@@ -264,8 +268,9 @@ pub struct PriorReport {
     pub at_bound: Option<String>,
 }
 
-/// One standard deviation of the tool's position (3-D) by the links alone, at random configurations within the joint limits. A joint without
-/// limits covers its measured range, at least half a turn. Noise, combinations that the data do not determine, and misfit of the model count.
+/// One standard deviation of the tool's 3-D position with the link parameters only, at random configurations within the joint limits. A joint without
+/// limits covers its measured range, at least half a turn. The uncertainty includes noise, combinations of parameters that the data do not determine,
+/// and misfit of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ToolUncertaintyReport {
     /// Mean, mm.
@@ -279,41 +284,42 @@ pub struct ToolUncertaintyReport {
 pub struct ErrorModelReport {
     /// White noise of one coordinate, mm.
     pub noise_std_mm: f64,
-    /// Error that all points of one configuration share, mm; 0 if it is not distinguishable from noise.
+    /// Error that is common to all points of one configuration, mm; 0 if it cannot be distinguished from noise.
     pub configuration_std_mm: f64,
-    /// Error that the model cannot describe, as a rotation of each joint that depends on its value and on gravity, degrees; 0 if it is not
-    /// distinguishable from noise.
+    /// Misfit: error that the model cannot describe, expressed as a rotation of each joint that depends on its value and on gravity, degrees. 0 if it
+    /// cannot be distinguished from noise.
     pub misfit_std_deg: f64,
 }
 
-/// Identifiability: what the data determine.
+/// Identifiability: which parameters the data determine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct IdentifiabilityReport {
-    /// Free parameters.
+    /// Number of free parameters.
     pub n_parameters: usize,
-    /// Rank of the scaled identification Jacobian: the combinations that the points determine, without priors.
+    /// Rank of the scaled identification Jacobian: number of parameter combinations that the points determine, without priors.
     pub rank: usize,
-    /// Combinations that only priors determined; only with priors.
+    /// Number of parameter combinations that only priors determine; absent without priors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_by_priors: Option<usize>,
-    /// Ratio of the largest to the smallest singular value of these combinations; null if it exceeds a float.
+    /// Condition number: ratio of the largest to the smallest singular value of the combinations that the points determine; null if it exceeds the
+    /// range of a float.
     #[schema(required)]
     pub condition_number: Option<f64>,
-    /// Combinations that the data do not determine, each as the names of its parameters.
+    /// Parameter combinations that the data do not determine. Each is a list of parameter names.
     pub unidentifiable: Vec<Vec<String>>,
-    /// O1 of the scaled Jacobian; null if it exceeds a float.
+    /// Observability index O1 of the scaled Jacobian; null if it exceeds the range of a float.
     #[schema(required)]
     pub observability_index_o1: Option<f64>,
 }
 
-/// Another method on the same points.
+/// Result of another method on the same points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ComparisonReport {
     /// `least_squares`, `pso`, `warm_start`, ….
     pub method: String,
-    /// Iterations it took.
+    /// Number of iterations.
     pub n_iterations: usize,
-    /// Cost evaluations it took.
+    /// Number of cost evaluations.
     pub n_evaluations: usize,
     /// Wall time, ms.
     pub duration_ms: f64,
@@ -327,38 +333,40 @@ pub struct ComparisonReport {
 /// A correction that was tried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CorrectionReport {
-    /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
-    /// `joint_harmonics`, `residual_network`: the order in which they are tried, each beside those kept before it; `all_together` at last.
+    /// `stiffness_2_3` (the two joints with the largest gravity load), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
+    /// `joint_harmonics` or `residual_network`. They are tried in this order, each in addition to those that were kept before. `all_together` is
+    /// tried last.
     pub kind: String,
-    /// True if it is used: the gain exceeds its standard error (twice for `all_together`), and the verify points did not get worse.
+    /// True if the correction is used. This requires that the gain exceeds its standard error (twice its standard error for `all_together`), and that
+    /// the errors on the verify points do not increase.
     pub kept: bool,
-    /// Why it was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all corrections
-    /// than with the links alone. Absent otherwise.
+    /// Why the correction was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all
+    /// corrections than with the link parameters only. Absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dropped_because: Option<String>,
-    /// Cross-validated rms without it, mm.
+    /// Cross-validated rms error without the correction, mm.
     pub cross_validated_rms_mm_before: f64,
-    /// Cross-validated rms with it, mm.
+    /// Cross-validated rms error with the correction, mm.
     pub cross_validated_rms_mm_after: f64,
-    /// Mean over configurations of the squared error without it minus that with it, mm².
+    /// Gain: mean over configurations of the squared error without the correction minus the squared error with it, mm².
     pub gain_mm2: f64,
-    /// Standard error of that mean, mm².
+    /// Standard error of the gain, mm².
     pub standard_error_mm2: f64,
 }
 
-/// ISO 9283 figures of the poses that were measured several times (same joint values to 0.05°, same target, without outliers). The standard
-/// asks for 30 visits. With few, RP is too small; `std_mm` is not.
+/// Repeatability by ISO 9283, from poses that were measured several times (joint values equal within 0.05°, same target, without outliers). The
+/// standard requires 30 visits. With few visits RP is too small, but `std_mm` is still correct.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RepeatabilityReport {
-    /// Poses that were visited more than once.
+    /// Number of poses that were visited more than once.
     pub n_poses: usize,
-    /// Their points.
+    /// Number of points at these poses.
     pub n_points: usize,
-    /// RP = mean + 3 standard deviations of the distance from the pose's barycentre, over all poses together, mm.
+    /// Pose repeatability RP of all poses together, mm: mean + 3 standard deviations of the distance from the pose's barycentre.
     pub rp_mm: f64,
     /// Standard deviation of one coordinate about the pose's barycentre, mm.
     pub std_mm: f64,
-    /// All of these poses.
+    /// The results for each of these poses.
     pub poses: Vec<PoseRepeatabilityReport>,
 }
 
@@ -369,29 +377,29 @@ pub struct PoseRepeatabilityReport {
     pub configuration: String,
     /// Its target.
     pub target: usize,
-    /// Visits.
+    /// Number of visits.
     pub n: usize,
-    /// 0-based data rows.
+    /// Data rows of the visits, 0-based.
     pub rows: Vec<usize>,
     /// RP of this pose, mm.
     pub rp_mm: f64,
-    /// AP: distance of the barycentre from the position by the nominal robot, mm.
+    /// Pose accuracy AP of the nominal robot, mm: distance between the barycentre and the position that the nominal robot predicts.
     pub ap_before_mm: f64,
-    /// AP of the identified links, mm.
+    /// AP of the robot with the identified links, mm.
     pub ap_after_mm: f64,
-    /// AP of the links with corrections, mm, if corrections are used.
+    /// AP of the robot with links and corrections, mm; absent if no correction is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ap_corrected_mm: Option<f64>,
 }
 
-/// A parameter that changed since the set before.
+/// A parameter that changed since the previous session.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ChangeReport {
-    /// The parameter; several names with "or" between them if positions cannot decide which.
+    /// The parameter. Several names joined by "or" if positions cannot tell these parameters apart.
     pub name: String,
-    /// Change, mm or degrees: now − then.
+    /// Change, mm or degrees: current value − earlier value.
     pub delta: f64,
-    /// |delta| in units of its own uncertainty.
+    /// |delta| divided by its standard uncertainty.
     pub sigmas: f64,
 }
 
@@ -414,8 +422,8 @@ names!(Evidence {
 /// Convergence of the cost.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Convergence {
-    /// 0 is the start.
+    /// Number of the iteration; 0 is the start.
     pub iteration: Vec<usize>,
-    /// Smallest F so far, mm².
+    /// Smallest cost F up to this iteration, mm².
     pub best_cost_mm2: Vec<f64>,
 }

@@ -1,5 +1,5 @@
-//! The summary of a report: the report without its lists over points. A report of 20,000 points has 9 MB, its summary a few KB. It is stored beside
-//! the report, for everything that needs only some of its facts.
+//! The summary of a report: the report without its lists of points. A report with 20,000 points has 9 MB; its summary has a few KB. The summary is
+//! stored in addition to the report, for readers that need only some facts.
 
 use crate::wire::measurement::Warning;
 use crate::wire::report_shape::{
@@ -9,44 +9,43 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-/// The facts of a report that are read from its summary; fields as in [`crate::wire::report_shape::Report`]. A whole report can be read as its
-/// summary too.
+/// The facts that are read from a summary. The fields are as in [`crate::wire::report_shape::Report`]. A whole report can also be read as a summary.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct ReportSummary {
-    /// The held-out points.
+    /// Errors of the held-out points.
     pub verify: Option<SubsetReport>,
-    /// The same without the points that are named as outliers.
+    /// Errors of the held-out points without outliers.
     #[serde(default)]
     pub verify_without_outliers: Option<SubsetReport>,
-    /// The fit to all points.
+    /// The final fit to all points.
     #[serde(rename = "final", default)]
     pub final_fit: Option<FinalFitReport>,
     /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
-    /// Why there is no uncertainty.
+    /// Reason why there is no uncertainty.
     #[serde(default)]
     pub tool_uncertainty_absent_because: Option<String>,
     /// One standard deviation of the flange's rotation, degrees.
     #[serde(default)]
     pub flange_rotation_std_deg: Option<f64>,
-    /// The part of it that is the zero of the last joint, degrees.
+    /// The part of `flange_rotation_std_deg` that is the zero of the last joint, degrees.
     #[serde(default)]
     pub last_joint_zero_std_deg: Option<f64>,
-    /// What changed.
+    /// Significant changes since the previous session.
     #[serde(default)]
     pub changed: Option<Vec<ChangeReport>>,
     /// Warnings, without their rows.
     pub warnings: Vec<Warning>,
 }
 
-/// What a summary lacks and only a comparison with the active set reads.
+/// The points of a report. A summary does not contain them; only a comparison with the active set reads them.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct ReportPoints {
     /// Every point.
     pub per_point: Vec<PointReport>,
 }
 
-/// Every field of a report. The points are passed over as they are read, not collected.
+/// All fields of a report. The points are skipped during parsing and never collected.
 #[derive(Deserialize, Serialize)]
 struct Fields {
     #[serde(default, skip_serializing)]
@@ -59,7 +58,7 @@ struct Fields {
 /// The summary of a stored report: all its fields except `per_point`, the poses of `repeatability` and the rows of `warnings`.
 ///
 /// # Errors
-/// If the text is no JSON object.
+/// If the text is not a JSON object.
 pub fn summary_json(report_json: &str) -> Result<String, serde_json::Error> {
     let mut fields: Fields = serde_json::from_str(report_json)?;
     let repeatability = fields.rest.get_mut("repeatability");

@@ -1,4 +1,4 @@
-//! Shapes of robots.
+//! JSON types of robots.
 
 pub use crate::kinematics::Robot;
 use crate::kinematics::model::MAX_LINKS;
@@ -11,35 +11,35 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Longest name or serial number, characters.
+/// Maximum length of a name or serial number, characters.
 pub const MAX_NAME: usize = 200;
-/// Longest description, characters.
+/// Maximum length of a description, characters.
 pub const MAX_DESCRIPTION: usize = 10_000;
-/// Longest a or d; no industrial arm has a link of 10 m, and metres given as millimetres stay well below.
+/// Largest |a| and |d|, mm. No industrial arm has a link of 10 m.
 pub const MAX_LENGTH_MM: f64 = 10_000.0;
-/// Largest alpha or theta_offset: a full turn.
+/// Largest |alpha| and |theta_offset|, degrees: a full turn.
 pub const MAX_ANGLE_DEG: f64 = 360.0;
-/// Largest beta: it is a small misalignment of nearly parallel axes.
+/// Largest |beta|, degrees. Beta is a small misalignment of nearly parallel axes.
 pub const MAX_BETA_DEG: f64 = 45.0;
-/// Widest joint limit: ten turns, for endless wrists.
+/// Largest absolute joint limit, degrees: ten turns, for wrists without end stops.
 pub const MAX_JOINT_DEG: f64 = 3_600.0;
-/// Largest entry of a coupling matrix.
+/// Largest absolute value in a coupling matrix.
 pub const MAX_COUPLING: f64 = 10.0;
-/// Smallest determinant of a coupling; with a smaller one the matrix cannot be inverted.
+/// Smallest absolute determinant of a coupling matrix. With a smaller one the matrix counts as not invertible.
 const MIN_COUPLING_DETERMINANT: f64 = 1e-6;
-/// Largest deviation of a gravity direction's length from 1.
+/// Largest deviation of the length of a gravity direction from 1.
 pub(super) const GRAVITY_TOLERANCE: f64 = 1e-3;
 /// Standard deviation of the direction of gravity for a robot on a floor, wall or ceiling, degrees.
 const DEFAULT_MOUNTING_STD_DEG: f64 = 2.0;
 
-/// A robot: its nominal (catalogue) links, base to flange.
+/// A robot with its nominal (catalogue) links, from base to flange.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotBody {
-    /// Its name. Need not be unique.
+    /// Name of the robot. It need not be unique.
     #[schema(min_length = 1, max_length = 200)]
     pub name: String,
-    /// The maker's serial number.
+    /// Serial number of the manufacturer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 200)]
     pub serial_number: Option<String>,
@@ -47,13 +47,13 @@ pub struct RobotBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(min_length = 1, max_length = 10000)]
     pub description: Option<String>,
-    /// Links 1..n in order, base to flange; all joints are revolute.
+    /// Links 1..n in order, from base to flange. All joints are revolute.
     #[schema(min_items = 1, max_items = 12)]
     pub links: Vec<LinkBody>,
     /// Mounting of the robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<MountingBody>,
-    /// The controller's joint convention, if it differs from the model's.
+    /// The joint map, if the joint convention of the controller differs from that of the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_map: Option<JointMapBody>,
 }
@@ -71,10 +71,10 @@ pub struct LinkBody {
     /// Distance along axis i, mm.
     #[schema(minimum = -10000, maximum = 10000)]
     pub d_mm: f64,
-    /// Added to the joint value, degrees.
+    /// Offset that is added to the joint value, degrees.
     #[schema(minimum = -360, maximum = 360)]
     pub theta_offset_deg: f64,
-    /// Hayati's angle for nearly parallel axes, degrees; default 0.
+    /// Hayati parameter for nearly parallel axes, degrees; default: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = -45, maximum = 45)]
     pub beta_deg: Option<f64>,
@@ -90,9 +90,9 @@ pub struct LinkBody {
     expecting = "mounting is \"floor\", \"wall\", \"ceiling\" or {gravity_in_base: [x, y, z], std_deg}"
 )]
 pub enum MountingBody {
-    /// A usual mounting.
+    /// One of the usual mountings.
     Named(NamedMounting),
-    /// Any other direction.
+    /// Any other mounting, given by the direction of gravity.
     Direction(GravityDirection),
 }
 
@@ -102,19 +102,19 @@ pub enum MountingBody {
 pub enum NamedMounting {
     /// Gravity along -z of the base frame.
     Floor,
-    /// Gravity along +x of the base frame (the base turned by 90° about y); give `gravity_in_base` for any other wall.
+    /// Gravity along +x of the base frame (the base is rotated by 90° about y). For a wall mounting with another orientation give `gravity_in_base`.
     Wall,
     /// Gravity along +z of the base frame.
     Ceiling,
 }
 
-/// Gravity in the base frame.
+/// Direction of gravity in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GravityDirection {
     /// Unit vector along gravity, in the base frame.
     pub gravity_in_base: [f64; 3],
-    /// One standard deviation of that direction, degrees.
+    /// One standard deviation of the direction, degrees.
     #[schema(minimum = 0, maximum = 90)]
     pub std_deg: f64,
 }
@@ -126,58 +126,59 @@ pub struct RobotAnswer {
     pub id: String,
     /// Its name.
     pub name: String,
-    /// The maker's serial number.
+    /// Serial number of the manufacturer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial_number: Option<String>,
     /// Free text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
-    /// Links 1..n in order, base to flange.
+    /// Links 1..n in order, from base to flange.
     pub links: Vec<LinkBody>,
     /// Mounting of the robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<MountingBody>,
-    /// The controller's joint convention.
+    /// The joint map from the controller's joint values to those of the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_map: Option<JointMapBody>,
-    /// `ok`, or `check_robot`: a session did not fit it, and no set is released until a session fits or somebody gives a reason.
+    /// `ok`, or `check_robot`: a session did not fit the robot. In the state `check_robot` no parameter set can be released until a session fits or a
+    /// person gives a reason.
     pub state: RobotStateName,
-    /// The job of kind `verify` whose file does not fit, in the state `check_robot`.
+    /// In the state `check_robot`: the job whose measurement set does not fit the robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub check_job_id: Option<String>,
-    /// The last reason why it is in order.
+    /// The last reason that was given for why the robot is in order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checked: Option<CheckedAnswer>,
-    /// 1 for a robot as it was created; each edit adds 1.
+    /// Version: 1 for a new robot; each edit adds 1.
     #[serde(default = "first_version")]
     #[schema(minimum = 1, required)]
     pub version: i64,
-    /// When it was archived: RFC 3339, UTC. It then takes no uploads, jobs and releases.
+    /// When it was archived: RFC 3339, UTC. An archived robot accepts no uploads, jobs and releases.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
 }
 
-/// Version of the robots of a server that has no edits.
+/// Version of a robot in the answer of an older server, which has no edits and no `version`.
 fn first_version() -> i64 {
     1
 }
 
-/// Whether sets of a robot can be released.
+/// Whether parameter sets of a robot can be released.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RobotStateName {
-    /// No session is in doubt.
+    /// All sessions fit the robot, or a reason was given.
     Ok,
-    /// A session did not fit.
+    /// A session did not fit the robot.
     CheckRobot,
 }
 
-/// Reason why a robot is in order although a session did not fit it.
+/// The reason that a person gave for why the robot is in order although a session did not fit it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct CheckedAnswer {
-    /// Description.
+    /// The reason.
     pub reason: String,
     /// Id of the key that gave the reason.
     pub by: String,
@@ -188,11 +189,11 @@ pub struct CheckedAnswer {
 /// State of a robot.
 #[derive(Clone, Debug, Default)]
 pub struct RobotState {
-    /// The job whose file does not fit it.
+    /// The job whose measurement set does not fit the robot.
     pub check_job_id: Option<String>,
-    /// The last reason why it is in order.
+    /// The last reason that was given for why the robot is in order.
     pub checked: Option<CheckedAnswer>,
-    /// Number of its last edit.
+    /// Version after its last edit.
     pub version: i64,
     /// When it was archived: RFC 3339, UTC.
     pub archived_at: Option<String>,
@@ -230,7 +231,7 @@ impl RobotAnswer {
     }
 }
 
-/// Runs every check. The error names every wrong field.
+/// Makes all checks and converts the body. The error lists every invalid field.
 impl TryFrom<&RobotBody> for Robot {
     type Error = Invalid;
 

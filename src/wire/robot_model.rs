@@ -1,96 +1,96 @@
-//! Ready arms: the entries of the library, and the lists that are answered.
+//! Library of robot models: its entries, and the answers that list them.
 
 use crate::wire::robot::RobotBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A ready arm.
+/// An entry of the library of robot models.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RobotModel {
     /// Opaque identifier.
     pub id: String,
-    /// The maker.
+    /// The manufacturer.
     pub maker: String,
-    /// The maker's name of the type.
+    /// The manufacturer's name of the model.
     pub name: String,
-    /// Other names under which it is found.
+    /// Other names under which the search finds it.
     pub also: Vec<String>,
-    /// What the pendant calls the joints, in order.
+    /// Names of the joints on the teach pendant, in order.
     pub joints: Vec<String>,
-    /// The body of `POST /v1/robots`: nominal links, joint limits, and the joint map from the controller's values to the model's.
+    /// The body for `POST /v1/robots`: nominal links, joint limits, and the joint map from the controller's joint values to those of the model.
     pub robot: RobotBody,
-    /// Where the base frame is.
+    /// Description of the base frame.
     pub base: String,
-    /// Where the flange frame is.
+    /// Description of the flange frame.
     pub flange: String,
-    /// Where zeros, directions and couplings of the joints come from; `unknown` where no source says it.
+    /// Source of the zeros, directions and couplings of the joints; `unknown` if no source states them.
     pub joint_map_source: String,
-    /// Where the numbers come from. The first one is the entry's; the others were compared with it.
+    /// Sources of the numbers. The numbers of the entry come from the first source; the others were compared with it.
     pub sources: Vec<RobotModelSource>,
-    /// What to know before use: differences between the sources, and what is not stated.
+    /// Notes for the user: differences between the sources, and missing information.
     pub notes: Vec<String>,
 }
 
-/// A source of an entry.
+/// A source of a robot model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RobotModelSource {
-    /// Repository and model, or document and table.
+    /// Repository and model, or document and table, of the source.
     pub title: String,
-    /// Its form.
+    /// Format of the source.
     pub kind: RobotModelSourceKind,
-    /// File of the public descriptions with which the tests compare the entry.
+    /// File with the public description that the tests compare the entry with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub document: Option<String>,
-    /// Its link that is the base.
+    /// The link of the description that is the base.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_link: Option<String>,
-    /// Its link that is the flange.
+    /// The link of the description that is the flange.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tip_link: Option<String>,
-    /// Largest distance between the flanges of entry and source over random postures, mm; with tables up to where their base stands and how
-    /// their flange is turned about its axis.
+    /// Largest distance between the flange positions of the entry and of the source over random postures, mm. For tables, differences in the position
+    /// of the base and in the rotation of the flange about its axis are not counted.
     pub largest_difference_mm: f64,
-    /// Why they differ.
+    /// Why the entry and the source differ.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
 }
 
-/// Form of a source.
+/// Format of a source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RobotModelSourceKind {
-    /// A URDF, read by the tests.
+    /// A URDF file, which the tests parse.
     Urdf,
-    /// A URDF or xacro, its numbers typed from the text.
+    /// A URDF or xacro file, from whose text the numbers were copied by hand.
     UrdfText,
     /// A table of Denavit-Hartenberg parameters.
     Table,
 }
 
-/// A ready arm in a list.
+/// A robot model in a list.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RobotModelSummary {
     /// Opaque identifier.
     pub id: String,
-    /// The maker.
+    /// The manufacturer.
     pub maker: String,
-    /// The maker's name of the type.
+    /// The manufacturer's name of the model.
     pub name: String,
     /// Number of joints.
     pub n_joints: usize,
-    /// Number of sources that agree or whose differences are named.
+    /// Number of sources that agree with the entry, or whose differences are explained.
     pub n_sources: usize,
 }
 
-/// Ready arms, by maker and name.
+/// A page of robot models, sorted by manufacturer and name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RobotModelPage {
-    /// The arms of this page.
+    /// The robot models of this page.
     pub items: Vec<RobotModelSummary>,
-    /// Pass it as `cursor` to get the next page; null on the last one.
+    /// Cursor to pass as `cursor` to get the next page; null on the last page.
     #[schema(required)]
     pub next_cursor: Option<String>,
-    /// Number of arms on all pages.
+    /// Number of robot models on all pages.
     pub total: usize,
 }
 

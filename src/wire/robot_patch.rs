@@ -7,7 +7,7 @@ use crate::wire::robot::{MountingBody, RobotBody};
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
-/// Changes of a robot. A field that is absent stays as it is; null removes it.
+/// Changes of a robot. An absent field keeps its value; null removes the value.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotPatchBody {
@@ -19,7 +19,7 @@ pub struct RobotPatchBody {
     )]
     #[schema(value_type = String, min_length = 1, max_length = 200, required = false)]
     pub name: Option<String>,
-    /// The maker's serial number.
+    /// Serial number of the manufacturer.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
@@ -35,7 +35,7 @@ pub struct RobotPatchBody {
     )]
     #[schema(value_type = Option<String>, min_length = 1, max_length = 10000)]
     pub description: Option<Option<String>>,
-    /// Mounting of the robot. Results that were computed before keep the mounting that they were computed with.
+    /// Mounting of the robot. Earlier results keep the mounting that they were computed with.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
@@ -51,7 +51,7 @@ pub struct RobotPatchBody {
     )]
     #[schema(value_type = Vec<Option<[f64; 2]>>, min_items = 1, max_items = 12, required = false)]
     pub joint_limits_deg: Option<Vec<Option<[f64; 2]>>>,
-    /// The controller's joint convention. It is refused (409) once a parameter set was released.
+    /// The joint map. A change is refused (409) if a parameter set was already released.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
@@ -66,20 +66,20 @@ pub struct RobotPatchBody {
 pub struct EditedRobot {
     /// The robot.
     pub body: RobotBody,
-    /// Fields that have changed.
+    /// Names of the fields that have changed.
     pub changed: Vec<&'static str>,
-    /// Whether the controller's joint values now mean something else.
+    /// Whether the joint map has changed, so that the controller's joint values now have another meaning.
     pub changes_joint_map: bool,
 }
 
-/// Refuses null.
+/// Deserialises a field that may be absent but not null.
 fn not_null<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
     T::deserialize(deserializer).map(Some)
 }
 
-/// Tells null from an absent field.
+/// Deserialises a field so that null (`Some(None)`) differs from an absent field (`None`).
 fn given<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<Option<T>>, D::Error> {
@@ -87,10 +87,10 @@ fn given<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 }
 
 impl RobotPatchBody {
-    /// The robot with these changes.
+    /// Applies the changes to a robot.
     ///
     /// # Errors
-    /// [`Invalid`] for another number of limits than joints, and for what makes no robot.
+    /// [`Invalid`] if the number of joint limits differs from the number of joints, or if the edited robot is not valid.
     pub fn apply(self, before: &RobotBody) -> Result<EditedRobot, Invalid> {
         let mut body = before.clone();
         if let Some(name) = self.name {
@@ -140,7 +140,7 @@ impl RobotPatchBody {
     }
 }
 
-/// Points at the patch's own field where limits are wrong: a robot has them with its links.
+/// Converts JSON pointers of a robot to pointers into the patch: a robot has its joint limits inside its links, the patch in a field of its own.
 fn at_patched_fields(mut invalid: Invalid) -> Invalid {
     for issue in &mut invalid.issues {
         let Some(pointer) = &mut issue.pointer else {
@@ -168,8 +168,8 @@ fn effective_map(robot: &Robot) -> JointMap {
 }
 
 impl RobotBody {
-    /// This robot with the joint limits, the name and the serial number of `now`: a result keeps the model that it was computed with, and where the
-    /// robot may move is as it is today.
+    /// This robot with the joint limits, the name and the serial number of `now`. A result keeps the kinematic model that it was computed with, but
+    /// the current joint limits apply.
     pub fn with_limits_of(mut self, now: &Self) -> Self {
         for (link, now) in self.links.iter_mut().zip(&now.links) {
             link.joint_limits_deg = now.joint_limits_deg;

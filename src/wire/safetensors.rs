@@ -1,11 +1,13 @@
-//! Files of networks: safetensors with 64-bit floats, readable by NumPy and PyTorch.
+//! Files of trained networks: safetensors with 64-bit floats, which NumPy and PyTorch can read.
 //!
 //! Tensors of a network of link parameters: `hidden_weights [h, n]`, `hidden_thresholds [h]`, `output_weights [n, h]`, `output_thresholds [n]`,
-//! `scale [n]`, `answer [n]`. Of a residual network: `centre_rad [n]`, `half_range_rad [n]`, `hidden_weights [h, n]`, `hidden_thresholds [h]`,
-//! `output_weights [3, h]`, `output_thresholds [3]`, `scale_mm [1]`.
+//! `scale [n]`, `answer [n]`.
 //!
-//! The metadata has one key, `kincal`, with canonical JSON, because the format writes several keys in random order. The hash covers the tensors
-//! alone, in the order of their names: name, zero byte, then the data (little-endian 64-bit floats).
+//! Tensors of a residual network: `centre_rad [n]`, `half_range_rad [n]`, `hidden_weights [h, n]`, `hidden_thresholds [h]`, `output_weights [3, h]`,
+//! `output_thresholds [3]`, `scale_mm [1]`.
+//!
+//! The metadata has only one key, `kincal`, because several keys would be written in random order. Its value is canonical JSON. The hash covers only
+//! the tensors, in the order of their names: name, zero byte, then the data (little-endian 64-bit floats).
 
 use crate::identification::TrainedNetwork;
 use crate::kinematics::ResidualNetwork;
@@ -18,11 +20,11 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 
-/// The one metadata key.
+/// The only metadata key.
 const METADATA_KEY: &str = "kincal";
-/// Most inputs of a network. Twelve links have fewer parameters.
+/// Maximum number of inputs of a network. A robot with twelve links has fewer parameters.
 const MAX_INPUTS: usize = 500;
-/// Most hidden nodes.
+/// Maximum number of hidden nodes.
 const MAX_HIDDEN: usize = 1_000;
 
 /// Content of the metadata key.
@@ -33,15 +35,15 @@ pub struct NetworkMetadata {
     pub kind: NetworkKind,
     /// Names of inputs and outputs, in order.
     pub parameter_names: Vec<String>,
-    /// The model it belongs to.
+    /// The model that was identified.
     pub model: Model,
-    /// The preset it belongs to.
+    /// The preset of the job.
     pub preset: Preset,
-    /// Hidden nodes.
+    /// Number of hidden nodes.
     pub n_hidden: usize,
     /// Mean squared training error, in scaled units.
     pub training_error: f64,
-    /// Mean squared error on the particles held out, in scaled units.
+    /// Mean squared error on the held-out particles, in scaled units.
     pub validation_error: f64,
 }
 
@@ -50,20 +52,20 @@ fn is_usual(kind: &NetworkKind) -> bool {
     *kind == NetworkKind::default()
 }
 
-/// Metadata of a residual network.
+/// The metadata of a residual network that the network itself does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ResidualOrigin {
     /// The model that was identified.
     pub model: Model,
     /// The preset.
     pub preset: Preset,
-    /// Mean squared error of the points that it was trained on, with all corrections, mm².
+    /// Mean squared error of the training points with all corrections, mm².
     pub training_error: f64,
     /// Cross-validated mean squared error, mm².
     pub validation_error: f64,
 }
 
-/// A network as it is stored.
+/// The stored form of a network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredNetwork {
     /// The safetensors file.
@@ -74,35 +76,35 @@ pub struct StoredNetwork {
     pub sha256: String,
 }
 
-/// Why bytes are not a network.
+/// Why a network cannot be read or written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// Not a safetensors file, or one without kincal's metadata.
+    /// The file is not a safetensors file, or it has no metadata of kincal.
     #[error("not a network of kincal: {0}")]
     Format(String),
-    /// A tensor is missing, or its type or size does not match the others.
+    /// A tensor is missing, or its type or size does not match the metadata.
     #[error("tensor {name} should hold {expected} 64-bit floats in shape {shape:?}")]
     Tensor {
         /// Name of the tensor.
         name: &'static str,
-        /// Number of values that it should have.
+        /// Expected number of values.
         expected: usize,
-        /// Shape that it should have.
+        /// Expected shape.
         shape: Vec<usize>,
     },
 }
 
-/// The file of a network.
+/// Writes a network of link parameters.
 ///
 /// # Errors
-/// [`Error`] if the network's sizes do not match, or it has numbers that JSON cannot represent.
+/// [`Error`] if the sizes in the network do not match, or if the metadata contain numbers that JSON cannot represent.
 pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
     let metadata = metadata_of(network);
     let tensors = tensors_of(network, metadata.n_hidden);
     file_of(metadata, &tensors)
 }
 
-/// The file of a residual network.
+/// Writes a residual network.
 ///
 /// # Errors
 /// As [`write`].
@@ -136,7 +138,7 @@ pub fn write_residual(
 /// A tensor: name, shape, values.
 type Named<'a> = (&'static str, Vec<usize>, &'a [f64]);
 
-/// File with these tensors. They must be sorted by name.
+/// Writes a file with these tensors. The tensors must be sorted by name.
 fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNetwork, Error> {
     let mut hash = Sha256::new();
     let mut named = Vec::new();
@@ -165,10 +167,10 @@ fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNet
     })
 }
 
-/// Reads the network of a file and checks every size.
+/// Reads a network of link parameters and checks all sizes.
 ///
 /// # Errors
-/// [`Error`], which says what is wrong.
+/// [`Error`] if the file is not a valid network of this kind.
 pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     let metadata = read_metadata(bytes, NetworkKind::LinkParameters)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
@@ -188,7 +190,7 @@ pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     })
 }
 
-/// Reads the residual network of a file and checks every size.
+/// Reads a residual network and checks all sizes.
 ///
 /// # Errors
 /// As [`read`].
@@ -242,7 +244,7 @@ fn metadata_of(network: &TrainedNetwork) -> NetworkMetadata {
     }
 }
 
-/// Tensors sorted by name, which is the order of the hash.
+/// The tensors sorted by name. This is the order in which they are hashed.
 fn tensors_of(network: &TrainedNetwork, h: usize) -> [Named<'_>; 6] {
     let n = network.parameter_names.len();
     [

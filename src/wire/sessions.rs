@@ -1,4 +1,4 @@
-//! Several sessions of one job: the checks of a request that names them, and what its report says of each.
+//! Jobs with several sessions: checks of the request, and the part of the report about each session.
 
 use crate::calibration::report;
 use crate::measurement::sessions::MAX_SESSIONS;
@@ -6,10 +6,11 @@ use crate::wire::issue::{Checker, Invalid};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Refuses requests that name no set, the same set twice, too few or too many: `one` is `measurement_set_id`, `several` are `measurement_set_ids`.
+/// Refuses a request with no measurement set, with the same set twice, or with too few or too many sets. `one` is `measurement_set_id`, `several` are
+/// `measurement_set_ids`.
 ///
 /// # Errors
-/// [`Invalid`]: `invalid_job`, `invalid_body` where no set is named.
+/// [`Invalid`]: `invalid_body` if no set is given, otherwise `invalid_job`.
 pub fn check(one: Option<&String>, several: Option<&[String]>) -> Result<(), Invalid> {
     let Some(ids) = several else {
         return match one {
@@ -44,33 +45,33 @@ pub fn check(one: Option<&String>, several: Option<&[String]>) -> Result<(), Inv
     checker.finish("invalid_job")
 }
 
-/// Sessions that were fitted together, and how alike the two are that are least alike.
+/// Sessions that were fitted together, and the comparison of the two sessions that differ most.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PooledReport {
     /// Each session, in the order of `measurement_set_ids`.
     pub sessions: Vec<PooledSessionReport>,
-    /// Difference of the two, in units of its covariance, squared.
+    /// Test statistic of the two sessions that differ most: squared difference, normalised by its covariance.
     pub chi_square: f64,
-    /// Combinations of parameters that both see.
+    /// Number of parameter combinations that both of these sessions determine.
     pub n_combinations: usize,
-    /// Probability that sessions of an unchanged robot differ as much.
+    /// p-value: probability that sessions of an unchanged robot differ at least as much.
     pub probability: f64,
 }
 
-/// One of the sessions.
+/// One of the sessions that were fitted together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PooledSessionReport {
-    /// Its first row: rows of the report count on through the sets, from 0.
+    /// Its first row in the report, 0-based. The rows of the report are numbered continuously over all sets.
     pub first_row: usize,
     /// Number of its points.
     pub n_points: usize,
-    /// Its own noise of a coordinate, mm, by which its points count; absent if all sessions count alike.
+    /// Noise of one coordinate in this session, mm. Its points are weighted with it. Absent if all sessions have the same weight.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_std_mm: Option<f64>,
-    /// Root mean square error of its points to identify from, by the links alone, mm.
+    /// Root mean square error of its identify points with the link parameters only, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identify_rms_mm: Option<f64>,
-    /// The same of its points to verify.
+    /// Root mean square error of its verify points with the link parameters only, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify_rms_mm: Option<f64>,
 }

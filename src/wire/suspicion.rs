@@ -1,4 +1,4 @@
-//! Suspicions about an upload: refusals, and the codes with which a caller overrides them.
+//! Suspicions about an upload: the refusals, and the codes with which a caller overrides them.
 
 use crate::calibration::upload_checks::alignment::Suspicion;
 use crate::wire::issue::Issue;
@@ -7,24 +7,24 @@ use crate::wire::robot::JointMapBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Code of the suspicion that the caller overrides.
+/// Code of a suspicion that the caller overrides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Insist {
     /// Joints or positions seem to be in other units.
     UnitSuspect,
-    /// Columns or rows seem to be exchanged.
+    /// Columns or rows seem to be swapped.
     ColumnSuspect,
     /// The positions seem to be in another frame.
     FrameSuspect,
     /// The controller seems to use another joint convention.
     JointMapSuspect,
-    /// It seems to have been measured on another robot of this server.
+    /// The upload seems to have been measured on another robot of this server.
     RobotMismatch,
-    /// No hypothesis brings the robot near the points.
+    /// The robot does not fit the points, and none of the other suspicions explains it.
     PoorAlignment,
-    /// The rotations seem to be written by another convention.
+    /// The rotations seem to be written in another convention.
     RotationSuspect,
 }
 
@@ -41,7 +41,7 @@ impl Insist {
     }
 }
 
-/// The issue of a refusal.
+/// Converts a suspicion to the issue of a refusal.
 impl From<&Suspicion> for Issue {
     fn from(suspicion: &Suspicion) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Reads an uploaded table, or two files that belong together, as a measurement set; and a stored one again.
+//! Parses an uploaded table, or two files that belong together, to a measurement set. Also parses stored uploads again.
 
 use crate::measurement::column_mapping::Mapping;
 use crate::measurement::join::join;
@@ -13,23 +13,23 @@ use crate::wire::multipart::{self, is_multipart};
 use crate::wire::understood::{JoinBody, JoinedFiles, Reading, UnderstoodBody};
 use crate::wire::workbook;
 
-/// Code of a file that cannot be read.
+/// Code for a file that cannot be read.
 const INVALID: &str = "invalid_measurements";
 
 /// The files of an upload.
 #[derive(Clone, Debug)]
 pub struct Files<'a> {
-    /// The only one, or the robot's and the instrument's.
+    /// The only file, or the robot's file and the instrument's file.
     pub files: Vec<(FilePart, &'a [u8])>,
-    /// The mapping that came with them.
+    /// The column mapping that was sent with the files.
     pub columns: Option<ColumnsBody>,
 }
 
 impl<'a> Files<'a> {
-    /// The files of a body: one, or the parts of a form.
+    /// The files of a body: a single file, or the parts of a form.
     ///
     /// # Errors
-    /// [`Invalid`] for a form without files, or with other parts.
+    /// [`Invalid`] for a form without the required files, or with other parts.
     pub fn new(content_type: &str, body: &'a [u8]) -> Result<Self, Invalid> {
         if !is_multipart(content_type) {
             return Ok(Self {
@@ -71,27 +71,27 @@ impl<'a> Files<'a> {
     }
 }
 
-/// How an upload is to be read.
+/// Options for reading an upload.
 #[derive(Clone, Copy, Debug)]
 pub struct UploadOptions<'a> {
-    /// What the caller says about the columns.
+    /// The column mapping of the caller.
     pub columns: &'a ColumnsBody,
-    /// The decimal mark, where it is stated beside the mapping.
+    /// The decimal mark, if it is stated separately from the mapping.
     pub decimal: Option<Decimal>,
-    /// What angles of poses mean.
+    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
     /// The frame of the positions.
     pub frame: Frame,
     /// The robot's number of links.
     pub n_joints: usize,
-    /// What `measured_at` may hold.
+    /// Check of the text in `measured_at`.
     pub is_time: fn(&str) -> bool,
 }
 
 /// Reads the files of an upload.
 ///
 /// # Errors
-/// [`Invalid`] with file, line, row and column of everything that is wrong.
+/// [`Invalid`] with the file, line, row and column of each error.
 pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, Reading), Invalid> {
     let mut mappings = Vec::new();
     for (part, _) in &files.files {
@@ -133,23 +133,23 @@ fn joined(
     Ok((MeasurementSet::new(frame, points), reading))
 }
 
-/// A stored upload, and how it was read.
+/// A stored upload, and how it was interpreted.
 #[derive(Clone, Copy, Debug)]
 pub struct StoredTable<'a> {
     /// Its content type.
     pub content_type: &'a str,
-    /// [`Reading`].
+    /// A [`Reading`] in JSON.
     pub reading_json: &'a str,
     /// Its bytes.
     pub bytes: &'a [u8],
-    /// What angles of poses mean.
+    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
 }
 
-/// Reads a stored upload in the way that was stored with it.
+/// Parses a stored upload again, with the interpretation that was stored with it.
 ///
 /// # Errors
-/// [`Invalid`]; does not happen for what was accepted once.
+/// [`Invalid`]. This does not happen for an upload that was accepted once.
 pub fn read_again(
     stored: &StoredTable<'_>,
     frame: Frame,
@@ -213,7 +213,7 @@ fn state_decimal(mapping: &mut Mapping, stated: Option<Decimal>) -> Result<(), I
     }
 }
 
-/// What a file of an upload has to hold.
+/// The columns that a file of an upload must have.
 pub fn needs(part: FilePart) -> Needs {
     match part {
         FilePart::Table => Needs::Points,
@@ -222,7 +222,7 @@ pub fn needs(part: FilePart) -> Needs {
     }
 }
 
-/// A file as text; a workbook's sheet is noted in the mapping.
+/// A file as text. For a workbook, the name of the used sheet is written to the mapping.
 fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Invalid> {
     if let Some(kind) = workbook::workbook(bytes) {
         let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
@@ -251,10 +251,10 @@ fn one(
     read.map_err(|error| of_file(error, part))
 }
 
-/// Looks at one file of an upload.
+/// Makes a preview of one file of an upload.
 ///
 /// # Errors
-/// [`Invalid`] if not even its columns can be told apart.
+/// [`Invalid`] if not even the columns of the file can be separated.
 pub fn preview(
     part: FilePart,
     bytes: &[u8],
@@ -282,7 +282,7 @@ fn invalid(issues: Vec<Issue>) -> Invalid {
     }
 }
 
-/// Says which of two files an issue is about.
+/// Adds to each issue which of the two files it is about.
 fn of_file(mut error: Invalid, part: FilePart) -> Invalid {
     if part != FilePart::Table {
         for issue in &mut error.issues {

@@ -7,19 +7,20 @@ use utoipa::ToSchema;
 /// One reflector on the tool.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Target {
-    /// 0-based.
+    /// Number of the target, 0-based.
     pub target: usize,
     /// Segment of the measurement, if the target moved.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment: Option<u32>,
-    /// In the flange frame, mm.
+    /// Position in the flange frame, mm.
     pub position_mm: [f64; 3],
-    /// How it is turned in the flange frame, where poses were measured: w, x, y, z.
+    /// Orientation in the flange frame, if poses were measured: w, x, y, z.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quaternion: Option<[f64; 4]>,
 }
 
-/// How targets are turned, in order from 0: in this segment, else in the last one; none where no pose was measured.
+/// Rotations of all targets in the flange frame, in order from 0. A target has its rotation in `segment`, or in the last segment if it has none
+/// there. Empty if no poses were measured.
 pub(super) fn target_rotations(targets: &[Target], segment: Option<u32>) -> Vec<Rotation3<f64>> {
     if targets.iter().all(|t| t.quaternion.is_none()) {
         return vec![];
@@ -35,7 +36,7 @@ pub(super) fn target_rotations(targets: &[Target], segment: Option<u32>) -> Vec<
     (0..n_targets).map(of).collect()
 }
 
-/// Offset of a target among `targets`: in this segment, else in the last one.
+/// Position of a target in the flange frame, in this segment; without `segment`, in the last segment.
 pub(super) fn target_position(
     targets: &[Target],
     target: usize,

@@ -1,13 +1,13 @@
-//! Times: epoch milliseconds in the store, RFC 3339 UTC on the wire.
+//! Times: milliseconds since the epoch in the store, RFC 3339 in UTC on the wire.
 
-/// RFC 3339 in UTC with milliseconds, e.g. `2026-03-01T08:15:30.250Z`. Out-of-range values become the epoch.
+/// Formats a time as RFC 3339 in UTC with milliseconds, e.g. `2026-03-01T08:15:30.250Z`. A value out of range becomes the epoch.
 pub fn rfc3339(epoch_ms: i64) -> String {
     let instant =
         jiff::Timestamp::from_millisecond(epoch_ms).unwrap_or(jiff::Timestamp::UNIX_EPOCH);
     format!("{instant:.3}")
 }
 
-/// Whether a text is a time by RFC 3339: date, time with seconds, and offset from UTC.
+/// Whether a text is a time in RFC 3339 format: date, time with seconds, and offset from UTC.
 pub fn is_rfc3339(text: &str) -> bool {
     const SHAPE: &[u8] = b"0000-00-00T00:00:00";
     let Some((head, rest)) = text.as_bytes().split_at_checked(SHAPE.len()) else {
@@ -32,7 +32,7 @@ pub fn is_rfc3339(text: &str) -> bool {
         [b'+' | b'-', a, b, b':', c, d] => [a, b, c, d].iter().all(|byte| byte.is_ascii_digit()),
         _ => false,
     };
-    // The calendar: no 30th of February, no hour 25.
+    // Parsing also checks the calendar, for example that there is no 30 February and no hour 25.
     head.iter().zip(SHAPE).all(fits) && is_zone && text.parse::<jiff::Timestamp>().is_ok()
 }
 

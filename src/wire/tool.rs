@@ -1,4 +1,4 @@
-//! Tools, and rotations in requests.
+//! Tools and rotations in requests.
 
 use crate::measurement::csv_pose::unit_quaternion;
 use crate::wire::issue::{Checker, Invalid};
@@ -7,14 +7,14 @@ use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Largest deviation of a rotation's rows and columns from unit length and from right angles.
+/// Largest deviation of a rotation matrix R from orthonormality: largest absolute entry of R·Rᵀ − 1.
 pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
 
-/// A tool centre point in the flange frame of the nominal robot, as controllers store it.
+/// A tool: its pose in the flange frame of the nominal robot, as stored in the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolBody {
-    /// mm.
+    /// Position of the tool centre point in the flange frame, mm.
     pub translation_mm: [f64; 3],
     /// Rotation: w, x, y, z.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -24,7 +24,7 @@ pub struct ToolBody {
     pub rotation: Option<[[f64; 3]; 3]>,
 }
 
-/// A rotation from a quaternion or a matrix; the identity from neither.
+/// The rotation of a quaternion or a matrix; the identity if neither is given.
 pub(super) fn rotation(
     quaternion: Option<[f64; 4]>,
     matrix: Option<[[f64; 3]; 3]>,
@@ -37,14 +37,14 @@ pub(super) fn rotation(
     })
 }
 
-/// A rotation as it stands in documents: w, x, y, z, w not negative.
+/// A rotation as a unit quaternion w, x, y, z with w ≥ 0, as in all documents.
 pub fn quaternion(rotation: &Rotation3<f64>) -> [f64; 4] {
     let q = UnitQuaternion::from_rotation_matrix(rotation);
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     [q.w, q.i, q.j, q.k].map(|x| sign * x)
 }
 
-/// Reports what is wrong with a rotation, below `at`.
+/// Checks a rotation. `at` is the JSON pointer of the object that contains it.
 pub(super) fn check_rotation(
     checker: &mut Checker,
     at: &str,
@@ -69,7 +69,7 @@ pub(super) fn check_rotation(
     }
 }
 
-/// Reports lengths that are too large, below `at`.
+/// Checks that lengths are not too large. `at` is the JSON pointer of the list.
 pub(super) fn check_lengths(checker: &mut Checker, at: &str, lengths_mm: &[f64; 3], largest: f64) {
     for (i, value) in lengths_mm.iter().enumerate() {
         let hint = "lengths are in millimetres";
@@ -78,17 +78,17 @@ pub(super) fn check_lengths(checker: &mut Checker, at: &str, lengths_mm: &[f64; 
 }
 
 impl ToolBody {
-    /// Reports what is wrong, below `at`.
+    /// Checks the tool. `at` is its JSON pointer.
     pub(super) fn note_faults(&self, at: &str, checker: &mut Checker) {
         let lengths = format!("{at}/translation_mm");
         check_lengths(checker, &lengths, &self.translation_mm, MAX_LENGTH_MM);
         check_rotation(checker, at, self.quaternion, self.rotation);
     }
 
-    /// Checks a tool that stands alone.
+    /// Checks a tool that is a whole request body.
     ///
     /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
+    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         self.note_faults("", &mut checker);

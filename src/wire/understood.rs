@@ -1,4 +1,4 @@
-//! How a table was understood, in answers and beside the stored bytes.
+//! How a table was interpreted. This is part of answers and is stored with the bytes of an upload.
 
 use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
@@ -8,16 +8,16 @@ use crate::wire::instrument::InstrumentBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Most columns and leftovers that are named; the rest is counted.
+/// Maximum number of ignored columns and unpaired rows that are listed.
 const MAX_NAMED: usize = 50;
-/// Longest name of a column that is told, characters.
+/// Maximum length of a column name in answers, characters. Longer names are cut.
 const MAX_NAME_SHOWN: usize = 100;
 
-/// How a table was understood.
+/// How a table was interpreted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = Understood)]
 pub struct UnderstoodBody {
-    /// What separates columns: `,` `;` `|` `tab` or `spaces`.
+    /// Column separator: `,` `;` `|` `tab` or `spaces`.
     pub separator: String,
     /// The decimal mark.
     pub decimal: Decimal,
@@ -26,17 +26,17 @@ pub struct UnderstoodBody {
     /// The sheet of a workbook.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sheet: Option<String>,
-    /// Line of the header, counted from 1; null where the file has none.
+    /// Line of the header, counted from 1; null if the file has no header.
     #[schema(required)]
     pub header_row: Option<usize>,
-    /// What the mapping said about lines that begin like comments.
+    /// Whether lines that begin like comments are comments, if the mapping stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub comments: Option<bool>,
     /// The columns that are read.
     pub columns: Vec<UnderstoodColumn>,
-    /// Names of columns that are not read; they are kept with the bytes.
+    /// Names of columns that are not read. They are still contained in the stored bytes.
     pub ignored: Vec<String>,
-    /// Lines that are no data: blank ones, comments, units, and what stands above the header.
+    /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
 }
 
@@ -47,7 +47,7 @@ pub struct UnderstoodColumn {
     pub column: String,
     /// Its number, counted from 1.
     pub number: usize,
-    /// What it means: `q1`, `x`, `station`, `name` …
+    /// Its meaning: `q1`, `x`, `station`, `name` …
     pub means: String,
     /// Its unit, if it has one.
     #[schema(required)]
@@ -60,18 +60,18 @@ pub struct UnderstoodColumn {
 pub struct JoinBody {
     /// `name`, `number`, `time` or `order`.
     pub by: String,
-    /// Pairs of rows.
+    /// Number of joined pairs of rows.
     pub n_joined: usize,
-    /// By time: how far apart the times of a pair may be, s.
+    /// With `time`: largest difference between the times of a pair, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance_s: Option<f64>,
-    /// By time: the robot's clock minus the instrument's, s.
+    /// With `time`: the robot's clock minus the instrument's clock, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock_offset_s: Option<f64>,
-    /// True if names were compared without signs, spaces and leading zeros, or numbers with names.
+    /// True if names were compared without punctuation, spaces and leading zeros, or if numbers were compared with names.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_names: bool,
-    /// True if the instrument's file was written faster than twice a second: of each standstill in it one position is taken.
+    /// True if the instrument's file is a continuous log (at least two rows per second). Then one position is taken from each standstill.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub instrument_log: bool,
     /// Rows of the robot's file without a partner.
@@ -83,9 +83,9 @@ pub struct JoinBody {
 /// Rows without a partner.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Leftovers {
-    /// How many.
+    /// Number of these rows.
     pub n: usize,
-    /// The first of them.
+    /// The first of these rows.
     pub rows: Vec<LeftoverRow>,
 }
 
@@ -101,24 +101,24 @@ pub struct LeftoverRow {
 /// Two files that were joined.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JoinedFiles {
-    /// How the robot's file was understood.
+    /// How the robot's file was interpreted.
     pub robot: UnderstoodBody,
-    /// How the instrument's file was understood.
+    /// How the instrument's file was interpreted.
     pub instrument: UnderstoodBody,
-    /// How their rows were paired.
+    /// How the rows of the two files were joined.
     pub join: JoinBody,
 }
 
-/// How an upload was read: stored with it, so that it is read the same way again.
+/// How an upload was interpreted. It is stored with the upload, so that the upload is read in the same way again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
-    /// Of one table.
+    /// For a single table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub understood: Option<UnderstoodBody>,
-    /// Of two files.
+    /// For two files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joined: Option<JoinedFiles>,
-    /// The instrument that parameters beside the file, or a JSON body, state.
+    /// The instrument, if it was stated in the query or in a JSON body.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument: Option<InstrumentBody>,
 }
@@ -157,7 +157,7 @@ fn shown(name: &str) -> String {
     name.chars().take(MAX_NAME_SHOWN).collect()
 }
 
-/// Thing and unit of a meaning; names like `std_mm` are one.
+/// Splits a meaning into quantity and unit. Names such as `std_mm` are not split.
 fn split(means: &str) -> (&str, Option<&str>) {
     match means.split_once('_') {
         Some((base, unit)) if matches!(base, "x" | "y" | "z" | "time") => (base, Some(unit)),

@@ -11,7 +11,7 @@ pub struct Warning {
     pub code: String,
     /// Description.
     pub detail: String,
-    /// 0-based data rows it is about.
+    /// Data rows that the warning is about, 0-based.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rows: Vec<usize>,
 }

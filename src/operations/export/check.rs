@@ -1,4 +1,4 @@
-//! Checks exports: reads each text back and compares the poses of its robot with those of the intended one.
+//! Checks exports: compares the poses of a robot that was read back from an exported text with those of the intended robot.
 
 use super::Error;
 use crate::exchange::Chain;
@@ -12,12 +12,12 @@ use nalgebra::IsometryMatrix3;
 const N_CONFIGURATIONS: usize = 100;
 /// Seed of these configurations.
 const SEED: u64 = 1;
-/// Largest difference of positions, mm.
+/// Largest allowed difference of positions, mm.
 pub const SAME_MM: f64 = 1e-9;
-/// Largest difference of the entries of rotations: 1e-9 mm at a distance of one metre.
+/// Largest allowed difference of the entries of rotation matrices. This corresponds to 1e-9 mm at a distance of one metre.
 const SAME_ROTATION: f64 = 1e-12;
 
-/// Compares links that were read back.
+/// Compares links that were read back with the intended links.
 pub fn same_links(
     format: &'static str,
     robot: &Robot,
@@ -33,7 +33,7 @@ pub fn same_links(
     same_poses(format, robot, intended, &|q| t_base_flange(back, q))
 }
 
-/// Compares flange poses. `back` takes the model's joint values.
+/// Compares flange poses. `back` is a function of the model's joint values.
 pub fn same_poses(
     format: &'static str,
     robot: &Robot,
@@ -44,7 +44,7 @@ pub fn same_poses(
     same_at_controller(format, robot, intended, &as_model)
 }
 
-/// Compares flange poses. `back` takes the controller's joint values.
+/// Compares flange poses. `back` is a function of the controller's joint values.
 pub fn same_at_controller(
     format: &'static str,
     robot: &Robot,
@@ -65,8 +65,8 @@ pub fn same_at_controller(
     Ok(())
 }
 
-/// Compares a description of Universal Robots at the controller's joint values. The pose of its last frame on the flange may be any, but must be
-/// the same in all configurations.
+/// Compares a description of Universal Robots at the controller's joint values. Its last frame may have any pose relative to the flange, but the same
+/// pose in all configurations.
 pub fn same_description(
     robot: &Robot,
     intended: &[Link],
@@ -82,7 +82,8 @@ pub fn same_description(
     })
 }
 
-/// Compares a URDF that `urdf::written_text` wrote. Its joint values are the controller's, or the model's if the joint map couples joints.
+/// Compares a URDF that `urdf::written_text` wrote. Its joint values are those of the controller, or those of the model if the joint map couples
+/// joints.
 pub fn same_chain(
     format: &'static str,
     robot: &Robot,

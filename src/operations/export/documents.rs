@@ -13,7 +13,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// The document of a parameter set with these links.
+/// The export document of a parameter set. With `remaining_error_mm` its links are replaced by `links`.
 pub fn export_document(
     source: &Source<'_>,
     links: &[Link],
@@ -32,7 +32,7 @@ pub fn export_document(
     }
 }
 
-/// The offsets of refitted links: δq_controller = (coupling · sign)⁻¹ · δtheta_offset.
+/// The joint offsets of refitted links: δq_controller = (coupling · sign)⁻¹ · δtheta_offset.
 pub fn mastering_document(robot: &Robot, refit: &Refit) -> MasteringDocument {
     let n = robot.links.len();
     let change = DVector::from_fn(n, |i, _| {
@@ -51,7 +51,7 @@ pub fn mastering_document(robot: &Robot, refit: &Refit) -> MasteringDocument {
     }
 }
 
-/// One row per link; `kincal import` reads it as a table of Craig's convention.
+/// A CSV table with one row per link. `kincal import` reads it as a table in Craig's convention.
 pub fn csv_text(links: &[Link]) -> String {
     let mut text = String::from("link,a_mm,alpha_deg,d_mm,theta_offset_deg,beta_deg\n");
     for (i, link) in links.iter().map(IdentifiedLink::from).enumerate() {
@@ -71,8 +71,8 @@ pub fn csv_text(links: &[Link]) -> String {
     text
 }
 
-/// Origins of the joints as `kinematics:` of a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash is not that of a controller;
-/// the driver will warn about it.
+/// The origins of the joints in the format of `kinematics:` in a UR description: x, y, z in metres, roll, pitch, yaw in rad. The hash in the file is
+/// not that of a controller, so the driver will print a warning.
 pub fn ur_kinematics(arm: &UrArm, sha256: &str, base_left_out: Option<&str>) -> String {
     let base_left_out = base_left_out.map_or(String::new(), |warning| format!("# {warning}\n"));
     let mut text = format!(
@@ -126,7 +126,7 @@ enum UrEntry {
 /// Reads the chain that a file of [`ur_kinematics`] describes.
 ///
 /// # Errors
-/// A description, if it is no such file.
+/// A description of the problem, if the text is not such a file.
 pub fn read_ur_kinematics(text: &str) -> Result<Chain, String> {
     let file: UrFile = yaml_serde::from_str(text).map_err(|e| e.to_string())?;
     let joint = |name: &str| match file.kinematics.get(name) {

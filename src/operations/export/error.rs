@@ -5,10 +5,10 @@ use crate::wire::issue::Invalid;
 /// Why an export failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The robot or the URDF cannot be written in this format.
+    /// The robot cannot be exported in this format, or the given URDF cannot be used.
     #[error(transparent)]
     Invalid(#[from] Invalid),
-    /// The text reads back as another robot: a defect of kincal.
+    /// The exported text reads back as a different robot. This is a defect of kincal.
     #[error("the {format} export does not read back: {cause}")]
     ReadBack {
         /// The format.

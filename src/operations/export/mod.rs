@@ -1,4 +1,4 @@
-//! Exports identified links in the formats of controllers and of other software. Each text is read back and compared before it is returned.
+//! Exports identified links in the formats of controllers and of other software. Each exported text is read back and compared before it is returned.
 
 mod check;
 mod documents;
@@ -26,7 +26,7 @@ pub struct Exported {
     pub extension: &'static str,
     /// The text.
     pub text: String,
-    /// Error that the format leaves, if there is any.
+    /// Remaining error, if the format cannot represent all identified parameters.
     pub remaining: Option<RemainingError>,
 }
 
@@ -129,7 +129,7 @@ pub fn export(
     }
 }
 
-/// Universal Robots' arms in the library.
+/// The robots of Universal Robots in the library of robot models.
 fn arms_of_universal_robots() -> Result<Vec<Robot>, Error> {
     let unreadable_arms = |error: &str| unreadable("ur_kinematics", error);
     let arms = robot_models::find("", Some("Universal Robots")).map_err(unreadable_arms)?;
@@ -140,7 +140,7 @@ fn arms_of_universal_robots() -> Result<Vec<Robot>, Error> {
 /// Writes the joint origins of the identified robot into the user's own URDF.
 ///
 /// # Errors
-/// [`Error`] if the URDF cannot be read, or is not the nominal robot.
+/// [`Error`] if the URDF cannot be read, or does not describe the nominal robot.
 pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
     let links = source.content.kinematic_links();
     let text = urdf::patched_text(source, &links, bytes, tip)?;
@@ -152,7 +152,7 @@ pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Resul
     })
 }
 
-/// The identified links with or without beta and, without it, the remaining error.
+/// The identified links with beta, or refitted links without beta and their remaining error.
 fn exported_links(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<RemainingError>) {
     let links = source.content.kinematic_links();
     if beta == BetaChoice::Keep {

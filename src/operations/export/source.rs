@@ -10,7 +10,7 @@ use nalgebra::IsometryMatrix3;
 /// Inputs of an export.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
-    /// The parameter set's id.
+    /// Id of the parameter set.
     pub id: &'a str,
     /// The nominal robot as it was uploaded.
     pub body: &'a RobotBody,
@@ -22,13 +22,13 @@ pub struct Source<'a> {
     pub provenance: &'a Provenance,
 }
 
-/// Distance, mm, and angle, rad, below which the base equals the frame of the measured positions.
+/// Distance (mm) and angle (rad) below which the base counts as equal to the frame of the measured positions.
 const SAME_BASE_MM: f64 = 1e-3;
 const SAME_BASE_RAD: f64 = 1e-6;
 
 impl Source<'_> {
-    /// Warning for formats with joint origins only: they leave out the base's pose in the frame that positions were measured in. None if both
-    /// frames are equal, or positions were measured in an instrument's frame.
+    /// Warning for formats that contain only joint origins: such a format leaves out the pose of the base in the frame of the measured positions.
+    /// None if both frames are equal, or if positions were measured in the frame of an instrument.
     pub fn base_left_out(&self) -> Option<String> {
         if self.provenance.measuring_frame != Some(Frame::Base) {
             return None;

@@ -1,4 +1,4 @@
-//! URDF of the identified robot: a new one, or the user's own with other joint origins.
+//! URDF of the identified robot: either a new file, or the user's own URDF with new joint origins.
 
 use super::{Error, Source, check};
 use crate::exchange::transplant::transplanted;
@@ -11,11 +11,11 @@ use crate::wire::issue::Invalid;
 use nalgebra::{IsometryMatrix3, Vector3};
 use std::fmt::Write;
 
-/// Configurations at which a patched URDF is compared.
+/// Number of configurations at which a patched URDF is compared.
 const N_CONFIGURATIONS: usize = 50;
 
-/// Writes a new URDF: `base_link`, `link_1` … `link_n` (the flange) and every reflector. Its joint values are the controller's, or the model's if
-/// the joint map couples joints.
+/// Writes a new URDF with `base_link`, `link_1` … `link_n` (the flange) and all reflectors. Its joint values are those of the controller, or those of
+/// the model if the joint map couples joints.
 pub fn written_text(source: &Source<'_>, links: &[Link]) -> String {
     let map = source.robot.joint_map.as_ref();
     let uncoupled = map.filter(|map| map.coupling.is_identity(0.0));
@@ -89,7 +89,7 @@ pub fn written_text(source: &Source<'_>, links: &[Link]) -> String {
     text
 }
 
-/// Writes new origins of the moving joints into the user's URDF, reads it back and compares.
+/// Replaces the origins of the moving joints in the user's URDF, reads the result back and compares it.
 pub fn patched_text(
     source: &Source<'_>,
     links: &[Link],
@@ -142,9 +142,9 @@ fn largest_difference(a: &Chain, b: &Chain, source: &Source<'_>) -> (f64, f64) {
     })
 }
 
-/// Largest difference between the motions of a chain and of links, mm; constant transformations before and behind them (tool Y) do not count.
-/// Between configurations q and p the tip moves by Y⁻¹·F(q)⁻¹·F(p)·Y. The angle of this motion and the distance along its axis do not depend on
-/// Y, so these two are compared.
+/// Largest difference between the motions of a chain and of links, mm. Constant transformations before the chain and after it (tool Y) are ignored.
+/// Between configurations q and p the tip moves by Y⁻¹·F(q)⁻¹·F(p)·Y. The angle of this motion and the distance along its axis do not depend on Y, so
+/// these two are compared.
 fn worst_against_links(chain: &Chain, source: &Source<'_>, links: &[Link]) -> f64 {
     let screw = |a: &IsometryMatrix3<f64>, b: &IsometryMatrix3<f64>| {
         let t = a.inverse() * b;
@@ -164,7 +164,7 @@ fn worst_against_links(chain: &Chain, source: &Source<'_>, links: &[Link]) -> f6
                 &t_base_flange(links, &to_model(&pair[0])),
                 &t_base_flange(links, &to_model(&pair[1])),
             );
-            // times 1000 mm: a rotation error of 1e-15 moves a point at one metre by 1e-12 mm
+            // Rotation differences are multiplied by 1000 mm: a rotation error of 1e-15 moves a point at one metre by 1e-12 mm.
             ((theirs.0 - ours.0).abs() * 1e3).max((theirs.1 - ours.1).abs())
         };
         configurations.windows(2).map(pair).fold(0.0, f64::max)

@@ -1,4 +1,4 @@
-//! I8: reads the audit chain from its first entry. The other checks compare rows with it.
+//! Check I8: reads the audit chain from its first entry. The other checks compare rows with the chain.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ pub(super) struct Chain {
     pub(super) begun_at_ms: i64,
     /// Entries about each subject, in order.
     pub(super) events: BTreeMap<String, Vec<Entry>>,
-    /// For each Idempotency-Key the newest answer: the two hashes of [`idempotency::hashes`].
+    /// For each Idempotency-Key, the hash of its newest answer. Key and value are the two hashes of [`idempotency::hashes`].
     pub(super) answers: BTreeMap<String, String>,
 }
 
@@ -68,7 +68,7 @@ impl Chain {
             .map(str::to_owned)
     }
 
-    /// Whether the chain has the creation of this subject, and so everything that happened to it.
+    /// Whether the chain has the creation of this subject. Then the chain also has everything that happened to the subject later.
     pub(super) fn was_created(&self, subject: &str) -> bool {
         self.events
             .get(subject)
@@ -109,7 +109,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         }
         debug_assert_eq!(seq, last);
     }
-    // A server may have added entries meanwhile, so the head that was read first need not be the last entry.
+    // A server may have added entries in the meantime, so the head that was read first need not be the last entry.
     check.require(head.seq <= seq, || {
         format!(
             "the chain ends at entry {seq}, but entry {} was the last one",

@@ -13,15 +13,15 @@ pub struct Check {
     pub n_examined: i64,
     /// Violations, at most [`MAX_LISTED`].
     pub violations: Vec<String>,
-    /// Number of violations.
+    /// Number of all violations.
     pub n_violations: i64,
 }
 
-/// Most violations that are listed; further ones are only counted.
+/// Maximum number of listed violations; further ones are only counted.
 pub const MAX_LISTED: usize = 100;
-/// Small rows read at a time.
+/// Number of small rows read at a time.
 pub(super) const BATCH: i64 = 200;
-/// Uploads, networks and reports read at a time: one may have 45 MB.
+/// Number of uploads, networks and reports read at a time. One, because a single document may have 45 MB.
 pub(super) const DOCUMENT_BATCH: i64 = 1;
 
 /// Options of the checks.
@@ -29,7 +29,7 @@ pub(super) const DOCUMENT_BATCH: i64 = 1;
 pub struct Options {
     /// A head of the audit chain that was stored elsewhere.
     pub known_head: Option<AuditEntryId>,
-    /// Whether a server is running: then a lease that expired long ago is a violation.
+    /// Whether a server is running. If so, a lease that expired long ago is a violation.
     pub is_served: bool,
 }
 

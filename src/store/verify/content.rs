@@ -1,4 +1,4 @@
-//! I1 to I7: compares rows with their hashes and with the audit chain.
+//! Checks I1 to I7: compare rows with their hashes and with the audit chain.
 
 use std::collections::BTreeMap;
 
@@ -57,10 +57,11 @@ pub(super) const RELEASES: &str = "
     select id, status, coalesce(release_checks_json, '') as checks_json, released_at_ms, release_n_passed, release_n_failed from parameter_set
     where released_at_ms is not null order by id";
 
-/// Age of an expired lease that counts as stuck, ms. Workers check leases every second; a busy machine does not delay that by a minute.
+/// A job is stuck if its lease expired longer ago than this, ms. Workers check leases every second, and even a busy machine does not delay this by a
+/// minute.
 const STUCK_AFTER_MS: i64 = 60_000;
 
-/// I1: bytes and documents have the hashes that were stored when they were acknowledged.
+/// I1: uploads and documents have the hashes that were stored when they were acknowledged.
 pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I1",
@@ -168,7 +169,7 @@ fn compare_with_entry(check: &mut Check, chain: &Chain, id: &str, field: EntryFi
     }
 }
 
-/// Every row that the chain says was created still exists.
+/// Checks that every row whose creation is in the chain still exists.
 async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     for id in chain.events.keys() {
         if chain.was_created(id) && !is_there(store, id).await? {
@@ -197,7 +198,8 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
     Ok(n == 1)
 }
 
-/// I2: the answer to a key and its effect were one transaction. A missing answer cannot be detected: answers are deleted after a week.
+/// I2: the stored answer to an Idempotency-Key and the effect of the request agree, because one transaction wrote both. A missing answer cannot be
+/// detected, because answers are deleted after a week.
 pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new(
         "I2",
@@ -245,7 +247,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
     }
 }
 
-/// I3: the chain has exactly one end of each job that has ended, and none of other jobs. No job runs long past its lease.
+/// I3: the chain has exactly one end for each job that has ended, and no end for any other job. No job runs long after its lease has expired.
 pub(super) async fn jobs_end_once(
     store: &Store,
     chain: &Chain,
@@ -322,7 +324,7 @@ async fn at_most_one(
     Ok(check)
 }
 
-/// A succeeded job: what determines its result, and the result. Empty texts for absent inputs.
+/// A succeeded job: all inputs that determine its result, and the result. An absent input is an empty text.
 struct SucceededJob {
     id: String,
     robot_id: String,
@@ -355,7 +357,7 @@ from_row!(SucceededJob {
     robot_version
 });
 
-/// The fields of a report that I5 compares. The rest is passed over as it is read.
+/// The fields of a report that I5 compares. Other fields are skipped during parsing.
 #[derive(Default, Deserialize)]
 struct ReportOrigin {
     result_sha256: String,
@@ -442,7 +444,7 @@ from_row!(Released {
     release_n_failed
 });
 
-/// I7: the checks of a release are stored, all passed, and are those in the chain.
+/// I7: the checks of a release are stored, all of them passed, and their hash is in the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {
     let mut check = Check::new("I7", "no release without its checks");
     let rows: Vec<Released> = sqlx::query_as(RELEASES).fetch_all(store.readers()).await?;

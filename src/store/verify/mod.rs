@@ -1,4 +1,4 @@
-//! Checks the store's promises I1 to I9. Reads only; may run beside a server.
+//! Checks the store's promises I1 to I9. Only reads, and may run at the same time as a server.
 
 mod chain;
 mod check;
@@ -10,7 +10,7 @@ pub use check::{Check, MAX_LISTED, Options};
 
 use super::{Result, Store, audit};
 
-/// Most repetitions while a server changes the database; then the last result counts.
+/// Maximum number of runs while a server changes the database. The result of the last run counts.
 const MAX_RUNS: usize = 5;
 
 pub(super) const ALL_QUERIES: &[&str] = &[
@@ -40,8 +40,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 pub(super) const QUERIES_SQLITE: &[&str] = schema::QUERIES_SQLITE;
 pub(super) const QUERIES_POSTGRES: &[&str] = schema::QUERIES_POSTGRES;
 
-/// Runs every check, in order. If a check fails and the chain has grown meanwhile, all run again: a server that changes rows between two queries
-/// makes them look inconsistent.
+/// Runs every check, in order. If a check fails and the chain has grown in the meantime, all checks run again, because rows look inconsistent if a
+/// server changes them between two queries.
 ///
 /// # Errors
 /// [`super::Error::Database`] if the database cannot be read at all.

@@ -14,7 +14,7 @@ use crate::store::{
 };
 use crate::wire::canonical;
 
-/// The events that change the status of a parameter set, and the status after them.
+/// The events that change the status of a parameter set, with the status after the event.
 const STATUS_AFTER_EVENT: &[(AuditEvent, ParameterSetStatus)] = &[
     (
         AuditEvent::ParameterSetCreated,
@@ -83,7 +83,7 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
     Ok(())
 }
 
-/// Whether the newest entry about it says that it is archived.
+/// Whether the newest entry about archiving says that this item is archived.
 fn was_archived(chain: &Chain, id: &str) -> bool {
     let entries = chain.events.get(id).map_or(&[][..], Vec::as_slice);
     let mut about = entries.iter().rev().filter_map(|entry| {
@@ -94,7 +94,7 @@ fn was_archived(chain: &Chain, id: &str) -> bool {
     about.next().is_some_and(|(_, is_archived)| is_archived)
 }
 
-/// Compares each version of a robot with the entry of its edit, and each of these entries with its version.
+/// Checks that each version of a robot matches the audit entry of its edit, and that the version of each such entry exists.
 async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Result<()> {
     let mut found = BTreeSet::new();
     let mut after = (String::new(), 0);
@@ -131,7 +131,7 @@ async fn robot_versions(check: &mut Check, store: &Store, chain: &Chain) -> Resu
     Ok(())
 }
 
-/// Compares all rows of a kind with their entries, and calls `further` with each.
+/// Compares all rows of one kind with their audit entries, and calls `further` for each row.
 async fn each<T: Audited>(
     check: &mut Check,
     store: &Store,
@@ -159,7 +159,7 @@ async fn each<T: Audited>(
     }
 }
 
-/// Compares a row's fields with an entry. Fields that the entry does not have are skipped: older entries lack some.
+/// Compares a row's fields with an audit entry. Fields that the entry does not have are skipped, because older entries lack some fields.
 fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry) {
     let ExpectedEntry { event, now, by } = expected;
     match (chain.newest(id, *event), now) {
@@ -188,7 +188,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
     }
 }
 
-/// The robot is in the state `check_robot` exactly if the newest entry about that state says so.
+/// Checks that the robot is in the state `check_robot` exactly if the newest audit entry about this state says so.
 fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
     let about = [
         AuditEvent::RobotDoesNotFit,

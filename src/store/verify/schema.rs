@@ -1,4 +1,4 @@
-//! I9, and the constraints behind I4, I6 and I7: the database is sound and still has its schema.
+//! Check I9: the database is sound and its schema is complete. This includes the constraints that enforce I4, I6 and I7.
 
 use super::check::Check;
 use crate::store::{Engine, Result, Store};
@@ -26,7 +26,7 @@ const UNIQUE_POSTGRES: &str = "
     from pg_index i join pg_class c on c.oid = i.indrelid join pg_namespace s on s.oid = c.relnamespace
     where i.indisunique and i.indisvalid and s.nspname = current_schema()";
 
-/// Triggers and indexes that enforce the promises. A database without one of them is reported.
+/// Triggers and indexes that enforce the promises. A missing one is a violation.
 const GUARDS: &[&str] = &[
     "audit_entry_stays",
     "audit_entry_is_kept",

@@ -1,5 +1,5 @@
-//! Workbooks (xlsx, ods) as tables: one sheet becomes text, a line per row. A workbook is a zip archive; all that it holds is counted before anything
-//! is read from it.
+//! Workbooks (xlsx, ods) as tables: one sheet becomes text with one line per row. A workbook is a zip archive. The unpacked size of all its files is
+//! checked before anything is parsed.
 
 mod ods;
 mod refusal;
@@ -13,7 +13,7 @@ use sheet::Sheets;
 use std::io::{Cursor, Read};
 use zip::ZipArchive;
 
-/// Most files in a workbook.
+/// Maximum number of files in a workbook.
 const MAX_FILES: usize = 1000;
 
 /// Media type of xlsx.
@@ -40,7 +40,7 @@ impl Workbook {
     }
 }
 
-/// Which kind of workbook this is, if it is one: a zip archive with the files that one has.
+/// The kind of workbook, if the bytes are a zip archive with the files of a workbook.
 pub fn workbook(bytes: &[u8]) -> Option<Workbook> {
     if !bytes.starts_with(b"PK\x03\x04") {
         return None;
@@ -56,10 +56,10 @@ pub fn workbook(bytes: &[u8]) -> Option<Workbook> {
     }
 }
 
-/// The sheet of a workbook as a table, and its name.
+/// Reads one sheet of a workbook as a table. Also returns the name of the sheet.
 ///
 /// # Errors
-/// [`Invalid`] for what is too large or broken, and where several sheets have cells and none is named.
+/// [`Invalid`] if the workbook is too large or damaged, or if several sheets have cells and no sheet is chosen.
 pub fn read(
     kind: Workbook,
     bytes: &[u8],
@@ -102,7 +102,7 @@ pub fn read(
     }
 }
 
-/// Unpacks every file without keeping it, and counts.
+/// Protection against zip bombs: unpacks every file without keeping its content, and counts the bytes.
 fn refuse_bombs(archive: &mut Archive) -> Result<(), Invalid> {
     if archive.len() > MAX_FILES {
         return Err(too_large());

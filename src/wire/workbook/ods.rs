@@ -1,4 +1,4 @@
-//! Sheets of ods, row by row. A row or cell may say that it repeats a million times, which most empty ones do.
+//! Reads the sheets of an ods workbook row by row. A row or cell may state that it repeats a million times; most empty rows and cells do so.
 
 use super::refusal::{Archive, broken, refused};
 use super::sheet::{SheetText, Sheets};
@@ -9,7 +9,7 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::io::BufReader;
 
-/// A row that is read.
+/// The row that is being read.
 #[derive(Default)]
 struct Row {
     cells: Vec<(usize, String)>,
@@ -17,10 +17,10 @@ struct Row {
     repeats: usize,
 }
 
-/// A cell that is read.
+/// The cell that is being read.
 struct Cell {
     repeats: usize,
-    /// Its value, where it is not its text.
+    /// The value of a number or a date; none if the text of the cell is its value.
     value: Option<String>,
     text: String,
 }
@@ -72,7 +72,7 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
                             cell = Some(new);
                         }
                     }
-                    // a second paragraph, and what stands for spaces
+                    // A further paragraph, and the elements for spaces, tabs and line breaks, become one space.
                     "p" | "s" | "tab" | "line-break" => {
                         if let Some(cell) = cell.as_mut().filter(|cell| !cell.text.is_empty()) {
                             cell.text.push(' ');
@@ -122,7 +122,7 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
     Ok(Sheets { names, found })
 }
 
-/// Deepest nesting; documents have some ten levels.
+/// Maximum depth of nested elements. Documents have about ten levels.
 const MAX_DEPTH: usize = 100;
 
 fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {

@@ -1,13 +1,13 @@
-//! Why a workbook is refused.
+//! Refusals of workbooks.
 
 use crate::wire::{Invalid, Issue};
 use std::io::Cursor;
 use zip::ZipArchive;
 
-/// Most bytes that a workbook may hold unpacked: 100,000 rows of twelve numbers have 45 MB as xlsx.
+/// Maximum unpacked size of a workbook, bytes. 100,000 rows of twelve numbers have 45 MB as xlsx.
 pub(super) const MAX_UNPACKED_BYTES: u64 = 64 * 1024 * 1024;
 
-/// A workbook as the archive that it is.
+/// The zip archive of a workbook.
 pub(super) type Archive<'a> = ZipArchive<Cursor<&'a [u8]>>;
 
 pub(super) fn refused(code: &'static str, detail: String) -> Invalid {

@@ -1,21 +1,21 @@
-//! Cells of a sheet as lines of text, with tabs between them.
+//! Converts the cells of a sheet to lines of text with tabs between the cells.
 
 use super::refusal::{broken, refused, too_large};
 use crate::measurement::table::MAX_COLUMNS;
 use crate::wire::Invalid;
 
-/// Most bytes of one sheet as text; a CSV may have as many.
+/// Maximum size of one sheet as text, bytes. The limit for a CSV file is the same.
 const MAX_TEXT_BYTES: usize = 32 * 1024 * 1024;
 
 /// The sheets of a workbook.
 pub(super) struct Sheets {
-    /// The names of all.
+    /// The names of all sheets.
     pub names: Vec<String>,
-    /// Those with cells, at most two: name and text.
+    /// The sheets with cells, at most two: name and text.
     pub found: Vec<(String, String)>,
 }
 
-/// Writes cells in their order.
+/// Writes the cells of a sheet in their order.
 #[derive(Default)]
 pub(super) struct SheetText {
     text: String,
@@ -26,7 +26,7 @@ pub(super) struct SheetText {
 }
 
 impl SheetText {
-    /// Adds a cell at its place, both counted from 0. Empty cells need not be added.
+    /// Adds a cell. Row and column are counted from 0. Empty cells need not be added.
     pub fn cell(&mut self, row: usize, column: usize, cell: &str) -> Result<(), Invalid> {
         if cell.is_empty() {
             return Ok(());
@@ -66,7 +66,7 @@ impl SheetText {
         Ok(())
     }
 
-    /// The text; none of a sheet without cells.
+    /// The text of the sheet; none if the sheet has no cells.
     pub fn finish(mut self) -> Option<String> {
         self.text.truncate(self.end);
         self.text.push('\n');

@@ -1,4 +1,4 @@
-//! Sheets of xlsx, cell by cell: a dense table of a sheet with two far cells would not fit into memory.
+//! Reads the sheets of an xlsx workbook cell by cell. A dense table would not fit into memory if a sheet has cells far apart.
 
 use super::refusal::broken;
 use super::sheet::{SheetText, Sheets};
@@ -15,7 +15,7 @@ pub(super) fn sheets(bytes: &[u8], wanted: Option<&str>) -> Result<Sheets, Inval
         .iter()
         .filter(|name| wanted.is_none_or(|wanted| *name == wanted))
     {
-        // charts and macros are no sheets of cells
+        // Charts and macros are not sheets with cells.
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
         };
@@ -47,7 +47,7 @@ fn in_text(value: &DataRef) -> String {
     }
 }
 
-/// `2026-03-01T08:15:30.250`, or a time of day alone.
+/// Formats a time as `2026-03-01T08:15:30.250`, or as a time of day if it has no date.
 fn time_in_text(time: &ExcelDateTime) -> String {
     let (year, month, day, hour, minute, second, milli) = time.to_ymd_hms_milli();
     let clock = format!("{hour:02}:{minute:02}:{second:02}.{milli:03}");
