@@ -5,7 +5,7 @@ use crate::calibration::{CalibrationRequest, repeats};
 use crate::jobs::request::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
-    self, Compared, PointsToCompare, compare_on_set, points_to_compare,
+    self, Compared, HeldOutPoints, compare_on_set, held_out_points, sessions_to_compare,
 };
 use crate::release::facts::verify_errors_mm;
 use crate::release::independence::{hides_base, shown_evidence};
@@ -14,6 +14,7 @@ use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
+use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
@@ -66,6 +67,8 @@ pub struct ParsedEvidence {
     pub content: ParameterSetContent,
     /// Content of the active set.
     pub active: Option<ParameterSetContent>,
+    /// The points that the active set was identified from.
+    active_points: Vec<MeasurementSet>,
     /// Whether the active set was identified from the same points, as far as is known. It may then have been fitted to the points held out here.
     is_active_of_same_points: bool,
     /// Every session on which the set was scored, in order.
@@ -152,22 +155,13 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         evidence: shown_evidence(&identification, is_base_hidden),
         ..identification
     };
-    let is_active_of_same_points = match &stored.active {
-        None => false,
-        Some(active) => {
-            let parse = |upload: &MeasurementSetInput| {
-                upload
-                    .parse(request.robot.links.len())
-                    .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
-            };
-            let earlier: Vec<_> = active
-                .uploads
-                .iter()
-                .map(parse)
-                .collect::<std::result::Result<_, _>>()?;
-            let repeats_it = |upload| repeats(&request.robot, &earlier, upload);
-            request.uploads().iter().any(repeats_it)
-        }
+    let of_active = stored.active.iter().flat_map(|active| &active.uploads);
+    let active_points: Vec<MeasurementSet> = of_active
+        .map(|upload| points_of_upload(&request, upload))
+        .collect::<std::result::Result<_, _>>()?;
+    let is_active_of_same_points = {
+        let mut own = request.uploads().iter();
+        own.any(|upload| repeats(&request.robot, &active_points, upload))
     };
     let later = stored.later.into_iter().map(unscored);
     let mut unscored = later.collect::<std::result::Result<Vec<_>, _>>()?;
@@ -180,6 +174,7 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         identification_seq,
         last_check: stored.last_check,
         content: parsed(&stored.content)?,
+        active_points,
         is_active_of_same_points,
         active: stored
             .active
@@ -213,10 +208,17 @@ pub fn repeats_own_upload(
     upload: &MeasurementSetInput,
 ) -> std::result::Result<bool, Unreadable> {
     let request = &parsed.request;
-    let set = upload
-        .parse(request.robot.links.len())
-        .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))?;
+    let set = points_of_upload(request, upload)?;
     Ok(repeats(&request.robot, request.uploads(), &set))
+}
+
+fn points_of_upload(
+    request: &CalibrationRequest,
+    upload: &MeasurementSetInput,
+) -> std::result::Result<MeasurementSet, Unreadable> {
+    upload
+        .parse(request.robot.links.len())
+        .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
 }
 
 fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {
@@ -234,16 +236,23 @@ fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {
 }
 
 impl ParsedEvidence {
-    /// The points on which the set is compared with the active one.
-    pub fn points_to_compare(&self) -> PointsToCompare {
+    /// The sessions on which the set is compared with the active one, if there is one.
+    pub fn sessions_to_compare(&self) -> Vec<Session> {
         match self.active {
-            Some(_) => points_to_compare(
-                &self.sessions,
+            Some(_) => sessions_to_compare(&self.sessions),
+            None => vec![],
+        }
+    }
+
+    /// The points for the comparison with the active set where no session can serve.
+    pub fn held_out_points(&self) -> HeldOutPoints {
+        match self.active {
+            Some(_) => held_out_points(
                 &self.identification,
                 &self.request.verify,
                 self.is_active_of_same_points,
             ),
-            None => PointsToCompare::None,
+            None => HeldOutPoints::None,
         }
     }
 
@@ -257,7 +266,7 @@ impl ParsedEvidence {
     }
 }
 
-/// Errors of the set and of the active one on a session's points; `None` if no other set is active.
+/// Errors of the set and of the active one on a session's points; `None` if no other set is active, or if it was identified from these points.
 ///
 /// # Errors
 /// If the upload cannot be parsed.
@@ -266,9 +275,10 @@ pub fn compare_on_session(
     session: &Session,
     upload: &MeasurementSetInput,
 ) -> std::result::Result<Option<Comparison>, Unreadable> {
-    let set = upload
-        .parse(parsed.request.robot.links.len())
-        .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))?;
+    let set = points_of_upload(&parsed.request, upload)?;
+    if repeats(&parsed.request.robot, &parsed.active_points, &set) {
+        return Ok(None);
+    }
     let points = format!("session of job {}", session.job_id);
     Ok(parsed
         .compared()

@@ -2,7 +2,7 @@
 
 use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
-use crate::release::comparison::PointsToCompare;
+use crate::release::comparison::HeldOutPoints;
 use crate::release::guard_band::rule_in_force;
 use crate::release::{ArchivedItem, Comparison, Decision, Facts, UnscoredSession, decide};
 use crate::store::{
@@ -113,7 +113,7 @@ struct GateInputs {
     uploaders: Vec<Option<String>>,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     insisted_source: Option<String>,
-    /// A withdrawn parameter set whose values it holds.
+    /// A withdrawn parameter set whose values it holds, or that has the same values.
     withdrawn_source: Option<String>,
 }
 
@@ -193,21 +193,22 @@ async fn compare(
     parsed: &Arc<ParsedEvidence>,
 ) -> Result<Vec<Comparison>, ReleaseCheckError> {
     let mut comparisons = Vec::new();
-    match parsed.points_to_compare() {
-        PointsToCompare::Sessions(sessions) => {
-            for session in sessions {
-                let upload = MeasurementSetInput::read(store, &session.measurement_set_id).await?;
-                let parsed = Arc::clone(parsed);
-                let compare = move || evidence::compare_on_session(&parsed, &session, &upload);
-                comparisons.extend(blocking::run(permit, compare).await??);
-            }
-        }
-        PointsToCompare::VerifySet => {
+    for session in parsed.sessions_to_compare() {
+        let upload = MeasurementSetInput::read(store, &session.measurement_set_id).await?;
+        let parsed = Arc::clone(parsed);
+        let compare = move || evidence::compare_on_session(&parsed, &session, &upload);
+        comparisons.extend(blocking::run(permit, compare).await??);
+    }
+    if !comparisons.is_empty() {
+        return Ok(comparisons);
+    }
+    match parsed.held_out_points() {
+        HeldOutPoints::VerifySet => {
             let parsed = Arc::clone(parsed);
             let compare = move || evidence::compare_on_verify_set(&parsed);
             comparisons.extend(blocking::run(permit, compare).await?);
         }
-        PointsToCompare::VerifySubset {
+        HeldOutPoints::VerifySubset {
             is_fitted_by_active,
         } => {
             let report = match is_fitted_by_active {
@@ -218,7 +219,7 @@ async fn compare(
             let compare = move || evidence::compare_on_verify_subset(&parsed, report.as_deref());
             comparisons.extend(blocking::run(permit, compare).await??);
         }
-        PointsToCompare::None => {}
+        HeldOutPoints::None => {}
     }
     Ok(comparisons)
 }

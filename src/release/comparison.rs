@@ -26,11 +26,9 @@ pub struct ComparedRms {
     pub active_mm: f64,
 }
 
-/// The points on which a set is compared with the active one.
+/// The points held out at the identification, on which a set is compared with the active one where no session can serve.
 #[derive(Clone, Debug, PartialEq)]
-pub enum PointsToCompare {
-    /// The points of these sessions.
-    Sessions(Vec<Session>),
+pub enum HeldOutPoints {
     /// The points of the other upload on which the set was verified when it was identified.
     VerifySet,
     /// The points of the set's own upload that were held out when it was identified.
@@ -42,30 +40,32 @@ pub enum PointsToCompare {
     None,
 }
 
-/// The sessions that are evidence, each upload once. If there is no such session, the held-out points.
-pub fn points_to_compare(
-    sessions: &[Session],
-    identification: &Verification,
-    verify: &VerifySource,
-    is_active_of_same_points: bool,
-) -> PointsToCompare {
+/// The independent sessions, each upload once. Points to which a set was fitted do not show which of two sets is better.
+pub fn sessions_to_compare(sessions: &[Session]) -> Vec<Session> {
     let mut chosen: Vec<Session> = Vec::new();
     for session in sessions {
         let is_new = chosen
             .iter()
             .all(|other| other.measurement_set_id != session.measurement_set_id);
-        if session.verification.evidence != Evidence::None && is_new {
+        if session.verification.evidence == Evidence::IndependentSession && is_new {
             chosen.push(session.clone());
         }
     }
-    if !chosen.is_empty() {
-        PointsToCompare::Sessions(chosen)
-    } else if identification.n_points == 0 {
-        PointsToCompare::None
+    chosen
+}
+
+/// The points held out when the set was identified.
+pub fn held_out_points(
+    identification: &Verification,
+    verify: &VerifySource,
+    is_active_of_same_points: bool,
+) -> HeldOutPoints {
+    if identification.n_points == 0 {
+        HeldOutPoints::None
     } else if matches!(verify, VerifySource::Set(_)) {
-        PointsToCompare::VerifySet
+        HeldOutPoints::VerifySet
     } else {
-        PointsToCompare::VerifySubset {
+        HeldOutPoints::VerifySubset {
             is_fitted_by_active: is_active_of_same_points,
         }
     }

@@ -39,9 +39,12 @@ pub fn evidence_of(
     is_insisted_on: bool,
     is_another_session: bool,
 ) -> Evidence {
+    // the nominal robot alone was scored: there is no set that it could be evidence for
+    let is_nominal =
+        core.identify.n_points == 0 && core.verify.is_some_and(|v| v.after == v.before);
     let is_for_review = core.warnings.iter().any(|w| w.code == TOO_MANY_OUTLIERS);
     let hides_base = core.warnings.iter().any(|w| w.code == BASE_NOT_CHECKED);
-    if is_insisted_on || is_for_review || !core.is_evidence() {
+    if is_insisted_on || is_for_review || is_nominal || !core.is_evidence() {
         Evidence::None
     } else if is_another_session && !hides_base {
         Evidence::IndependentSession
@@ -247,19 +250,20 @@ pub fn session_facts(
         && fit != Fit::DoesNotFit
         && !has_warning(report, INSISTED)
         && !has_warning(report, TOO_MANY_OUTLIERS);
+    let evidence = match counts {
+        true => report.evidence,
+        false => Evidence::None,
+    };
     Verification {
         kind: VerificationKind::Session,
         n_points: report.verify.map_or(0, |verify| verify.n_points),
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
         after_expanded_mm: after_expanded_mm(report, Measured::of_session(request)),
-        is_better: comparison.is_better(),
+        // a session that is no evidence condemns no set
+        is_better: comparison.is_better() || evidence == Evidence::None,
         fit,
-        evidence: if counts {
-            report.evidence
-        } else {
-            Evidence::None
-        },
+        evidence,
         is_repeat: since.is_repeat,
         is_worse: [WORSE_THAN_IDENTIFIED, MISSES_SESSION]
             .iter()

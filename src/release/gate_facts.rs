@@ -65,7 +65,7 @@ pub struct Facts<'a> {
     pub is_withdrawn: bool,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     pub insisted_source: Option<&'a str>,
-    /// A withdrawn parameter set whose values this one holds.
+    /// A withdrawn parameter set whose values this one holds, or that has the same values.
     pub withdrawn_source: Option<&'a str>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,

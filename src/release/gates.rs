@@ -83,7 +83,7 @@ fn archived(facts: &Facts<'_>) -> Option<Gate> {
 fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
     let id = facts.withdrawn_source?;
     let detail = format!(
-        "the set rests on {id}, which was withdrawn: another session has to show that this one is right"
+        "the set holds values of {id}, or has the same values, and {id} was withdrawn: another session has to show that this one is right"
     );
     let is_shown = facts.evidence() == Evidence::IndependentSession;
     Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))

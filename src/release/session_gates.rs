@@ -93,15 +93,16 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
     }
 }
 
-/// The set must have been scored on every later session, also on one from which another set was identified. Otherwise it is unknown whether the set
-/// still holds. For a rollback the gate only warns, unless the job of that session found that the robot has changed.
+/// The set must have been scored on every session that was measured after its points, also on one from which another set was identified or on which
+/// another set was scored. Otherwise it is unknown whether the set still holds. For a rollback the gate only warns, unless the job of that session
+/// found that the robot has changed.
 pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
     let name = "scored_on_later_sessions";
     let Some(session) = facts.unscored else {
         return Gate::new(
             name,
             true,
-            "no session of another set came after it without being scored on it",
+            "it was scored on every session that was measured after its points",
         );
     };
     let (set, job) = (&session.measurement_set_id, &session.job_id);
@@ -110,7 +111,7 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
         false => "",
     };
     let detail = format!(
-        "after this set, another one was identified from the session {set} (job {job}){found}. Score this one on that session: {} and measurement_set_id {set}",
+        "the session {set} (job {job}) was measured after the points of this set{found}. Score the set on that session: {} and measurement_set_id {set}",
         verify_request(facts)
     );
     let only_warns = facts.is_rollback && !session.has_changed;

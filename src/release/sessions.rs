@@ -20,10 +20,10 @@ pub struct Session {
     pub verification: Verification,
 }
 
-/// A session from which another set was identified after this one, and on which this set was not scored.
+/// A session that was measured after the points of this set, and on which this set was not scored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnscoredSession {
-    /// The job that identified the other set.
+    /// The job that identified or scored another set.
     pub job_id: String,
     /// The session's upload.
     pub measurement_set_id: String,

@@ -8,6 +8,7 @@ use super::from_row::from_row;
 use super::policies::ABSENT;
 use super::{AuditEvent, Result, Store, Tx};
 use crate::wire::measurement::Frame;
+use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 
 /// Verification facts of one job.
@@ -159,14 +160,26 @@ const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v
 // Counts the facts of the whole robot, because a later session of another set matters as well.
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
 
-// Jobs that repeat earlier uploads are left out, because they show nothing new. A job with several sessions is not left out, because one repeated
-// session must not hide the others.
+// Sessions whose points were uploaded after those of the set: another set was identified from them, or was scored on them. What decides is the order of
+// the uploads in the audit chain, not when the jobs ran: an old upload that is identified again is as old as it was. Uploads without an entry are older
+// than the chain; among these, and for the same upload, the order of the jobs decides. Jobs that repeat earlier uploads are left out, because they show
+// nothing new. A job with several sessions is not left out, because one repeated session must not hide the others.
 const LATER_SESSIONS: &str = "
-    select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json
-    from verification v join job_upload u on u.job_id = v.job_id left join report_summary r on r.job_id = v.job_id
-    where v.robot_id = (select robot_id from parameter_set where id = $1) and v.kind = $2 and v.fit = $3
-        and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id))
-        and v.seq > (select own.seq from verification own join parameter_set p on p.job_id = own.job_id where p.id = $1)
+    with own as (
+        select p.robot_id as robot_id, f.seq as seq,
+            (select coalesce(max(a.seq), 0) from job_upload o join audit a on a.subject = o.measurement_set_id and a.event = $5
+                where o.job_id = p.job_id) as uploaded
+        from parameter_set p join verification f on f.job_id = p.job_id where p.id = $1),
+    later as (
+        select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json,
+            (select coalesce(max(a.seq), 0) from audit a where a.subject = u.measurement_set_id and a.event = $5) as uploaded
+        from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id
+            left join report_summary r on r.job_id = v.job_id
+        where ((v.kind = $2 and v.fit = $3) or (v.kind <> $2 and v.fit <> $6 and v.evidence <> $7))
+            and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id)))
+    select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.seq as seq, v.summary_json as summary_json
+    from later v join own on (v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))
+    where true
         and not exists (select 1 from verification s join job k on k.id = s.job_id
             where s.parameter_set_id = $1 and (k.measurement_set_id = u.measurement_set_id or k.verify_set_id = u.measurement_set_id
                 or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = u.measurement_set_id)))
@@ -333,6 +346,9 @@ pub async fn later_sessions(
         .bind(VerificationKind::Identification.as_str())
         .bind(Fit::Fits.as_str())
         .bind(limit)
+        .bind(AuditEvent::MeasurementSetCreated.as_str())
+        .bind(Fit::DoesNotFit.as_str())
+        .bind(Evidence::None.as_str())
         .fetch_all(store.readers())
         .await?)
 }

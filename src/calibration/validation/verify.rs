@@ -18,7 +18,7 @@ use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{
     SessionScatter, nominal_fit, session_fit, times_worse,
 };
-use crate::calibration::validation::verdict::Verdict;
+use crate::calibration::validation::verdict::{NO_BETTER, Verdict};
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
 use crate::calibration::validation::verification_set::{in_base_frame, n_placed_where, refits};
 use crate::calibration::warnings::screening::screening_warnings;
@@ -458,8 +458,12 @@ fn warnings(
     scored: &Scored,
     verify: &SubsetErrors,
 ) -> Vec<Warning> {
-    let mut warnings: Vec<Warning> = verdict.warning().into_iter().collect();
-    warnings.extend(shows_little(&request.robot, &request.set));
+    let shows_little = shows_little(&request.robot, &request.set);
+    // points that show little do not show that a set is no better, either
+    let told = verdict.warning();
+    let told = told.filter(|told| told.code != NO_BETTER || shows_little.is_none());
+    let mut warnings: Vec<Warning> = told.into_iter().collect();
+    warnings.extend(shows_little);
     if let Some(detail) = scored.base_hidden_because {
         warnings.push(Warning {
             code: BASE_NOT_CHECKED,

@@ -90,7 +90,8 @@ impl Reading {
 /// Compares the fit with fits to the same points with other readings of the last joint.
 pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let reach_mm = reach_mm(&problem.request.robot.links);
-    if let Some(warning) = behind_the_wrist(model, reach_mm) {
+    let impossible = out_of_reach(model, reach_mm).or_else(|| behind_the_wrist(model, reach_mm));
+    if let Some(warning) = impossible {
         return LastJoint::Otherwise(warning);
     }
     let off_axis_mm = model.targets_mm.iter().map(|target| target.xy().norm());
@@ -157,6 +158,21 @@ fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
     let go_on = &mut |_| ControlFlow::Continue(());
     let found = estimate(&rows, &rows.coordinates(&start), 0.0, go_on);
     (!is_turned(problem, &found.model)).then(|| Noise::of(&rows, &found.evidence, &found.posterior))
+}
+
+/// A tool is not as long as the arm. Such a fit occurs if the points cover little of the workspace and a mirrored robot fits them.
+fn out_of_reach(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
+    let of_targets = model.targets_mm.iter().map(|target| target.norm());
+    let farthest_mm = of_targets.fold(0.0, f64::max);
+    (farthest_mm > reach_mm).then(|| Warning {
+        code: JOINT_MAP,
+        detail: format!(
+            "the reflector is found {farthest_mm:.0} mm from the flange, and the whole arm reaches {reach_mm:.0} mm: no tool is as long. The joints are \
+             counted otherwise, or the frame is mirrored, and the points cover too little of the workspace to show it. Compare the controller's joint \
+             values with the nominal robot, and measure poses spread over the workspace"
+        ),
+        rows: vec![],
+    })
 }
 
 /// A reflector behind the centre of a spherical wrist, by more than its distance from the last axis, is inside the arm, which is impossible. Such a

@@ -21,6 +21,7 @@ mod hostile_names;
 mod hosts;
 mod idempotency;
 mod jobs;
+mod later_sessions;
 mod lists;
 mod lost_connections;
 mod matrix;

@@ -1,0 +1,167 @@
+//! Sessions count for every set whose points are older, whatever jobs ran in between; and a set is compared with the active one on points that neither
+//! was fitted to.
+
+use crate::api::sessions::{
+    Row, codes, csv, failed_gates, rows, scored, set_policy, upload, with_noise,
+};
+use crate::app::{TestApp, text};
+use crate::simulation::Normal;
+use serde_json::{Value, json};
+
+/// The parameter set of a job that identifies a measurement set.
+async fn identified(app: &TestApp, robot: &str, set: &str) -> Value {
+    let request = json!({"measurement_set_id": set, "method": "least_squares"});
+    let job = app.run(robot, &request).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    job["parameter_set_id"].clone()
+}
+
+async fn release(app: &TestApp, set: &Value) {
+    let path = format!("/v1/parameter-sets/{}/release", text(set));
+    let reasons = json!({"reason": "looked at", "change_reason": "looked at"});
+    app.post_json(&path, &reasons).await.ok(200);
+}
+
+async fn fails(app: &TestApp, set: &Value, gate: &str) -> bool {
+    let (failed, _) = failed_gates(app, set).await;
+    failed.contains(&gate.to_owned())
+}
+
+#[tokio::test]
+async fn an_old_upload_that_is_identified_again_is_as_old_as_it_was() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let before = app.upload(&robot, "first_noisy.csv").await;
+    release(&app, &identified(&app, &robot, &before).await).await;
+    let after = app.upload(&robot, "followup_collision.csv").await;
+    let right = identified(&app, &robot, &after).await;
+    release(&app, &right).await;
+    // the upload from before the collision, once more: another set, of the robot as it was
+    let old = identified(&app, &robot, &before).await;
+    assert!(fails(&app, &old, "scored_on_later_sessions").await);
+    let path = format!("/v1/parameter-sets/{}/release", text(&old));
+    let reasons = json!({"reason": "looked at", "change_reason": "looked at"});
+    app.post_json(&path, &reasons)
+        .await
+        .problem(409, "release_refused");
+    // and it is no later session for the right one
+    assert!(!fails(&app, &right, "scored_on_later_sessions").await);
+}
+
+#[tokio::test]
+async fn the_same_upload_identified_again_meets_the_same_sessions_and_the_same_withdrawal() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(31);
+    set_policy(&app, &robot, json!({"tolerance_mm": 0.3})).await;
+    let own = app.upload(&robot, "first_noisy.csv").await;
+    let set = identified(&app, &robot, &own).await;
+    // a session that misses the set by more than the tolerance
+    let coarse = with_noise(&rows("followup_unchanged.csv"), 0.25, &mut random);
+    let session = upload(&app, &robot, &coarse).await;
+    scored(&app, &robot, &session, &set).await;
+    assert!(fails(&app, &set, "verify_errors_within_tolerance").await);
+    let again = identified(&app, &robot, &own).await;
+    assert!(fails(&app, &again, "scored_on_later_sessions").await);
+    scored(&app, &robot, &session, &again).await;
+    assert!(fails(&app, &again, "verify_errors_within_tolerance").await);
+    // a withdrawal is of what the set says, not of its id alone
+    let path = format!("/v1/parameter-sets/{}/withdraw", text(&again));
+    app.post_json(&path, &json!({"reason": "it drilled the fixture"}))
+        .await
+        .ok(200);
+    let third = identified(&app, &robot, &own).await;
+    assert!(fails(&app, &third, "source_withdrawn").await);
+}
+
+/// A fifth of the poses, with noise.
+fn few(name: &str, std_mm: f64, random: &mut Normal) -> Vec<Row> {
+    let some: Vec<Row> = rows(name).into_iter().step_by(3).collect();
+    with_noise(&some, std_mm, random)
+}
+
+#[tokio::test]
+async fn a_set_is_compared_with_the_active_one_on_points_that_neither_was_fitted_to() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(32);
+    let fine = upload(
+        &app,
+        &robot,
+        &with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random),
+    )
+    .await;
+    let good = identified(&app, &robot, &fine).await;
+    release(&app, &good).await;
+    // few coarse points: worse than the active set, also after it was scored on its own points
+    let coarse = upload(&app, &robot, &few("first.csv", 0.4, &mut random)).await;
+    let worse = identified(&app, &robot, &coarse).await;
+    assert!(fails(&app, &worse, "improved_on_active").await);
+    scored(&app, &robot, &coarse, &worse).await;
+    assert!(fails(&app, &worse, "improved_on_active").await);
+}
+
+#[tokio::test]
+async fn points_that_the_active_set_was_fitted_to_say_nothing_against_a_better_one() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(33);
+    let first = upload(
+        &app,
+        &robot,
+        &few("followup_unchanged.csv", 0.05, &mut random),
+    )
+    .await;
+    let active = identified(&app, &robot, &first).await;
+    release(&app, &active).await;
+    let many = with_noise(&rows("first.csv"), 0.02, &mut random);
+    let many = upload(&app, &robot, &many).await;
+    let better = identified(&app, &robot, &many).await;
+    assert!(!fails(&app, &better, "improved_on_active").await);
+    scored(&app, &robot, &first, &better).await;
+    assert!(!fails(&app, &better, "improved_on_active").await);
+}
+
+#[tokio::test]
+async fn a_session_that_shows_little_condemns_no_set() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let own = app.upload(&robot, "first_noisy.csv").await;
+    let set = identified(&app, &robot, &own).await;
+    // joint 1 alone, in the instrument's frame: base and reflector take up whatever is measured
+    let one = rows("followup_unchanged.csv")[0];
+    let sweep: Vec<Row> = (0..11)
+        .map(|step| {
+            let turn = 10.0 * f64::from(step);
+            let (sin, cos) = turn.to_radians().sin_cos();
+            let mut row = one;
+            row[0] += turn;
+            (row[6], row[7]) = (
+                cos * one[6] - sin * one[7] + 400.0,
+                sin * one[6] + cos * one[7],
+            );
+            row
+        })
+        .collect();
+    let path = format!("{robot}/measurement-sets?frame=instrument");
+    let swept = app.post(&path, "text/csv", csv(&sweep)).await.ok(201);
+    let (_, report) = scored(&app, &robot, text(&swept["id"]), &set).await;
+    assert_eq!(report["evidence"], "none", "{report}");
+    assert!(!codes(&report).contains(&"no_better_than_nominal"));
+    assert!(!fails(&app, &set, "sessions_better_than_nominal").await);
+}
+
+#[tokio::test]
+async fn of_the_nominal_robot_no_evidence_is_stated() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let set = app.upload(&robot, "followup_unchanged.csv").await;
+    let job = app
+        .run(
+            &robot,
+            &json!({"kind": "verify", "measurement_set_id": set}),
+        )
+        .await;
+    let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+    assert_eq!(app.get(&path).await.ok(200)["evidence"], "none");
+}
