@@ -21,12 +21,12 @@ const UPLOADS: &str = "
     select u.measurement_set_id as measurement_set_id, max(s.is_held) as is_held from job_source s join job_upload u on u.job_id = s.source_job_id
     where s.job_id = $1 group by u.measurement_set_id order by u.measurement_set_id";
 
-// A set that holds its values, or has the same values as one that was withdrawn: who identifies the same upload again gets the same set.
+// A withdrawn set whose values the job holds, or that has the same values as the job's candidate: identifying the same upload again gives the same set.
 const WITHDRAWN: &str = "
     select p.id from parameter_set p where p.status = 'withdrawn'
         and (p.job_id in (select s.source_job_id from job_source s where s.job_id = $1 and s.is_held = 1)
             or p.id in (select twin.id from parameter_set own join parameter_set twin on twin.robot_id = own.robot_id and twin.sha256 = own.sha256
-                where own.job_id = $1 and twin.id <> own.id))
+                where own.job_id = $1 and own.status = 'candidate' and twin.id <> own.id))
     order by p.id limit 1";
 
 /// An upload of a source job: the job's result depends on it.

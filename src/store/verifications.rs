@@ -179,11 +179,10 @@ const LATER_SESSIONS: &str = "
             and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id)))
     select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.seq as seq, v.summary_json as summary_json
     from later v join own on (v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))
-    where true
-        and not exists (select 1 from verification s join job k on k.id = s.job_id
-            where s.parameter_set_id = $1 and (k.measurement_set_id = u.measurement_set_id or k.verify_set_id = u.measurement_set_id
-                or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = u.measurement_set_id)))
-    order by v.seq, u.measurement_set_id limit cast($4 as bigint)";
+    where not exists (select 1 from verification s join job k on k.id = s.job_id
+            where s.parameter_set_id = $1 and (k.measurement_set_id = v.measurement_set_id or k.verify_set_id = v.measurement_set_id
+                or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = v.measurement_set_id)))
+    order by v.seq, v.measurement_set_id limit cast($4 as bigint)";
 
 // Counts jobs that an older version of kincal ended and that have no facts yet.
 const N_UNKNOWN: &str = "

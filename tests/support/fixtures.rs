@@ -104,9 +104,10 @@ pub fn everything() -> ListRequest {
 #[allow(dead_code, reason = "each test binary uses its part")]
 pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSetRow {
     let job = a_job(store, set, "{}").await;
+    let body = format!("{{\"of\": \"{}\"}}", job.id);
     let new = kincal::store::NewParameterSet {
-        body_json: "{}".into(),
-        sha256: canonical::sha256_hex(b"{}"),
+        sha256: canonical::sha256_hex(body.as_bytes()),
+        body_json: body.into(),
         estimate_json: None,
     };
     in_transaction(store, async |tx| {

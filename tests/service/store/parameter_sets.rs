@@ -913,9 +913,10 @@ async fn an_identified(
     found: &Verification,
 ) -> ParameterSetRow {
     let job = a_job(store, set, "{}").await;
+    let body = format!("{{\"of\": \"{}\"}}", job.id);
     let candidate = NewParameterSet {
-        body_json: "{}".into(),
-        sha256: kincal::wire::canonical::sha256_hex(b"{}"),
+        sha256: kincal::wire::canonical::sha256_hex(body.as_bytes()),
+        body_json: body.into(),
         estimate_json: None,
     };
     in_transaction(store, async |tx| {
