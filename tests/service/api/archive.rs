@@ -141,9 +141,14 @@ async fn an_archived_robot_takes_nothing_new_and_is_still_rolled_back() {
     app.post(&sets, "text/csv", paper("first.csv"))
         .await
         .ok(201);
-    app.post_json(&format!("{}/release", path(&third)), &why)
+    // the third set was identified from the same points as the one that was withdrawn: nothing but that is in its way any more
+    let refused = app
+        .post_json(&format!("{}/release", path(&third)), &why)
         .await
-        .ok(200);
+        .problem(409, "release_refused");
+    let failed = refused["errors"].as_array().unwrap();
+    assert_eq!(failed.len(), 1, "{refused}");
+    assert_eq!(failed[0]["code"], "source_withdrawn", "{refused}");
 }
 
 #[tokio::test]

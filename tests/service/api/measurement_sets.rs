@@ -117,7 +117,7 @@ fn five_rows_from_an_instrument(n: usize) -> String {
 #[tokio::test]
 async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
     let app = TestApp::with_workers(1).await;
-    let (robot, _) = app.identified().await;
+    let (robot, identified) = app.identified().await;
     let warning_details = |set: &Value| -> String {
         let warnings = set["warnings"].as_array().unwrap().iter();
         let small = warnings.filter(|warning| warning["code"] == "under_determined");
@@ -153,7 +153,7 @@ async fn what_an_upload_says_that_a_small_set_can_serve_for_it_can() {
         let details = warning_details(&set);
         assert!(details.is_empty() || details.contains(said), "{details}");
         assert!(frame == "base" || n == 9 || !details.is_empty());
-        let request = json!({"measurement_set_id": set["id"], "kind": "verify"});
+        let request = json!({"measurement_set_id": set["id"], "kind": "verify", "parameter_set_id": identified["parameter_set_id"]});
         let job = app.run(&robot, &request).await;
         assert_eq!(job["status"], "succeeded", "{frame}: {job}");
         let path = format!("/v1/jobs/{}/report", text(&job["id"]));
