@@ -450,7 +450,8 @@ fn the_points_of_one_configuration_are_not_taken_as_independent() {
         let report =
             check_released(&request, &released, &mut |_| ControlFlow::Continue(())).unwrap();
         let check = report.quick_check.unwrap();
-        n_false += usize::from(check.verdict == CheckVerdict::Changed);
+        // the verdict asks besides whether a change matters
+        n_false += usize::from(check.test.unwrap().probability < 0.01);
     }
     println!(
         "{n_false} of {} unchanged robots called changed",
