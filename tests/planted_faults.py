@@ -100,8 +100,8 @@ FAULTS = [
     Fault("the work frame is exact", "core", "a_frame_from_points_is_as_uncertain", [
         ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [
-        ("let anchor = anchor_in(base, &model, &nominal.links);",
-         "let _ = base; let anchor = anchor_in(Base::Robot, &model, &nominal.links);")], "src/compensation"),
+        ("let anchor = anchor_in(base, &model, &nominal.links, has_tool);",
+         "let _ = base; let anchor = anchor_in(Base::Robot, &model, &nominal.links, has_tool);")], "src/compensation"),
     Fault("no final fit, no question", "service", "a_narrow_cloud_is_refused_without_a_final_fit", [
         ("let is_open = facts.report.tool_uncertainty_absent_because.is_some();", "let is_open = false;")], "src/release"),
     Fault("a later session of another set does not count", "service", "only_after_it_was_scored_on_later_sessions", [

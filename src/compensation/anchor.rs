@@ -7,9 +7,10 @@
 use crate::compensation::mode::Base;
 use crate::identification::KinematicModel;
 use crate::identification::parameters::is_parallel;
+use crate::identification::problem::usual_length_mm;
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::{Link, reach_mm};
-use nalgebra::IsometryMatrix3;
+use nalgebra::{IsometryMatrix3, Vector3};
 
 /// T_identified(q) = `t_base_anchored` · T_anchored(q) · `t_anchored_flange`, where T is the flange in the base frame. Two identifications of one
 /// robot have the same T_anchored.
@@ -122,21 +123,68 @@ fn first_group_end(nominal: &[Link]) -> usize {
         .unwrap_or(0)
 }
 
-/// A change of the last link's d up to this share of the arm's reach is an error of the robot; a larger one is the length of a tool. It is ten
-/// standard deviations of a machined length (0.5 mm each at a reach of 1700 mm).
-const PLAUSIBLE_D_PER_REACH: f64 = 10.0 * 0.5 / 1700.0;
+/// d of the last link is off by at most this many usual errors of a link. A larger change contains the length of a tool.
+const MOST_USUAL_ERRORS: f64 = 3.0;
+
+/// A reflector that the paper's model holds at the flange's origin. If it is ahead of it, d of the last link contains its length, and positions do
+/// not show how much of the change is an error of the link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldReflector {
+    /// Change of d of the last link, mm.
+    pub change_mm: f64,
+    /// True if the change is too large for an error of the link. It then counts as the reflector's length.
+    pub is_length: bool,
+    usual_error_mm: f64,
+}
+
+impl HeldReflector {
+    /// `None` if the identification had the reflectors' positions free.
+    pub fn of(identified: &KinematicModel, nominal: &[Link]) -> Option<Self> {
+        let is_held = identified.targets_mm.contains(&Vector3::zeros());
+        is_held.then(|| Self {
+            change_mm: change_of_last_d_mm(&identified.links, nominal),
+            is_length: contains_tool(&identified.links, nominal),
+            usual_error_mm: usual_error_of_last_d_mm(nominal),
+        })
+    }
+
+    /// Error of the flange along the last axis if nothing is known of the reflector's length, mm: the root mean square of what is corrected as an
+    /// error of the link, minus the link's error, whose standard deviation is the usual one.
+    pub fn flange_error_mm(&self) -> f64 {
+        let corrected_mm = if self.is_length { 0.0 } else { self.change_mm };
+        libm::hypot(self.usual_error_mm, corrected_mm)
+    }
+}
+
+/// Change of d of the last link, and of those before it that are parallel to it, mm.
+fn change_of_last_d_mm(identified: &[Link], nominal: &[Link]) -> f64 {
+    let flange = anchor(identified, nominal).t_anchored_flange;
+    flange.translation.z
+}
+
+/// Usual error of the sum of these d, mm.
+fn usual_error_of_last_d_mm(nominal: &[Link]) -> f64 {
+    let n = nominal.len() - last_group_start(nominal);
+    usual_length_mm(reach_mm(nominal)) * (n as f64).sqrt()
+}
+
+/// True if d of the last link contains the length of a tool: it changed by more than the errors of links.
+pub fn contains_tool(identified: &[Link], nominal: &[Link]) -> bool {
+    let most_mm = MOST_USUAL_ERRORS * usual_error_of_last_d_mm(nominal);
+    change_of_last_d_mm(identified, nominal).abs() > most_mm
+}
 
 /// The anchor for targets that are met in the measuring frame, if positions were measured in the nominal base frame. The base stays where the
-/// measurements place it. d of the last link also stays, as the paper's model identifies it with the reflector held on the flange. If it changed by
-/// more than the errors of robots, it contains the length of a tool that the nominal robot does not know, and it is anchored.
-///
-/// # Panics
-/// If the robots have not the same number of links.
-pub fn anchor_in_measuring_frame(identified: &KinematicModel, nominal: &[Link]) -> Anchor {
+/// measurements place it. d of the last link also stays, as the paper's model identifies it with the reflector held on the flange. With `has_tool` it
+/// contains the length of a tool that the nominal robot does not know, and it is anchored.
+fn anchor_in_measuring_frame(
+    identified: &KinematicModel,
+    nominal: &[Link],
+    has_tool: bool,
+) -> Anchor {
     let of_axes = anchor(&identified.links, nominal);
-    let reach_mm = reach_mm(nominal);
     let mut t_anchored_flange = of_axes.t_anchored_flange;
-    if t_anchored_flange.translation.vector.norm() <= PLAUSIBLE_D_PER_REACH * reach_mm {
+    if !has_tool {
         t_anchored_flange.translation.vector.fill(0.0);
     }
     Anchor {
@@ -145,14 +193,19 @@ pub fn anchor_in_measuring_frame(identified: &KinematicModel, nominal: &[Link]) 
     }
 }
 
-/// The anchor for targets that are met in the frame of `base`.
+/// The anchor for targets that are met in the frame of `base`. `has_tool`: see [`contains_tool`].
 ///
 /// # Panics
 /// If the robots have not the same number of links.
-pub fn anchor_in(base: Base, identified: &KinematicModel, nominal: &[Link]) -> Anchor {
+pub fn anchor_in(
+    base: Base,
+    identified: &KinematicModel,
+    nominal: &[Link],
+    has_tool: bool,
+) -> Anchor {
     match base {
         Base::Robot => anchor(&identified.links, nominal),
-        Base::Measured => anchor_in_measuring_frame(identified, nominal),
+        Base::Measured => anchor_in_measuring_frame(identified, nominal, has_tool),
     }
 }
 

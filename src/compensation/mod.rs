@@ -8,7 +8,7 @@ pub mod targets;
 mod tool_error;
 mod work_frame;
 
-pub use anchor::{Anchor, anchor, anchor_in_measuring_frame};
+pub use anchor::{Anchor, HeldReflector, anchor};
 pub use cartesian::CorrectedPose;
 pub use difference::{ToolDifference, ToolDifferences, tool_differences};
 pub use mode::{Base, Mode, Status};

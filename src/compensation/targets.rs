@@ -1,6 +1,6 @@
 //! Corrected joint targets: Gauss-Newton on the identified robot, damped along directions in which it hardly moves, and within joint limits.
 
-use crate::compensation::anchor::{Anchor, anchor, anchor_in};
+use crate::compensation::anchor::{Anchor, anchor, anchor_in, contains_tool};
 use crate::compensation::mode::{Base, Mode, Status};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
@@ -119,7 +119,9 @@ impl<'a> Compensation<'a> {
 
     /// As [`Self::new`], in the given frame, with the corrections of the identified robot if it has some.
     pub fn of(nominal: &'a Robot, identified: &'a IdentifiedRobot, base: Base) -> Self {
-        let anchor_of = |model: &KinematicModel| anchor_in(base, model, &nominal.links);
+        // decided once, so that corrections fade out without a jump
+        let has_tool = contains_tool(&identified.plain.links, &nominal.links);
+        let anchor_of = |model: &KinematicModel| anchor_in(base, model, &nominal.links, has_tool);
         let (model, fading) = match &identified.corrected {
             None => (&identified.plain, None),
             Some(corrected) => (

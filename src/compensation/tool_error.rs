@@ -3,9 +3,9 @@
 //! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
 //! of [`misfit`](crate::identification::misfit). Both errors have the root R of their mean square error from the identification. One standard
 //! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange
-//! depend on the links.
+//! depend on the links. Where the identification held the reflector at the flange, the error of the flange along the last axis is added in squares.
 
-use crate::compensation::anchor::{Anchor, anchor_in};
+use crate::compensation::anchor::{Anchor, HeldReflector, anchor_in, contains_tool};
 use crate::compensation::mode::Base;
 use crate::compensation::targets::Tool;
 use crate::identification::KinematicModel;
@@ -34,8 +34,8 @@ struct PerturbedRobot {
 }
 
 impl PerturbedRobot {
-    fn new(model: KinematicModel, nominal: &Robot, base: Base) -> Self {
-        let anchor = anchor_in(base, &model, &nominal.links);
+    fn new(model: KinematicModel, nominal: &Robot, base: Base, has_tool: bool) -> Self {
+        let anchor = anchor_in(base, &model, &nominal.links, has_tool);
         Self { model, anchor }
     }
 
@@ -97,12 +97,17 @@ pub struct ToolError<'a> {
     identified: PerturbedRobot,
     /// For each parameter: its step, mm or rad, and the robot with this step to both sides.
     moved: Vec<(f64, [PerturbedRobot; 2])>,
+    /// See [`HeldReflector::flange_error_mm`]; 0 if it does not count.
+    flange_error_mm: f64,
 }
 
 impl<'a> ToolError<'a> {
     /// Prepares the uncertainty of a tool in the frame of `base`. The estimate belongs to `nominal`, and contains the target if the tool is one.
     pub fn new(nominal: &'a Robot, estimate: &'a Estimate, base: Base, tool: ToolPoint) -> Self {
         let step_mm = STEP_RAD * reach_mm(&nominal.links);
+        let has_tool = contains_tool(&estimate.model.links, &nominal.links);
+        let held = HeldReflector::of(&estimate.model, &nominal.links);
+        let held = held.filter(|_| base == Base::Measured);
         let moved = |parameter: &Parameter| {
             let step = if parameter.is_angle() {
                 STEP_RAD
@@ -111,12 +116,13 @@ impl<'a> ToolError<'a> {
             };
             let sides = [step, -step].map(|by| {
                 let model = apply(&estimate.model, &[*parameter], &[by]);
-                PerturbedRobot::new(model, nominal, base)
+                PerturbedRobot::new(model, nominal, base, has_tool)
             });
             (step, sides)
         };
         Self {
-            identified: PerturbedRobot::new(estimate.model.clone(), nominal, base),
+            identified: PerturbedRobot::new(estimate.model.clone(), nominal, base, has_tool),
+            flange_error_mm: held.map_or(0.0, |held| held.flange_error_mm()),
             moved: estimate.parameters.iter().map(moved).collect(),
             nominal,
             estimate,
@@ -147,7 +153,14 @@ impl<'a> ToolError<'a> {
         if root.nrows() > p {
             errors += self.features(&poses.corrected_rad) * root.rows(p, root.nrows() - p);
         }
-        errors.norm()
+        // a fixed position of the reflector itself does not depend on where the flange is
+        let is_of_flange = wanted != ToolGoal::Fixed || matches!(self.tool, ToolPoint::Tcp(_));
+        let flange_error_mm = if is_of_flange {
+            self.flange_error_mm
+        } else {
+            0.0
+        };
+        libm::hypot(errors.norm(), flange_error_mm)
     }
 
     fn slope(&self, (step, sides): &(f64, [PerturbedRobot; 2]), poses: &Poses) -> Vector3<f64> {

@@ -2,10 +2,12 @@
 
 use crate::calibration::ORIENTATION_NOT_KNOWN;
 use crate::compensation::{
-    Anchor, Base, Compensation, Corrected, Mode, Tool, ToolError, ToolGoal, ToolPoint, WorkFrame,
+    Anchor, Base, Compensation, Corrected, HeldReflector, Mode, Tool, ToolError, ToolGoal,
+    ToolPoint, WorkFrame,
 };
+use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
-use crate::kinematics::{Payload, Robot};
+use crate::kinematics::{Link, Payload, Robot};
 use crate::release::{orientation_unknown, wrong_robot};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::compensate::{
@@ -82,6 +84,8 @@ pub fn compensate(
         is_measured.then(|| identified.model().t_instrument_base)
     });
     answer.document.warnings = warnings(request, provenance, robot.links.len());
+    let of_length = reflector_length(request, &identified.plain, &robot.links, base);
+    answer.document.warnings.extend(of_length);
     let is_extrapolated = |q_rad: &[f64]| identified.is_extrapolated(&robot.q_model_rad(q_rad));
     for q_deg in &request.q_deg {
         let q_rad = in_radians(q_deg);
@@ -248,6 +252,40 @@ fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -
         rows: vec![],
     });
     told.into_iter().collect()
+}
+
+/// Warning that positions of a reflector that was held at the flange do not show its length.
+/// The exception are Cartesian targets of the reflector itself, which do not depend on where the flange is.
+fn reflector_length(
+    request: &CompensateBody,
+    identified: &KinematicModel,
+    nominal: &[Link],
+    base: Base,
+) -> Option<Warning> {
+    let is_of_flange = !request.q_deg.is_empty() || has_tool(request);
+    if base == Base::Robot || !is_of_flange {
+        return None;
+    }
+    let held = HeldReflector::of(identified, nominal)?;
+    let (counts, otherwise) = match held.is_length {
+        true => (
+            "the reflector's length, because links are not off by so much",
+            "the flange is off by the error of the link",
+        ),
+        false => (
+            "an error of the link",
+            "reflector and tools are off by that length if the reflector is ahead of the flange by it",
+        ),
+    };
+    Some(Warning {
+        code: "reflector_length".into(),
+        detail: format!(
+            "d of the last link is {:+.3} mm from nominal. The model holds the reflector at the flange's origin, so an error of this link cannot be              told from a reflector that is ahead of the flange. It counts as {counts}; {otherwise}. `position_std_mm` contains {:.3} mm for this:              measure how far the reflector's centre is from the flange",
+            held.change_mm,
+            held.flange_error_mm()
+        ),
+        rows: vec![],
+    })
 }
 
 fn has_tool(request: &CompensateBody) -> bool {

@@ -133,7 +133,8 @@ pub struct CompensateAnswer {
     #[serde(default)]
     pub left_out: LeftOut,
     /// Warnings. `pose_not_seen`: the measured positions do not determine the flange's pose completely, and this tool or mode depends on the part
-    /// that is not determined.
+    /// that is not determined. `reflector_length`: the model holds the reflector at the flange, so an error of d of the last link cannot be told
+    /// from a reflector that is ahead of the flange.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
@@ -142,7 +143,7 @@ pub struct CompensateAnswer {
 ///
 /// With `base: robot` these are all errors of link 1 (also a wrong mastering of joint 1), and `theta_offset` and `d` of the last link. With `base:
 /// measured` the base is corrected, and the values of the base are 0. For the last link, `theta_offset` is not corrected; `d` is not corrected if it
-/// changed so much that it contains the length of a tool.
+/// changed by more than three usual errors of a link: it then contains the length of a tool.
 ///
 /// Corrected targets are exact in a base frame and on a flange that have moved by these values. So measure the work object and the tool with this
 /// robot, or add these values to them. All values are 0 if the set was identified in the frame of an instrument, because such a set cannot determine

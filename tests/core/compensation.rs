@@ -12,6 +12,9 @@ use kincal::identification::corrected::{CorrectedModel, IdentifiedRobot};
 use kincal::identification::parameters::rotation_exp;
 use kincal::kinematics::{Corrections, Harmonic, JointMap, Link, MeasuredRegion, Mounting, Robot};
 use kincal::measurement::{Frame, MeasurementSet};
+use kincal::operations::{Correctable, compensate};
+use kincal::wire::compensate::CompensateBody;
+use kincal::wire::parameter_set::{ParameterSetContent, Provenance};
 use nalgebra::{
     DMatrix, DVector, IsometryMatrix3, Matrix4, Point3, Rotation3, Translation3, Vector3,
 };
@@ -426,6 +429,88 @@ fn a_tool_in_the_last_link_is_no_error_of_the_robot() {
         error_in_measuring_frame(&nominal, &truth, &identified, Base::Measured, &mut random);
     println!("{after:.3} mm");
     assert!(after < MET_MM, "{after}");
+}
+
+/// The paper's model in the base frame, with a reflector that is ahead of the flange along its axis by lengths that errors of a link may also have.
+#[test]
+fn a_reflector_ahead_of_the_flange_is_carried_or_in_the_stated_uncertainty() {
+    let nominal = limited(paper_robot());
+    let campaign = Campaign {
+        n_configurations: 100,
+        ..Campaign::PLAIN
+    };
+    for (seed, z_mm) in (0..3)
+        .flat_map(|seed| [0.0, 1.0, 2.0, 4.0, 6.0, -3.0, -6.0, 100.0].map(|z_mm| (seed, z_mm)))
+    {
+        let mut random = Normal::new(1700 + seed);
+        let mut truth = with_errors_everywhere(&nominal, true, &mut random);
+        truth.targets_mm[0] = Vector3::new(0.0, 0.0, z_mm);
+        let mut set = measure(&truth, &poses(100, &mut random), &campaign, &mut random);
+        set.frame = Frame::Base;
+        let request = CalibrationRequest {
+            model: Some(kincal::calibration::Model::Paper),
+            ..CalibrationRequest::new(nominal.clone(), set)
+        };
+        let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let content = ParameterSetContent::from(&report);
+        let provenance = Provenance {
+            measuring_frame: Some(Frame::Base),
+            ..Provenance::default()
+        };
+        let wanted: Vec<Vec<f64>> = poses(20, &mut random)
+            .iter()
+            .map(|q| q.iter().map(|q| 0.9 * q).collect())
+            .collect();
+        let body = CompensateBody {
+            q_deg: wanted.iter().map(|q| in_degrees(q)).collect(),
+            mode: Mode::Position,
+            ..CompensateBody::default()
+        };
+        let from = Correctable {
+            robot: &nominal,
+            content: &content,
+            provenance: &provenance,
+            estimate: report.estimate.as_ref(),
+            measurement_set_id: None,
+            work_frame: None,
+            named_tool: None,
+        };
+        let answer = compensate(&body, from).unwrap();
+        assert!(answer.warnings.iter().any(|w| w.code == "reflector_length"));
+        let error_mm = truth.links[5].d_mm - nominal.links[5].d_mm;
+        let is_carried = answer.left_out.flange_shift_mm > 0.0;
+        // three usual errors of a length, 0.5 mm at a reach of 1700 mm; noise decides between 2.1 and 2.3 mm
+        let change_mm = (z_mm + error_mm).abs();
+        let limit_mm = 3.0 * 0.5 * 2478.051 / 1700.0;
+        if (change_mm - limit_mm).abs() > 0.1 {
+            assert_eq!(is_carried, change_mm > limit_mm, "{z_mm} {error_mm}");
+        }
+        let at = |links: &[Link], q: &[f64]| naive_flange(links, q) * truth.targets_mm[0].push(1.0);
+        let stds_mm = answer.position_std_mm.as_ref().unwrap();
+        let missed_mm: Vec<f64> = wanted
+            .iter()
+            .zip(&answer.q_deg)
+            .map(|(q, q_deg)| {
+                let q_rad: Vec<f64> = q_deg.iter().map(|deg| deg.to_radians()).collect();
+                (at(&truth.links, &q_rad) - at(&nominal.links, q)).norm()
+            })
+            .collect();
+        println!(
+            "reflector {z_mm} mm, link {error_mm:+.2} mm: {:.3} mm off, {:.3} mm stated, carried: {is_carried}",
+            missed_mm[0], stds_mm[0]
+        );
+        for (missed, std) in missed_mm.iter().zip(stds_mm) {
+            assert!(*missed < 3.0 * std, "{z_mm}: {missed} mm, stated {std} mm");
+        }
+        if is_carried {
+            // what is left is the error of the link
+            assert!((missed_mm[0] - error_mm.abs()).abs() < MET_MM);
+        }
+    }
+}
+
+fn in_degrees(q_rad: &[f64]) -> Vec<f64> {
+    q_rad.iter().map(|q| q.to_degrees()).collect()
 }
 
 /// Six-axis arms of four makers, from their descriptions.
