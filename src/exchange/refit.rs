@@ -1,6 +1,7 @@
 //! Links for simpler controllers: without beta, or with mastering offsets alone.
 
-use crate::compensation::anchor;
+use crate::compensation::Base;
+use crate::compensation::anchor::{anchor_in, contains_tool};
 use crate::identification::KinematicModel;
 use crate::identification::estimate::least_squares;
 use crate::identification::objective::{Observation, residuals};
@@ -42,16 +43,27 @@ pub fn without_beta(robot: &Robot, identified: &[Link]) -> Refit {
     refit(robot, start, &paper_parameters(identified.len()), &truth)
 }
 
-/// The nominal links with the joint offsets that best fit the identified robot over the workspace. Offsets of the first and the last joint stay
-/// nominal: base and tool contain them.
-pub fn mastering(robot: &Robot, identified: &[Link]) -> Refit {
-    let anchor = anchor(identified, &robot.links);
-    let truth = |q: &[f64]| anchor.anchored(&t_base_flange(identified, q));
-    let inner = 1..robot.links.len().saturating_sub(1).max(1);
-    let parameters: Vec<Parameter> = inner
+/// The nominal links with the joint offsets that best fit the identified robot over the workspace, in the frame of `base`. The offset of the last
+/// joint stays nominal: the tool contains it. In the robot's own base frame that of the first joint stays nominal too: the base contains it.
+pub fn mastering(robot: &Robot, identified: &KinematicModel, base: Base) -> Refit {
+    let has_tool = contains_tool(&identified.links, &robot.links);
+    let anchor = anchor_in(base, identified, &robot.links, has_tool);
+    let truth = |q: &[f64]| anchor.anchored(&t_base_flange(&identified.links, q));
+    let last = robot.links.len().saturating_sub(1);
+    let parameters: Vec<Parameter> = (0..last)
+        .filter(|link| is_mastered(*link, last + 1, base))
         .map(|link| Parameter::Link(link, Quantity::ThetaOffset))
         .collect();
     refit(robot, robot.links.clone(), &parameters, &truth)
+}
+
+/// True if [`mastering`] determines the offset of this joint, counted from 0, of a robot with `n_links` joints.
+pub fn is_mastered(joint: usize, n_links: usize, base: Base) -> bool {
+    let is_known_from = match base {
+        Base::Measured => 0,
+        Base::Robot => 1,
+    };
+    joint >= is_known_from && joint + 1 < n_links
 }
 
 fn refit(

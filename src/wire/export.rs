@@ -2,6 +2,7 @@
 
 use crate::exchange::refit::Refit;
 use crate::wire::angle::to_radians;
+use crate::wire::compensate::ErrorFrame;
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
 use serde::{Deserialize, Serialize};
@@ -70,8 +71,11 @@ pub struct RemainingError {
 pub struct MasteringDocument {
     /// One offset for each joint.
     pub joints: Vec<MasteringOffset>,
-    /// Error of the tool that remains with these offsets.
+    /// Error of the tool that remains with these offsets, in `frame`. The rotation of the tool about the last axis is not part of it.
     pub remaining_error_mm: RemainingError,
+    /// The frame in which the offsets are the best ones: `measuring` if positions were measured in the base frame and the base stands there. With
+    /// `robot_base` the error holds with the base placed anew: where link 1 of the identified robot begins.
+    pub frame: ErrorFrame,
 }
 
 /// A JSON export: the document with `format=json`, or the offsets with `format=mastering`.
@@ -91,7 +95,8 @@ pub struct MasteringOffset {
     pub joint: usize,
     /// Degrees.
     pub offset_deg: f64,
-    /// False for the first and the last joint, because position measurements cannot distinguish their offsets from the pose of base and tool.
+    /// False for the last joint, because position measurements cannot distinguish its offset from the pose of the tool. False for the first joint with
+    /// `frame: robot_base`, because its offset cannot be distinguished from the pose of the base. Positions in the base frame determine it.
     pub determined: bool,
 }
 

@@ -2,17 +2,21 @@
 
 use crate::data::{oracles_python, paper_robot, urdfs};
 use crate::simulation::{Normal, poses, true_robot};
+use kincal::compensation::Base;
 use kincal::exchange::refit::{mastering, without_beta};
 use kincal::exchange::transplant::{Mismatch, transplanted};
 use kincal::exchange::{
     Chain, ChainJoint, dh::links_of_distal, links_of_chain, origin_of, pose_of,
 };
+use kincal::identification::KinematicModel;
 use kincal::identification::parameters::rotation_exp;
 use kincal::kinematics::{JointMap, Link, Robot, t_base_flange};
+use kincal::measurement::Frame;
 use kincal::operations::export::{self, Source};
 use kincal::operations::import::import;
 use kincal::operations::urdf::Urdf;
-use kincal::wire::export::{BetaChoice, ExportFormat};
+use kincal::wire::compensate::ErrorFrame;
+use kincal::wire::export::{BetaChoice, ExportFormat, MasteringDocument};
 use kincal::wire::import::ImportFormat;
 use kincal::wire::parameter_set::{IdentifiedLink, ParameterSetContent, Provenance};
 use kincal::wire::robot::RobotBody;
@@ -748,8 +752,9 @@ fn planted_mastering_errors_come_out_in_the_controllers_sign_and_coupling() {
         .iter_mut()
         .zip(planted_deg)
         .for_each(|(link, deg)| link.theta_offset_rad += f64::to_radians(deg));
-    let refit = mastering(&robot, &identified);
-    let document = export::mastering_document(&robot, &refit);
+    let identified = KinematicModel::nominal(&identified, 1);
+    let refit = mastering(&robot, &identified, Base::Robot);
+    let document = export::mastering_document(&robot, &refit, Base::Robot);
     for (joint, expected) in document.joints.iter().zip(expected_deg) {
         assert!((joint.offset_deg - expected).abs() < 1e-7, "{document:?}");
     }
@@ -771,7 +776,9 @@ fn of_two_joints_none_has_an_offset_that_can_be_told_from_base_and_tool() {
     robot.joint_limits_rad.truncate(2);
     let mut identified = robot.links.clone();
     identified[1].theta_offset_rad += 0.01;
-    let document = export::mastering_document(&robot, &mastering(&robot, &identified));
+    let identified = KinematicModel::nominal(&identified, 1);
+    let refit = mastering(&robot, &identified, Base::Robot);
+    let document = export::mastering_document(&robot, &refit, Base::Robot);
     assert!(
         document
             .joints
@@ -779,6 +786,82 @@ fn of_two_joints_none_has_an_offset_that_can_be_told_from_base_and_tool() {
             .all(|joint| !joint.determined && joint.offset_deg == 0.0),
         "{document:?}"
     );
+}
+
+/// The mastering document of a set in which theta_offset of joint 1 and the base about its axis are off by so much, and other errors of the links.
+fn mastering_of_joint_1(
+    joint_deg: f64,
+    base_deg: f64,
+    frame: Frame,
+) -> (MasteringDocument, Vec<Link>, IsometryMatrix3<f64>) {
+    let file = format!("{}/data/paper/robot.json", env!("CARGO_MANIFEST_DIR"));
+    let body: RobotBody = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+    let robot = paper_robot();
+    let mut links = true_robot(&robot, 1, &mut Normal::new(5)).links;
+    links[0] = Link {
+        theta_offset_rad: joint_deg.to_radians(),
+        ..robot.links[0]
+    };
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), base_deg.to_radians());
+    let t_base = IsometryMatrix3::from_parts(Translation3::identity(), turn);
+    let content = ParameterSetContent {
+        links: links.iter().map(IdentifiedLink::from).collect(),
+        t_instrument_base: (&t_base).into(),
+        targets: vec![],
+        links_with_corrections: None,
+        corrections: None,
+    };
+    let provenance = Provenance {
+        measuring_frame: Some(frame),
+        ..Provenance::default()
+    };
+    let source = Source {
+        id: "set",
+        body: &body,
+        robot: &robot,
+        content: &content,
+        provenance: &provenance,
+    };
+    let exported = export::export(&source, ExportFormat::Mastering, BetaChoice::Keep).unwrap();
+    let document = serde_json::from_str(&exported.text).unwrap();
+    (document, links, t_base)
+}
+
+#[test]
+fn positions_in_the_base_frame_determine_the_offset_of_joint_1() {
+    let nominal = paper_robot();
+    for (joint_deg, base_deg) in [(0.5, 0.0), (0.48, 0.02), (-0.3, 0.1)] {
+        let (document, links, t_base) = mastering_of_joint_1(joint_deg, base_deg, Frame::Base);
+        let first = document.joints[0];
+        println!(
+            "{joint_deg}° and {base_deg}°: {first:?}, {:?}",
+            document.remaining_error_mm
+        );
+        assert!(first.determined && !document.joints[5].determined);
+        assert_eq!(document.frame, ErrorFrame::Measuring);
+        // the other links take a part of it
+        assert!((first.offset_deg - joint_deg - base_deg).abs() < 0.1);
+        // the error of the flange's origin in the base frame, by the true robot
+        let offsets = document.offsets_rad();
+        let missed_mm: Vec<f64> = poses(200, &mut Normal::new(6))
+            .iter()
+            .map(|q| {
+                let shown: Vec<f64> = q.iter().zip(&offsets).map(|(q, o)| q + o).collect();
+                let there = t_base * t_base_flange(&links, q);
+                let nominal = t_base_flange(&nominal.links, &shown);
+                (there.translation.vector - nominal.translation.vector).norm()
+            })
+            .collect();
+        let mean_mm = missed_mm.iter().sum::<f64>() / missed_mm.len() as f64;
+        let stated = document.remaining_error_mm;
+        println!("off by {mean_mm:.3} mm");
+        assert!(mean_mm < 1.5 * stated.mean && mean_mm > stated.mean / 2.0);
+    }
+    for (base_deg, frame) in [(0.0, Frame::Instrument), (1.0, Frame::Base)] {
+        let (document, ..) = mastering_of_joint_1(0.5, base_deg, frame);
+        assert_eq!(document.frame, ErrorFrame::RobotBase);
+        assert!(!document.joints[0].determined && document.joints[0].offset_deg == 0.0);
+    }
 }
 
 /// The examples of docs/export.md, by the pendant's joint values: elevation of upper arm and forearm above the horizontal, and the direction that the robot faces.

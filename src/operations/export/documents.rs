@@ -1,11 +1,13 @@
 //! Exports as documents: JSON, YAML, CSV, mastering offsets and UR kinematics.
 
 use super::Source;
-use crate::exchange::refit::Refit;
+use crate::compensation::Base;
+use crate::exchange::refit::{Refit, is_mastered};
 use crate::exchange::universal_robots::{FRAMES, UrArm};
 use crate::exchange::{Chain, ChainJoint, Origin, pose_of};
 use crate::kinematics::{Link, Robot};
 use crate::wire::angle::to_degrees;
+use crate::wire::compensate::ErrorFrame;
 use crate::wire::export::{ExportDocument, MasteringDocument, MasteringOffset, RemainingError};
 use crate::wire::parameter_set::IdentifiedLink;
 use nalgebra::{DVector, Vector3};
@@ -32,22 +34,22 @@ pub fn export_document(
     }
 }
 
-/// The joint offsets of refitted links: δq_controller = (coupling · sign)⁻¹ · δtheta_offset.
-pub fn mastering_document(robot: &Robot, refit: &Refit) -> MasteringDocument {
+/// The joint offsets of links that were refitted in the frame of `base`: δq_controller = (coupling · sign)⁻¹ · δtheta_offset.
+pub fn mastering_document(robot: &Robot, refit: &Refit, base: Base) -> MasteringDocument {
     let n = robot.links.len();
     let change = DVector::from_fn(n, |i, _| {
         refit.links[i].theta_offset_rad - robot.links[i].theta_offset_rad
     });
     let offsets = robot.joint_rates().lu().solve(&change).unwrap_or(change);
-    let is_inner = |i: usize| i > 0 && i + 1 < n;
     let joint = |i: usize| MasteringOffset {
         joint: i + 1,
         offset_deg: to_degrees(offsets[i]),
-        determined: is_inner(i),
+        determined: is_mastered(i, n, base),
     };
     MasteringDocument {
         joints: (0..n).map(joint).collect(),
         remaining_error_mm: RemainingError::from(refit),
+        frame: ErrorFrame::from(base),
     }
 }
 

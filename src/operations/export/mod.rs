@@ -164,8 +164,12 @@ fn exported_links(source: &Source<'_>, beta: BetaChoice) -> (Vec<Link>, Option<R
 }
 
 fn mastering(source: &Source<'_>) -> Result<Exported, Error> {
-    let refit = refit::mastering(source.robot, &source.content.kinematic_links());
-    let document = mastering_document(source.robot, &refit);
+    let (identified, base) = (
+        source.content.identified_robot(None).plain,
+        source.mastering_base(),
+    );
+    let refit = refit::mastering(source.robot, &identified, base);
+    let document = mastering_document(source.robot, &refit, base);
     let offsets_rad = document.offsets_rad();
     let shifted = |q: &[f64]| -> Vec<f64> {
         q.iter()

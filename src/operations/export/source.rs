@@ -1,5 +1,7 @@
 //! Inputs of an export.
 
+use crate::compensation::Base;
+use crate::identification::problem::BASE_RAD;
 use crate::kinematics::Robot;
 use crate::wire::angle::to_degrees;
 use crate::wire::measurement::Frame;
@@ -25,8 +27,23 @@ pub struct Source<'a> {
 /// Distance (mm) and angle (rad) below which the base counts as equal to the frame of the measured positions.
 const SAME_BASE_MM: f64 = 1e-3;
 const SAME_BASE_RAD: f64 = 1e-6;
+/// The base stands where its frame says if it is turned by at most this many standard deviations of its prior.
+const MOST_BASE_STDS: f64 = 3.0;
 
 impl Source<'_> {
+    /// The frame in which mastering offsets are fitted: that of the measured positions if it is the base frame and the base stands there. There joint 1's
+    /// offset shows. A base that is turned by more than such a frame may be off says nothing about joint 1.
+    pub fn mastering_base(&self) -> Base {
+        let turned_rad = IsometryMatrix3::from(&self.content.t_instrument_base)
+            .rotation
+            .angle();
+        let is_there = turned_rad <= MOST_BASE_STDS * BASE_RAD;
+        match self.provenance.measuring_frame {
+            Some(Frame::Base) if is_there => Base::Measured,
+            _ => Base::Robot,
+        }
+    }
+
     /// Warning for formats that contain only joint origins: such a format leaves out the pose of the base in the frame of the measured positions.
     /// None if both frames are equal, or if positions were measured in the frame of an instrument.
     pub fn base_left_out(&self) -> Option<String> {
