@@ -128,7 +128,7 @@ export const MATTERS = {
 export const REMEDIES = {
   at_bound: "Widen the bounds if the value is possible; else look for what is wrong with the points.",
   bad_subset: "Write identify or verify in every row, or leave the column out.",
-  base_moved: "Fix the base and the instrument, and measure again if the step is large.",
+  base_moved: "See for which rows the base holds. Fix the base and the instrument, and measure again if the step is large.",
   drift: "Fix base and instrument, let them reach their temperature, and measure again with one pose repeated now and then.",
   base_not_checked: "Verify with a session whose positions are in the base frame, or correct targets in the measuring frame.",
   check_cannot_tell: "Measure more poses, or others: the check says how many.",

@@ -3,7 +3,7 @@
 
 use crate::bad_campaigns::{bad_campaign, clean_verify_rms_mm, unseen_rms_mm};
 use crate::data::paper_robot;
-use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
+use crate::simulation::{Campaign, Normal, found, limited, measure, poses, true_robot};
 use kincal::calibration::report::{Warning, counted_errors_mm};
 use kincal::calibration::request::Loss;
 use kincal::calibration::{
@@ -13,7 +13,7 @@ use kincal::calibration::{
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, Subset};
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3, Vector3};
 use rand::RngExt;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
@@ -616,6 +616,48 @@ fn a_tripod_that_was_pushed_is_found_at_its_row() {
         );
         let rms = report.verify.unwrap().after.rms_mm;
         assert!(rms < 1.25 * clean, "row {row}: {rms} against {clean}");
+    }
+}
+
+#[test]
+fn the_warning_says_for_which_rows_the_delivered_base_holds() {
+    for (frame, holds_for_last) in [(Frame::Instrument, true), (Frame::Base, false)] {
+        let (robot, mut truth, _, mut random) = campaign(55, CAMPAIGN);
+        if frame == Frame::Base {
+            truth.t_instrument_base = IsometryMatrix3::identity();
+        }
+        let q = poses(CAMPAIGN.n_configurations, &mut random);
+        let mut set = measure(&truth, &q, &CAMPAIGN, &mut random);
+        set.frame = frame;
+        let turn = Rotation3::new(Vector3::new(3e-4, 5e-4, -6e-4));
+        let push = IsometryMatrix3::from_parts(Translation3::new(1.0, -1.5, 0.8), turn);
+        for p in &mut set.points[30..] {
+            p.position_mm = (push * Point3::from(p.position_mm)).coords;
+        }
+        let report = run(&CalibrationRequest::new(robot, set));
+        let moved = warning(&report, "base_moved").unwrap();
+        let row = moved.rows[0];
+        let rows = match holds_for_last {
+            true => format!("that of the rows from row {row} on"),
+            false => format!("that of the rows before row {row},"),
+        };
+        assert!(moved.detail.contains(&rows), "{}", moved.detail);
+        let delivered = found(&report);
+        let off_mm = |there: &IsometryMatrix3<f64>| -> f64 {
+            let missed = q.iter().map(|q| {
+                let p = there * Point3::from(truth.position(q, 0));
+                (p.coords - delivered.position(q, 0)).norm()
+            });
+            missed.fold(0.0, f64::max)
+        };
+        let (first, last) = (off_mm(&IsometryMatrix3::identity()), off_mm(&push));
+        println!("{frame:?}: {first:.3} mm off before the step, {last:.3} mm after it");
+        let (own, other) = if holds_for_last {
+            (last, first)
+        } else {
+            (first, last)
+        };
+        assert!(own < 0.5 && other > 1.0, "{own} {other}");
     }
 }
 

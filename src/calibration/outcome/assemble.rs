@@ -261,7 +261,12 @@ pub fn report(
         }
         .into_iter()
         .chain(base_not_checked(request, layout))
-        .chain(screening_warnings(&layout.screening, &after.observed, None))
+        .chain(screening_warnings(
+            &layout.screening,
+            &after.observed,
+            None,
+            None,
+        ))
         .collect();
     } else {
         verify = both(
@@ -401,6 +406,7 @@ pub fn report(
         &problem.screening,
         &problem.observed,
         request.options.loss,
+        Some(&problem.arrangement),
     ));
     report.warnings.extend(beyond);
     report.warnings.extend(of_the_verify_set(of_verify_set));

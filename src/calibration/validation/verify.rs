@@ -323,7 +323,7 @@ fn score(
     )?;
     let (before, after) = (layout.place(&before)?, layout.place(&after)?);
     let corrected = robot.map(|robot| layout.place_corrected(robot, &after));
-    let remarks = screening_warnings(&layout.screening, &after.observed, None);
+    let remarks = screening_warnings(&layout.screening, &after.observed, None, None);
     let outliers = layout
         .screening
         .outliers

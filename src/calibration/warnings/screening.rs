@@ -1,5 +1,6 @@
 //! The findings of the screening, in words.
 
+use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::screening::{FoundStep, Outlier, Screening, WhatMoved};
 use crate::calibration::problem::Problem;
@@ -18,13 +19,18 @@ const BEYOND: f64 = 2.0;
 /// A warning is given if more than this share of the verify points are extrapolations.
 const MANY_BEYOND: f64 = 0.1;
 
-/// The warnings about outliers, steps and drift. `asked` is the loss that the request asks for.
+/// The warnings about outliers, steps and drift. `asked` is the loss that the request asks for. `delivered` is the arrangement of points from which a
+/// base is identified; `None` for points that only verify.
 pub fn screening_warnings(
     screening: &Screening,
     observed: &Observed,
     asked: Option<Loss>,
+    delivered: Option<&Arrangement>,
 ) -> Vec<Warning> {
-    let mut warnings: Vec<Warning> = screening.steps.iter().map(moved).collect();
+    let base = delivered
+        .and_then(|arrangement| delivered_base(screening, arrangement))
+        .unwrap_or_default();
+    let mut warnings: Vec<Warning> = screening.steps.iter().map(|s| moved(s, &base)).collect();
     warnings.extend(screening.drift.as_ref().map(drifted));
     if !screening.unfitted_rows.is_empty() {
         let detail = "no point to identify lies in the segment after a step: these rows are scored as if nothing had moved";
@@ -88,7 +94,27 @@ pub fn of_the_verify_set(warnings: Vec<Warning>) -> impl Iterator<Item = Warning
     })
 }
 
-fn moved(step: &FoundStep) -> Warning {
+/// The stretch for which the delivered base holds, in words. `None` if the base did not move.
+fn delivered_base(screening: &Screening, arrangement: &Arrangement) -> Option<String> {
+    let is_of_base = |s: &&FoundStep| s.moved == WhatMoved::Base && !s.is_one_point;
+    let steps = screening.steps.iter().filter(is_of_base);
+    let place = |s: &&FoundStep| arrangement.order.iter().position(|point| *point == s.row);
+    Some(if arrangement.rests_on_last {
+        let row = steps.max_by_key(place)?.row;
+        format!(
+            ". The delivered base is that of the rows from row {row} on: predictions and corrected targets hold for the robot as it stands now"
+        )
+    } else {
+        let row = steps.min_by_key(place)?.row;
+        format!(
+            ". The delivered base is that of the rows before row {row}, because the base frame is known for these: predictions and corrected targets hold for \
+             the robot as it stood then. If it still stands where it moved to, set up the base frame and measure again"
+        )
+    })
+}
+
+/// `delivered_base` is added to the warning about a base.
+fn moved(step: &FoundStep, delivered_base: &str) -> Warning {
     let v = step.vector_mm;
     let vector = format!(
         "({:.3}, {:.3}, {:.3}) mm, {:.3} mm long",
@@ -118,9 +144,13 @@ fn moved(step: &FoundStep) -> Warning {
         }
         false => "the stretches before and after it were fitted apart",
     };
+    let delivered = match step.moved {
+        WhatMoved::Base if !step.is_one_point => delivered_base,
+        _ => "",
+    };
     Warning {
         code,
-        detail: format!("before row {}, {what}; {consequence}", step.row),
+        detail: format!("before row {}, {what}; {consequence}{delivered}", step.row),
         rows: vec![step.row],
     }
 }
