@@ -152,7 +152,7 @@ impl HeldReflector {
     /// error of the link, minus the link's error, whose standard deviation is the usual one.
     pub fn flange_error_mm(&self) -> f64 {
         let corrected_mm = if self.is_length { 0.0 } else { self.change_mm };
-        self.usual_error_mm.hypot(corrected_mm)
+        libm::hypot(self.usual_error_mm, corrected_mm)
     }
 }
 

@@ -160,7 +160,7 @@ impl<'a> ToolError<'a> {
         } else {
             0.0
         };
-        errors.norm().hypot(flange_error_mm)
+        libm::hypot(errors.norm(), flange_error_mm)
     }
 
     fn slope(&self, (step, sides): &(f64, [PerturbedRobot; 2]), poses: &Poses) -> Vector3<f64> {
