@@ -97,6 +97,12 @@ FAULTS = [
         ("(times >= WORSE).then_some(times)", "(times >= 10.0 * WORSE).then_some(times)")], "src/calibration"),
     Fault("a work frame of another set-up is used", "core", "a_work_frame_from_another_set_up_is_refused", [
         ("if is_measuring && !is_own && from.provenance", "if false && !is_own && from.provenance")], "src/operations"),
+    Fault("a drawing in inches is kept", "service", "a_work_frame_whose_points_do_not_fit_is_refused", [
+        ('body.fitting_work_frame("/points")?;', "body.work_frame()?;")], "src/http"),
+    Fault("the wrist may flip", "core", "the_posture_is_the_nearest_one", [
+        ("if nearest.status == Status::Ok", "if false && nearest.status == Status::Ok")], "src/compensation"),
+    Fault("poses of a measured work frame are in the base frame", "core", "cartesian_targets_in_a_measured_work_frame", [
+        ("t_base_answer: t_base_work,", "t_base_answer: if is_measuring { identity } else { t_base_work },")], "src/operations"),
     Fault("the work frame is exact", "core", "a_frame_from_points_is_as_uncertain", [
         ("noise_std_mm: shown_mm.max(std_mm),", "noise_std_mm: 0.5 * shown_mm.max(std_mm),")], "src/compensation"),
     Fault("the base is not in the tool's error", "core", "the_uncertainty_of_a_tool_is_that_of_predictions", [

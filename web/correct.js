@@ -53,9 +53,7 @@ function form(robot, sets, out) {
     const before = select.value;
     fill(select, all.map(([value, words]) => el("option", { value, selected: value === before }, words)));
   };
-  let known = { frames: [], tools: [] };
   const offer = (cell) => {
-    known = cell;
     options(frame, [["base", "robot's base"], ["measuring", "measuring frame"], ...cell.frames.map(({ name }) => [name, `work frame ${name}`])]);
     options(named, [["", "the measured reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
   };
@@ -70,8 +68,7 @@ function form(robot, sets, out) {
       const at = tool.map((input) => input.value);
       const typed = at.some((v) => v !== "") && { tool: { translation_mm: at.map(Number) } };
       const request = { mode: mode.value, ...typed, ...named.value && { tool_name: named.value }, ...program.targets && { frame: frame.value } };
-      const isMeasuring = frame.value === "measuring" || known.frames.some(({ name, reference }) => name === frame.value && reference === "measuring");
-      const posesIn = isMeasuring ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
+      const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
       fill(out, corrected(program, await compensate(set.value, program, request), file.files[0].name, posesIn));
     } catch (error) {
       fill(out, problem(error));
@@ -113,12 +110,17 @@ function read(text, n) {
 const LISTS = ["q_deg", "position_error_before_mm", "position_error_after_mm", "status", "extrapolated", "position_std_mm", "poses"];
 
 async function compensate(id, { q, targets }, request) {
-  const all = Object.fromEntries(LISTS.map((key) => [key, []]));
+  const all = Object.fromEntries([...LISTS, "warnings"].map((key) => [key, []]));
   for (let from = 0; from < q.length; from += PART) {
     const wanted = targets ? { targets: targets.slice(from, from + PART) } : { q_deg: q.slice(from, from + PART) };
     const part = await post(`/v1/parameter-sets/${id}/compensate`, { ...request, ...wanted });
     for (const key of LISTS) all[key].push(...part[key] ?? []);
-    Object.assign(all, { warnings: part.warnings ?? [], frame: part.frame });
+    for (const { rows = [], ...said } of part.warnings ?? []) {
+      let known = all.warnings.find(({ code, detail }) => code === said.code && detail === said.detail);
+      if (known === undefined) all.warnings.push(known = { ...said, rows: [] });
+      known.rows.push(...rows.map((row) => row + from));
+    }
+    all.frame = part.frame;
   }
   return all;
 }

@@ -111,7 +111,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("warning (base_and_tool): {warning}");
     }
     for warning in &answer.warnings {
-        eprintln!("warning ({}): {}", warning.code, warning.detail);
+        let rows: Vec<String> = warning.rows.iter().map(usize::to_string).collect();
+        let rows = match rows.is_empty() {
+            true => String::new(),
+            false => format!(" (rows {})", rows.join(", ")),
+        };
+        eprintln!("warning ({}): {}{rows}", warning.code, warning.detail);
     }
     if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);

@@ -3,6 +3,7 @@
 pub mod anchor;
 mod cartesian;
 mod difference;
+mod fixture_misfit;
 mod mode;
 pub mod targets;
 mod tool_error;
@@ -11,6 +12,7 @@ mod work_frame;
 pub use anchor::{Anchor, HeldReflector, anchor};
 pub use cartesian::CorrectedPose;
 pub use difference::{ToolDifference, ToolDifferences, tool_differences};
+pub use fixture_misfit::{FixtureMisfit, FixtureMistake};
 pub use mode::{Base, Mode, Status};
 pub use targets::{Compensation, Corrected, Tool};
 pub use tool_error::{ToolError, ToolGoal, ToolPoint};

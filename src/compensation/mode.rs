@@ -43,6 +43,6 @@ pub enum Status {
     NearSingular,
     /// A joint is at or beyond its limit: the closest that the others get.
     JointLimit,
-    /// The robot cannot have its tool there, for instance with fewer than six joints.
+    /// The robot cannot have its tool there: a pose on fewer than six joints, or a place that it leaves by more than 1 % of its reach.
     NotReached,
 }

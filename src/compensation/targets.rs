@@ -26,6 +26,8 @@ const MAX_CHANGE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 const REACHED: f64 = 4e-7;
 /// See [`REACHED`].
 const REACHED_RAD: f64 = 1e-4 * std::f64::consts::PI / 180.0;
+/// A target that is left by more than this share of the reach is not reached, even if the arm is stretched and therefore singular.
+const OUT_OF_REACH: f64 = 0.01;
 /// The iteration ends when all joint steps are below this.
 const STEP_RAD: f64 = 1e-12;
 /// Maximum number of steps; away from singularities four are enough.
@@ -215,10 +217,10 @@ impl<'a> Compensation<'a> {
             position_error_before_mm: before.translation_mm.norm(),
             position_error_after_mm: after.translation_mm.norm(),
             orientation_error_after_rad: after.rotation_rad.norm(),
-            status: if status == Status::Ok && !after.is_reached(mode) {
-                Status::NotReached
-            } else {
-                status
+            status: match status {
+                Status::Ok if !after.is_reached(mode) => Status::NotReached,
+                Status::NearSingular if after.is_out_of_reach() => Status::NotReached,
+                _ => status,
             },
         }
     }
@@ -388,6 +390,10 @@ impl Miss {
             },
         );
         Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z)
+    }
+
+    fn is_out_of_reach(&self) -> bool {
+        self.translation_mm.norm() > OUT_OF_REACH * self.reach_mm
     }
 
     fn is_reached(&self, mode: Mode) -> bool {

@@ -47,7 +47,8 @@ pub async fn get_work_frame(
     named_documents::get(&app, &caller, &robot_id, &name).await
 }
 
-/// Stores a work frame under a name: typed, or fitted to three or more measured points. It replaces an earlier one of that name.
+/// Stores a work frame under a name: typed, or fitted to three or more measured points. Points that do not fit the drawing are refused (422
+/// `work_frame_does_not_fit`). It replaces an earlier one of that name.
 #[utoipa::path(
     put, path = "/v1/robots/{robot_id}/work-frames/{name}", tag = "robots", operation_id = "putWorkFrame",
     params(("robot_id" = String, Path, description = "The robot"), ("name" = String, Path, description = "The work frame's name")),
@@ -60,7 +61,7 @@ pub async fn put_work_frame(
     submission: Submission,
 ) -> Result<Response, Error> {
     let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
-    body.work_frame()?;
+    body.fitting_work_frame("/points")?;
     if let Some(id) = &body.measurement_set_id {
         let set = measurement_sets::get(&app.store, id).await;
         if !set.is_ok_and(|set| set.robot_id == robot_id) {

@@ -114,17 +114,18 @@ pub fn compensate(
             error.std_mm(q_rad, ToolGoal::Fixed).hypot(of_frame)
         });
         let extrapolated = is_extrapolated(q_rad);
-        answer.poses.push(ToolPose::from(&pose));
+        answer.add_pose(ToolPose::from(&pose), reached.is_far);
         answer.add(reached.corrected, std_mm, extrapolated);
     }
-    answer.document.poses = Some(answer.poses);
-    Ok(answer.document)
+    Ok(answer.with_poses())
 }
 
 /// The answer, to which the targets are added one by one.
 struct Answer {
     document: CompensateAnswer,
     poses: Vec<ToolPose>,
+    /// Targets that are reached far from their `q_near_deg`.
+    far: Vec<usize>,
 }
 
 impl Answer {
@@ -135,7 +136,30 @@ impl Answer {
         Self {
             document,
             poses: vec![],
+            far: vec![],
         }
+    }
+
+    fn add_pose(&mut self, pose: ToolPose, is_far: bool) {
+        if is_far {
+            self.far.push(self.poses.len());
+        }
+        self.poses.push(pose);
+    }
+
+    fn with_poses(self) -> CompensateAnswer {
+        let mut document = self.document;
+        document.poses = Some(self.poses);
+        if !self.far.is_empty() {
+            document.warnings.push(Warning {
+                code: "far_from_q_near".into(),
+                detail: "a joint is more than 90° from q_near_deg in the nearest posture that was found: look at the way there, or give joint \
+                         values nearer to the target"
+                    .into(),
+                rows: self.far,
+            });
+        }
+        document
     }
 
     fn add(&mut self, corrected: Corrected, std_mm: Option<f64>, extrapolated: bool) {
@@ -206,8 +230,7 @@ impl TargetFrame {
                 work_frame: None,
             });
         };
-        let work_frame = body.work_frame()?;
-        let t_reference_work = work_frame.t_reference_work;
+        let work_frame = body.fitting_work_frame("/frame")?;
         let is_measuring = body.reference == WorkFrameReference::Measuring;
         let is_own = body.measurement_set_id.as_deref() == from.measurement_set_id;
         if is_measuring && !is_own && from.provenance.measuring_frame != Some(Frame::Base) {
@@ -222,13 +245,10 @@ impl TargetFrame {
         } else {
             identity
         };
+        let t_base_work = t_base_reference * work_frame.t_reference_work;
         Ok(Self {
-            t_base_frame: t_base_reference * t_reference_work,
-            t_base_answer: if is_measuring {
-                identity
-            } else {
-                t_reference_work
-            },
+            t_base_frame: t_base_work,
+            t_base_answer: t_base_work,
             work_frame: Some(work_frame),
         })
     }

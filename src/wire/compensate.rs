@@ -78,7 +78,7 @@ pub struct CartesianTarget {
     /// Orientation of the tool in `frame`: a rotation matrix, row by row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
-    /// The controller's joint values near the target, degrees. They select the posture (elbow, wrist).
+    /// The controller's joint values near the target, degrees. They select the posture (elbow, wrist): the nearest one that is found.
     pub q_near_deg: Vec<f64>,
 }
 
@@ -126,7 +126,8 @@ pub struct CompensateAnswer {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,
     /// For Cartesian targets: corrected poses, for a controller that is programmed with poses instead of joint values. They are in the frame of the
-    /// targets. For targets in the measuring frame they are in the robot's base frame, because the controller does not know the measuring frame.
+    /// targets, also in a work frame with `reference: measuring`. Only for targets with `frame: measuring` they are in the robot's base frame, because
+    /// the controller does not know the measuring frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<Vec<ToolPose>>,
     /// Identified errors that are not corrected.
@@ -134,7 +135,8 @@ pub struct CompensateAnswer {
     pub left_out: LeftOut,
     /// Warnings. `pose_not_seen`: the measured positions do not determine the flange's pose completely, and this tool or mode depends on the part
     /// that is not determined. `reflector_length`: the model holds the reflector at the flange, so an error of d of the last link cannot be told
-    /// from a reflector that is ahead of the flange.
+    /// from a reflector that is ahead of the flange. `far_from_q_near`: in the Cartesian targets `rows` (0-based), the nearest posture that was found
+    /// has a joint more than 90° from `q_near_deg`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
@@ -163,6 +165,7 @@ pub struct LeftOut {
 impl CompensateAnswer {
     /// Appends the answer for the next part of a long program. `left_out` depends only on the parameter set, so it is the same for each part.
     pub fn extend(&mut self, next: Self) {
+        self.add_warnings(next.warnings);
         self.q_deg.extend(next.q_deg);
         self.position_error_before_mm
             .extend(next.position_error_before_mm);
@@ -175,7 +178,21 @@ impl CompensateAnswer {
         self.position_std_mm = joined(self.position_std_mm.take(), next.position_std_mm);
         self.poses = joined(self.poses.take(), next.poses);
         self.left_out = next.left_out;
-        self.warnings = next.warnings;
+    }
+
+    /// Adds the warnings of the next part; a warning that both parts have gets the rows of both.
+    fn add_warnings(&mut self, of_next: Vec<Warning>) {
+        let n = self.q_deg.len();
+        for mut warning in of_next {
+            warning.rows.iter_mut().for_each(|row| *row += n);
+            let is_same = |known: &&mut Warning| {
+                (&known.code, &known.detail) == (&warning.code, &warning.detail)
+            };
+            match self.warnings.iter_mut().find(is_same) {
+                Some(known) => known.rows.extend(warning.rows),
+                None => self.warnings.push(warning),
+            }
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Named work frames and tools of a robot.
 
-use crate::compensation::{FixturePoint, WorkFrame, WorkFrameError};
+use crate::compensation::{FixtureMisfit, FixturePoint, WorkFrame, WorkFrameError};
 use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
@@ -129,23 +129,42 @@ impl WorkFrameBody {
     /// [`Invalid`] with a JSON pointer to each error.
     pub fn work_frame(&self) -> Result<WorkFrame, Invalid> {
         self.check()?;
-        let Some(points) = &self.points else {
+        if self.points.is_none() {
             let origin = Vector3::from(self.translation_mm.unwrap_or_default());
             return Ok(WorkFrame::typed(IsometryMatrix3::from_parts(
                 Translation3::from(origin),
                 rotation(self.quaternion, self.rotation),
             )));
-        };
-        let points: Vec<FixturePoint> = points
-            .iter()
-            .map(|p| FixturePoint {
-                nominal_mm: p.nominal_mm.into(),
-                measured_mm: p.measured_mm.into(),
-            })
-            .collect();
-        WorkFrame::measured(&points, self.std_mm.unwrap_or(0.0)).map_err(|unfit: WorkFrameError| {
+        }
+        let std_mm = self.std_mm.unwrap_or(0.0);
+        WorkFrame::measured(&self.fixture_points(), std_mm).map_err(|unfit: WorkFrameError| {
             Invalid::at("/points", "points_give_no_frame", unfit.to_string())
         })
+    }
+
+    /// As [`Self::work_frame`]; refuses points that do not fit, at `pointer`. Frames that were stored before this check can still be listed.
+    ///
+    /// # Errors
+    /// As [`Self::work_frame`], and [`Invalid`] for points that do not fit.
+    pub fn fitting_work_frame(&self, pointer: &str) -> Result<WorkFrame, Invalid> {
+        let frame = self.work_frame()?;
+        let std_mm = self.std_mm.unwrap_or(0.0);
+        match FixtureMisfit::of(&self.fixture_points(), &frame, std_mm) {
+            Some(misfit) => {
+                let code = "work_frame_does_not_fit";
+                Err(Invalid::at(pointer, code, misfit.to_string()))
+            }
+            None => Ok(frame),
+        }
+    }
+
+    fn fixture_points(&self) -> Vec<FixturePoint> {
+        let points = self.points.iter().flatten();
+        let point = |p: &FixturePointBody| FixturePoint {
+            nominal_mm: p.nominal_mm.into(),
+            measured_mm: p.measured_mm.into(),
+        };
+        points.map(point).collect()
     }
 
     fn check(&self) -> Result<(), Invalid> {

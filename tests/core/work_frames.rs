@@ -4,8 +4,8 @@ use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, anchored_robot, limited, measure, poses, true_robot};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::compensation::{
-    Base, Compensation, FixturePoint, Mode, Status, Tool, ToolError, ToolGoal, ToolPoint,
-    WorkFrame, WorkFrameError,
+    Base, Compensation, FixtureMisfit, FixtureMistake, FixturePoint, Mode, Status, Tool, ToolError,
+    ToolGoal, ToolPoint, WorkFrame, WorkFrameError,
 };
 use kincal::identification::KinematicModel;
 use kincal::identification::parameters::rotation_exp;
@@ -206,6 +206,73 @@ fn points_that_give_no_frame_are_told() {
     );
 }
 
+/// Four points of a fixture, in three sizes: right with noise, and with each mistake.
+#[test]
+fn points_that_do_not_fit_are_refused_with_the_mistake() {
+    let t = isometry([800.0, -300.0, 150.0], [0.1, 0.0, 0.5]);
+    let corners = [
+        [0.0, 0.0, 0.0],
+        [200.0, 0.0, 0.0],
+        [0.0, 150.0, 0.0],
+        [100.0, 100.0, 50.0],
+    ];
+    let mut random = Normal::new(3);
+    for size in [0.1, 1.0, 20.0] {
+        let mut points = |std_mm: f64| {
+            corners.map(|corner| {
+                let nominal_mm = Vector3::from(corner) * size;
+                let measured_mm = (t * Point3::from(nominal_mm)).coords + random.vector() * std_mm;
+                FixturePoint {
+                    nominal_mm,
+                    measured_mm,
+                }
+            })
+        };
+        let misfit = |points: &[FixturePoint], std_mm: f64| {
+            FixtureMisfit::of(
+                points,
+                &WorkFrame::measured(points, std_mm).unwrap(),
+                std_mm,
+            )
+        };
+        for _ in 0..200 {
+            assert_eq!(misfit(&points(0.3 * size), 0.0), None);
+            assert_eq!(misfit(&points(size), size), None, "as uncertain as stated");
+        }
+        let right = points(0.03 * size);
+        let refused = |wrong: &[FixturePoint], expected: Option<FixtureMistake>| {
+            let found = misfit(wrong, 0.03 * size).expect("a misfit");
+            println!("{size}: {found}");
+            assert_eq!(found.mistake.map(|(mistake, _)| mistake), expected);
+            assert!(found.to_string().len() < 260, "two lines");
+        };
+        for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+            let mut wrong = right;
+            (wrong[a].measured_mm, wrong[b].measured_mm) =
+                (right[b].measured_mm, right[a].measured_mm);
+            refused(&wrong, Some(FixtureMistake::Exchanged(a, b)));
+        }
+        let drawn = |change: &dyn Fn(Vector3<f64>) -> Vector3<f64>| {
+            right.map(|p| FixturePoint {
+                nominal_mm: change(p.nominal_mm),
+                ..p
+            })
+        };
+        refused(
+            &drawn(&|p| Vector3::new(p.x, p.y, -p.z)),
+            Some(FixtureMistake::Mirrored),
+        );
+        for factor in [25.4, 1000.0, 1.0 / 25.4, 1.0 / 1000.0] {
+            let scaled = drawn(&|p| p / factor);
+            // a drawing in metres: the points are in mm all the same
+            refused(&scaled, Some(FixtureMistake::Scaled(factor)));
+        }
+        let mut one_off = right;
+        one_off[2].measured_mm.z += 30.0 * size;
+        refused(&one_off, None);
+    }
+}
+
 /// A cell: base error 0.5 mm, a fixture measured with the tracker, a tool with orientation. Twenty robots, ten targets each, scored by the true
 /// robot.
 #[test]
@@ -288,11 +355,17 @@ fn cartesian_targets_in_a_measured_work_frame_are_met_within_the_stated_uncertai
         };
         let answer = compensate(&request, from).unwrap();
         let stated_mm = answer.position_std_mm.expect("a stated uncertainty");
+        let t_reference_work = work_frame.work_frame().unwrap().t_reference_work;
         for (i, wanted) in wanted.iter().enumerate() {
             if answer.status[i] != Status::Ok {
                 continue;
             }
             let q_rad: Vec<f64> = answer.q_deg[i].iter().map(|q| q.to_radians()).collect();
+            // the pose for the controller is that of its own, nominal robot, in the work frame
+            let pose = answer.poses.as_ref().unwrap()[i].position_mm;
+            let pose = t_reference_work * Point3::from(Vector3::from(pose));
+            let commanded = t_base_flange(&nominal.links, &q_rad) * tcp;
+            assert!((pose.coords - commanded.translation.vector).norm() < 1e-6);
             let there = truth.t_instrument_base * t_base_flange(&truth.links, &q_rad) * tcp;
             let missed = (there.translation.vector - wanted.translation.vector).norm();
             n += 1;
@@ -363,6 +436,9 @@ fn a_work_frame_from_another_set_up_is_refused() {
     assert_eq!(answer("second").unwrap_err().code, "other_measuring_frame");
     let answer = answer("first").unwrap();
     let q_rad: Vec<f64> = answer.q_deg[0].iter().map(|q| q.to_radians()).collect();
+    // the pose for the controller is in the work frame too, off by what was corrected, while the base is elsewhere
+    let pose = Vector3::from(answer.poses.unwrap()[0].position_mm);
+    assert!((pose - there).norm() < 10.0, "{pose} {there}");
     let missed = (truth.position(&q_rad, 0) - there).norm();
     let std_mm = answer.position_std_mm.unwrap()[0];
     assert!(missed < 3.0 * std_mm, "{missed} mm, stated {std_mm}");

@@ -2,6 +2,7 @@
 
 use crate::api::compensate::parameter_set;
 use crate::app::{TestApp, text};
+use kincal::wire::compensate::CompensateAnswer;
 use reqwest::Method;
 use serde_json::{Value, json};
 
@@ -100,6 +101,8 @@ async fn cartesian_targets_in_a_work_frame_are_corrected_with_a_named_tool() {
         .ok(200);
     assert!(apart(told, &nominal["position_mm"]) < 1e-6);
     assert!(apart(told, &posture["position_mm"]) > 0.05, "corrected");
+    assert_eq!(in_base["warnings"], Value::Null, "{in_base}");
+    far_from_near_joint_values_is_told(&app, &set, &posture, q).await;
     // the same target in the work frame: x there is y of the base
     let in_work = [position[1], 500.0 - position[0], position[2] - 300.0];
     // Rz(90°)⁻¹ · q: quaternion product with (√½, 0, 0, −√½)
@@ -123,6 +126,79 @@ async fn cartesian_targets_in_a_work_frame_are_corrected_with_a_named_tool() {
     put(&app, &path, &typed).await.ok(200);
     let moved = correct("fixture", position, &posture["quaternion"]).await;
     assert!(apart(&moved["poses"][0]["position_mm"], told) < 1e-6);
+}
+
+/// A target near its joint values, and one whose last joint has to turn by 120°.
+async fn far_from_near_joint_values_is_told(
+    app: &TestApp,
+    set: &str,
+    posture: &Value,
+    q_deg: [f64; 6],
+) {
+    let mut far = q_deg;
+    far[5] += 120.0;
+    let target = |near: [f64; 6]| json!({"position_mm": posture["position_mm"], "quaternion": posture["quaternion"], "q_near_deg": near});
+    let body =
+        json!({"targets": [target(q_deg), target(far)], "tool_name": "gripper 1", "base": "robot"});
+    let path = format!("{set}/compensate");
+    let answer = app.post_json(&path, &body).await.ok(200);
+    let warning = &answer["warnings"][0];
+    assert_eq!(warning["code"], "far_from_q_near", "{answer}");
+    assert_eq!(warning["rows"], json!([1]), "{answer}");
+    // of a program in two parts
+    let part: CompensateAnswer = serde_json::from_value(answer).unwrap();
+    let mut whole = part.clone();
+    whole.extend(part);
+    assert_eq!(
+        (whole.warnings.len(), &whole.warnings[0].rows),
+        (1, &vec![1, 3])
+    );
+}
+
+/// The fixture of an outside tester.
+#[tokio::test]
+async fn a_work_frame_whose_points_do_not_fit_is_refused() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let robot = app.get(&set).await.ok(200)["robot_id"].clone();
+    let path = format!("/v1/robots/{}/work-frames/fixture", text(&robot));
+    let drawn = [
+        [0.0, 0.0, 0.0],
+        [200.0, 0.0, 0.0],
+        [0.0, 150.0, 0.0],
+        [100.0, 100.0, 50.0],
+    ];
+    // turned by 90° about z
+    let measured = |[x, y, z]: [f64; 3]| [800.0 - y, x - 300.0, z + 150.0];
+    let body = |nominal: &dyn Fn([f64; 3]) -> [f64; 3], order: [usize; 4]| {
+        let point = |k: usize| json!({"nominal_mm": nominal(drawn[k]), "measured_mm": measured(drawn[order[k]])});
+        let points = [0, 1, 2, 3].map(point);
+        json!({"points": points, "std_mm": 0.05})
+    };
+    for (wrong, said) in [
+        (
+            body(&|p| p, [1, 0, 2, 3]),
+            "points 0 and 1 exchanged (0 is the first)",
+        ),
+        (
+            body(&|[x, y, z]| [x, y, -z], [0, 1, 2, 3]),
+            "one axis of the drawing mirrored",
+        ),
+        (
+            body(&|p| p.map(|x| x / 25.4), [0, 1, 2, 3]),
+            "the drawing read in inches",
+        ),
+    ] {
+        let answer = put(&app, &path, &wrong).await;
+        let problem = answer.problem(422, "work_frame_does_not_fit");
+        let issue = &problem["errors"][0];
+        assert_eq!(issue["pointer"], "/points", "{problem}");
+        let detail = text(&issue["detail"]);
+        println!("{detail}");
+        assert!(detail.contains(said), "{detail}");
+    }
+    app.get(&path).await.problem(404, "not_found");
+    put(&app, &path, &body(&|p| p, [0, 1, 2, 3])).await.ok(200);
 }
 
 #[tokio::test]
