@@ -107,7 +107,7 @@ pub async fn a_candidate(store: &Store, set: &MeasurementSetRow) -> ParameterSet
     let body = format!("{{\"of\": \"{}\"}}", job.id);
     let new = kincal::store::NewParameterSet {
         sha256: canonical::sha256_hex(body.as_bytes()),
-        body_json: body.into(),
+        body_json: body,
         estimate_json: None,
     };
     in_transaction(store, async |tx| {

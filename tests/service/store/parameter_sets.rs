@@ -916,7 +916,7 @@ async fn an_identified(
     let body = format!("{{\"of\": \"{}\"}}", job.id);
     let candidate = NewParameterSet {
         sha256: kincal::wire::canonical::sha256_hex(body.as_bytes()),
-        body_json: body.into(),
+        body_json: body,
         estimate_json: None,
     };
     in_transaction(store, async |tx| {
