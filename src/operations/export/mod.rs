@@ -13,6 +13,7 @@ pub use source::Source;
 use crate::exchange::{refit, universal_robots};
 use crate::kinematics::{Link, Robot};
 use crate::operations::{import, robot_models};
+use crate::release::wrong_robot;
 use crate::wire::export::{BetaChoice, ExportDocument, ExportFormat, RemainingError};
 use crate::wire::issue::Invalid;
 use crate::wire::robot_model::RobotModel;
@@ -39,6 +40,9 @@ pub fn export(
     format: ExportFormat,
     beta: BetaChoice,
 ) -> Result<Exported, Error> {
+    if !matches!(format, ExportFormat::Json | ExportFormat::Yaml) {
+        refuse_wrong_robot(source)?;
+    }
     let (links, remaining) = exported_links(source, beta);
     match format {
         ExportFormat::Json => {
@@ -129,6 +133,17 @@ pub fn export(
     }
 }
 
+/// Refuses to write what moves a robot from a set that does not fit it. Documents with provenance and warnings are written all the same.
+fn refuse_wrong_robot(source: &Source<'_>) -> Result<(), Error> {
+    match wrong_robot(source.provenance) {
+        None => Ok(()),
+        Some((code, detail)) => {
+            let detail = format!("this parameter set is not for a controller: {detail}");
+            Err(Invalid::at("/format", code, detail).into())
+        }
+    }
+}
+
 /// The robots of Universal Robots in the library of robot models.
 fn arms_of_universal_robots() -> Result<Vec<Robot>, Error> {
     let unreadable_arms = |error: &str| unreadable("ur_kinematics", error);
@@ -142,6 +157,7 @@ fn arms_of_universal_robots() -> Result<Vec<Robot>, Error> {
 /// # Errors
 /// [`Error`] if the URDF cannot be read, or does not describe the nominal robot.
 pub fn patch_urdf(source: &Source<'_>, bytes: &[u8], tip: Option<&str>) -> Result<Exported, Error> {
+    refuse_wrong_robot(source)?;
     let links = source.content.kinematic_links();
     let text = urdf::patched_text(source, &links, bytes, tip)?;
     Ok(Exported {

@@ -150,6 +150,12 @@ async fn an_identified_robot_that_is_wrong_corrects_no_target_and_is_not_release
             codes(&refused["errors"]).contains(&"fits"),
             "{code}: {refused}"
         );
+        // no controller gets it; the document with its warnings is still there
+        for format in ["csv", "urdf", "mastering"] {
+            let path = format!("{set}/export?format={format}");
+            app.get(&path).await.problem(422, code);
+        }
+        app.get(&format!("{set}/export")).await.ok(200);
         for mode in ["position", "pose"] {
             let body = json!({"q_deg": [[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]], "mode": mode});
             let answer = app.post_json(&format!("{set}/compensate"), &body).await;
