@@ -161,18 +161,20 @@ const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
 
 // Sessions whose points were uploaded after those of the set: another set was identified from them, or was scored on them. What decides is the order of
-// the uploads in the audit chain, not when the jobs ran: an old upload that is identified again is as old as it was. Uploads without an entry are older
-// than the chain; among these, and for the same upload, the order of the jobs decides. Jobs that repeat earlier uploads are left out, because they show
+// the uploads in the audit chain, not when the jobs ran: an old upload that is identified again is as old as it was, and the same bytes uploaded again are
+// as old as they were first. Uploads without an entry are older than the chain; among these, and for the same upload, the order of the jobs decides. Jobs that repeat earlier uploads are left out, because they show
 // nothing new. A job with several sessions is not left out, because one repeated session must not hide the others.
 const LATER_SESSIONS: &str = "
     with own as (
         select p.robot_id as robot_id, f.seq as seq,
-            (select coalesce(max(a.seq), 0) from job_upload o join audit a on a.subject = o.measurement_set_id and a.event = $5
-                where o.job_id = p.job_id) as uploaded
+            (select coalesce(max((select min(a.seq) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
+                join audit a on a.subject = same.id and a.event = $5 where m.id = o.measurement_set_id)), 0)
+                from job_upload o where o.job_id = p.job_id) as uploaded
         from parameter_set p join verification f on f.job_id = p.job_id where p.id = $1),
     later as (
         select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json,
-            (select coalesce(max(a.seq), 0) from audit a where a.subject = u.measurement_set_id and a.event = $5) as uploaded
+            (select coalesce(min(a.seq), 0) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
+                join audit a on a.subject = same.id and a.event = $5 where m.id = u.measurement_set_id) as uploaded
         from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id
             left join report_summary r on r.job_id = v.job_id
         where ((v.kind = $2 and v.fit = $3) or (v.kind <> $2 and v.fit <> $6 and v.evidence <> $7))

@@ -44,6 +44,11 @@ async fn an_old_upload_that_is_identified_again_is_as_old_as_it_was() {
     app.post_json(&path, &reasons)
         .await
         .problem(409, "release_refused");
+    // nor do the same bytes get younger by being uploaded again
+    let copied = app.upload(&robot, "first_noisy.csv").await;
+    assert_ne!(copied, before);
+    let copied = identified(&app, &robot, &copied).await;
+    assert!(fails(&app, &copied, "scored_on_later_sessions").await);
     // and it is no later session for the right one
     assert!(!fails(&app, &right, "scored_on_later_sessions").await);
 }
