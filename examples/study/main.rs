@@ -32,6 +32,7 @@ mod final_fit;
 mod growth;
 mod identification;
 mod job_growth;
+mod measured_robots;
 mod noise;
 mod paper;
 mod poses;

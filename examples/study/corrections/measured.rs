@@ -1,55 +1,13 @@
 //! Measured robots.
 
 use super::{kept, run};
-use crate::data::{real_data, robot};
+use crate::data::real_data;
+use crate::measured_robots::{robots, set, with_split};
 use kincal::calibration::CalibrationRequest;
 use kincal::calibration::request::VerifySource;
-use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv, split};
-use std::path::Path;
+use kincal::measurement::{Point, Subset, split};
 
 const SEEDS: u64 = 8;
-
-fn set(path: &Path) -> MeasurementSet {
-    csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
-}
-
-fn robots(root: &Path) -> Vec<(&'static str, Robot, MeasurementSet)> {
-    let motoman = root.join("motoman_ma1400");
-    let points: Vec<Point> = ["visit_1.csv", "visit_2.csv"]
-        .iter()
-        .flat_map(|file| set(&motoman.join(file)).points)
-        .collect();
-    let points = points
-        .into_iter()
-        .enumerate()
-        .map(|(row, p)| Point {
-            sequence: row as i64,
-            ..p
-        })
-        .collect();
-    vec![
-        (
-            "qkm_hl6",
-            robot(&root.join("qkm_hl6/robot.json")),
-            set(&root.join("qkm_hl6/set.csv")),
-        ),
-        (
-            "motoman_ma1400",
-            robot(&motoman.join("robot.json")),
-            MeasurementSet::new(Frame::Instrument, points),
-        ),
-    ]
-}
-
-fn with_split(set: &MeasurementSet, subset_of: impl Fn(usize, &Point) -> Subset) -> MeasurementSet {
-    let mut set = set.clone();
-    set.points
-        .iter_mut()
-        .enumerate()
-        .for_each(|(row, p)| p.subset = Some(subset_of(row, p)));
-    set
-}
 
 fn row(name: &str, split: &str, request: &CalibrationRequest) -> (f64, f64) {
     let report = run(request);

@@ -1,10 +1,10 @@
 //! Measured robots, beside scipy on the same splits.
 
 use crate::data::{real_data, robot};
+use crate::measured_robots::{robots, set, with_split};
 use kincal::calibration::request::{Loss, VerifySource};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
-use kincal::kinematics::Robot;
-use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv, split};
+use kincal::measurement::{MeasurementSet, Point, Subset, split};
 use std::fmt::Write as _;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -13,48 +13,6 @@ use std::time::Instant;
 /// Numbers of `docs/oracles/scipy_least_squares.py`.
 const SCIPY: &str = include_str!("../../../docs/oracles/scipy_least_squares.csv");
 const SEEDS: u64 = 8;
-
-fn set(path: &Path) -> MeasurementSet {
-    csv::parse(&std::fs::read(path).unwrap(), Frame::Instrument, 6).unwrap()
-}
-
-/// The robots with their sets; the two visits are measured in one instrument frame and are one set.
-fn robots(root: &Path) -> Vec<(&'static str, Robot, MeasurementSet)> {
-    let motoman = root.join("motoman_ma1400");
-    let points: Vec<Point> = ["visit_1.csv", "visit_2.csv"]
-        .iter()
-        .flat_map(|file| set(&motoman.join(file)).points)
-        .collect();
-    let points = points
-        .into_iter()
-        .enumerate()
-        .map(|(row, p)| Point {
-            sequence: row as i64,
-            ..p
-        })
-        .collect();
-    vec![
-        (
-            "motoman_ma1400",
-            robot(&motoman.join("robot.json")),
-            MeasurementSet::new(Frame::Instrument, points),
-        ),
-        (
-            "qkm_hl6",
-            robot(&root.join("qkm_hl6/robot.json")),
-            set(&root.join("qkm_hl6/set.csv")),
-        ),
-    ]
-}
-
-fn with_split(set: &MeasurementSet, subset_of: impl Fn(usize, &Point) -> Subset) -> MeasurementSet {
-    let mut set = set.clone();
-    set.points
-        .iter_mut()
-        .enumerate()
-        .for_each(|(row, p)| p.subset = Some(subset_of(row, p)));
-    set
-}
 
 /// The column of the file, then seeds 0 to 7.
 fn splits(set: &MeasurementSet) -> Vec<(String, MeasurementSet)> {
