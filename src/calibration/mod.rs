@@ -30,7 +30,7 @@ pub use solve::corrections::are_wanted as corrections_are_wanted;
 pub use solve::larger_model::MODEL_TOO_SMALL;
 pub use validation::fit::Fit;
 pub use validation::quick_check::{ReleasedSet, check_quick_check, check_released};
-pub use validation::repeated_rows::{is_anew, repeats};
+pub use validation::repeated_rows::{RepeatedRows, is_anew, repeats};
 pub use validation::rescoring::{errors_mm, errors_on_verify_subset_mm};
 pub use validation::robust_comparison::{RobustComparison, after_errors_mm, robust_comparison};
 pub use validation::session_fit::{HeldOut, session_fit, times_worse};

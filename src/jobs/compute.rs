@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use crate::store::verifications::EarlierUpload;
+use crate::store::verifications::KnownUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
     ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, job_sources,
@@ -44,26 +44,27 @@ pub struct JobInputs {
     pub parameter_set: Option<ParameterSetInput>,
     /// Uploads on which the held parameters, or the training of the residual network, are based.
     pub sources: Vec<MeasurementSetInput>,
-    /// Earlier uploads with which the points are compared. Points that repeat an earlier upload do not show that the robot is in order.
-    pub earlier: EarlierUploads,
+    /// The robot's uploads with which the points are compared. Points that repeat an earlier upload are as old as that upload.
+    pub known: KnownUploads,
 }
 
-/// Uploads from before the robot's last session that did not fit. For a check: all earlier uploads of the robot, or the newest ones if there are too
-/// many.
+/// Uploads with which a job's points are compared: those before the job's own, and those from before the robot's last session that did not fit.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct EarlierUploads {
+pub struct KnownUploads {
     /// Number of that session in the robot's counter; 0 if there is none.
     pub check_seq: i64,
-    /// The uploads.
-    pub sets: Vec<MeasurementSetInput>,
-    /// True if there are more uploads or points than the limits below. Then `sets` is empty and nothing is compared.
+    /// Number in the audit chain of each of the job's own uploads, in their order; 0 if it is unknown.
+    pub own_seq: Vec<i64>,
+    /// The uploads, oldest first.
+    pub uploads: Vec<(KnownUpload, MeasurementSetInput)>,
+    /// True if the robot has more uploads or points than the limits below. Then only the newest are compared.
     pub exceeds_limits: bool,
 }
 
-/// Limits on the earlier uploads with which a session is compared, and on their points: some hundred MB. If there are more, no session can end the
-/// state `check_robot`; a person has to end it (`POST /v1/robots/{id}/checked`).
-const MAX_EARLIER: i64 = 500;
-const MAX_EARLIER_POINTS: i64 = 500_000;
+/// Limits on the uploads with which a job's points are compared, and on their points: some hundred MB. If there are more, no session can end the state
+/// `check_robot`; a person has to end it (`POST /v1/robots/{id}/checked`).
+const MAX_KNOWN: usize = 500;
+const MAX_KNOWN_POINTS: i64 = 500_000;
 
 /// A parameter set with the points and frames that it was identified from.
 #[derive(Clone, Debug, PartialEq)]
@@ -217,7 +218,7 @@ impl JobInputs {
             residual_network,
             parameter_set,
             sources,
-            earlier,
+            known,
         ) = tokio::try_join!(
             robot_versions::robot_at(store, &job.robot_id, job.robot_version),
             MeasurementSetInput::read_of(store, &job),
@@ -236,7 +237,7 @@ impl JobInputs {
                 load_parameter_set(store, id)
             }),
             load_sources(store, &job.id),
-            load_earlier(store, &job),
+            load_known(store, &job),
         )?;
         Ok(JobInputs {
             job,
@@ -249,7 +250,7 @@ impl JobInputs {
             residual_network,
             parameter_set,
             sources,
-            earlier,
+            known,
         })
     }
 
@@ -309,42 +310,39 @@ async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetI
     Ok(sources)
 }
 
-/// Earlier uploads with which the points are compared. For a check these are all of them. For other jobs these are the uploads from before the last
-/// session that did not fit the robot, if there was one.
-async fn load_earlier(store: &Store, job: &JobRow) -> Result<EarlierUploads> {
-    let check = verifications::check(store, &job.robot_id).await?;
-    let mut earlier = EarlierUploads {
-        check_seq: check.check_seq,
-        ..EarlierUploads::default()
+async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
+    let check_seq = verifications::check(store, &job.robot_id).await?.check_seq;
+    let is_session = job.kind == Kind::Verify;
+    let limit = MAX_KNOWN as i64 + 1;
+    let found = verifications::known_uploads(store, &job.robot_id, check_seq, is_session, limit);
+    let mut found: Vec<KnownUpload> = found.await?;
+    let n_found = found.len();
+    found.truncate(MAX_KNOWN);
+    let mut n_points = 0;
+    found.retain(|upload| {
+        n_points += upload.n_points;
+        n_points <= MAX_KNOWN_POINTS
+    });
+    let exceeds_limits = found.len() < n_found;
+    let is_own = |upload: &KnownUpload| job.set_ids().any(|id| id == upload.id);
+    let seq_of = |id: &str| {
+        let own = found.iter().find(|upload| upload.id == id);
+        own.map_or(0, |upload| upload.uploaded_seq)
     };
-    let robot_id = &job.robot_id;
-    let uploads = if job.kind == Kind::Check {
-        let own = &job.measurement_set_id;
-        let newest = verifications::uploads_before(store, robot_id, own, MAX_EARLIER).await?;
-        let mut n_points = 0;
-        let is_within = |upload: &EarlierUpload| {
-            n_points += upload.n_points;
-            n_points <= MAX_EARLIER_POINTS
-        };
-        newest.into_iter().take_while(is_within).collect()
-    } else if check.check_seq == 0 {
-        return Ok(earlier);
-    } else {
-        let (seq, is_session) = (check.check_seq, job.kind == Kind::Verify);
-        let limit = MAX_EARLIER + 1;
-        let uploads = verifications::earlier_uploads(store, robot_id, seq, is_session, limit);
-        let uploads: Vec<EarlierUpload> = uploads.await?;
-        let n_points: i64 = uploads.iter().map(|upload| upload.n_points).sum();
-        if uploads.len() as i64 > MAX_EARLIER || n_points > MAX_EARLIER_POINTS {
-            earlier.exceeds_limits = true;
-            return Ok(earlier);
-        }
-        uploads
+    let own_seq: Vec<i64> = job.set_ids().map(seq_of).collect();
+    let newest_own = own_seq.iter().copied().max().unwrap_or(0);
+    let is_compared = |upload: &KnownUpload| {
+        upload.uploaded_seq < newest_own || upload.is_before_check || is_own(upload)
     };
-    for upload in uploads {
-        earlier
-            .sets
-            .push(MeasurementSetInput::read(store, &upload.id).await?);
+    let mut uploads = Vec::new();
+    for upload in found.into_iter().rev().filter(is_compared) {
+        let input = MeasurementSetInput::read(store, &upload.id).await?;
+        uploads.push((upload, input));
     }
-    Ok(earlier)
+    Ok(KnownUploads {
+        check_seq,
+        own_seq,
+        uploads,
+        exceeds_limits,
+    })
 }

@@ -22,7 +22,7 @@ mod run_alone;
 mod worker;
 
 pub use compute::{
-    Compute, EarlierUploads, JobFailure, JobInputs, JobOutcome, MeasurementSetInput, NetworkInput,
+    Compute, JobFailure, JobInputs, JobOutcome, KnownUploads, MeasurementSetInput, NetworkInput,
     ParameterSetInput,
 };
 pub use pool::{AttemptLimits, WorkerPool};

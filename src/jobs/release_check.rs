@@ -4,17 +4,24 @@ use crate::jobs::evidence::{self, ParsedEvidence, Unreadable};
 use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::HeldOutPoints;
 use crate::release::guard_band::rule_in_force;
-use crate::release::{ArchivedItem, Comparison, Decision, Facts, UnscoredSession, decide};
+use crate::release::{
+    ArchivedItem, Comparison, Decision, Facts, UnscoredSession, decide, has_same_values,
+};
+use crate::store::withdrawals::{self, WithdrawnSet};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
     PolicyRow, Release, RobotRow, Store, audit, job_sources, jobs, measurement_sets,
     parameter_sets, policies, robots,
 };
+use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::{Issue, json};
 use std::sync::Arc;
 use tokio::task::JoinError;
+
+/// Maximum number of withdrawn sets of a robot with which a set is compared, newest first.
+const MAX_WITHDRAWN: i64 = 200;
 
 /// A release to be checked.
 #[derive(Debug)]
@@ -144,7 +151,15 @@ pub async fn check(
             uploaders.push(source.uploaded_by);
         }
     }
-    let withdrawn_source = job_sources::withdrawn(store, &job.id).await?;
+    let n_withdrawn = withdrawals::count(store, &row.robot_id).await?;
+    let held_withdrawn = withdrawals::held(store, &job.id).await?;
+    // a set that was released before is not compared: a rollback may go back to one with the same values
+    let withdrawn = match row.status {
+        ParameterSetStatus::Candidate => {
+            withdrawals::of_robot(store, &row.robot_id, MAX_WITHDRAWN).await?
+        }
+        _ => Vec::new(),
+    };
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
     }
@@ -155,9 +170,11 @@ pub async fn check(
         policy_version: policy.version,
         n_verifications: stored.n_verifications(),
         robot: robot.check(),
-        withdrawn_source: withdrawn_source.clone(),
+        n_withdrawn,
     };
     let parsed = blocking::run(permit, || evidence::parse(stored)).await??;
+    let twin = with_same_values(&parsed, &withdrawn)?;
+    let withdrawn_source = held_withdrawn.or(twin);
     let parsed = Arc::new(parsed);
     let comparisons = match request.purpose {
         Purpose::Release { .. } => compare(store, permit, &parsed).await?,
@@ -184,6 +201,24 @@ pub async fn check(
         checked,
         approver,
     })
+}
+
+/// The withdrawn set that has the same values as this one, if there is one.
+fn with_same_values(
+    parsed: &ParsedEvidence,
+    withdrawn: &[WithdrawnSet],
+) -> Result<Option<String>, Unreadable> {
+    let unreadable = |cause: serde_json::Error| Unreadable(cause.to_string());
+    let own = serde_json::to_value(&parsed.content).map_err(unreadable)?;
+    for set in withdrawn {
+        let other: ParameterSetContent =
+            serde_json::from_str(&set.body_json).map_err(unreadable)?;
+        let other = serde_json::to_value(other).map_err(unreadable)?;
+        if has_same_values(&own, &other) {
+            return Ok(Some(set.id.clone()));
+        }
+    }
+    Ok(None)
 }
 
 /// Compares the set with the active one. Reads one upload or one report at a time.

@@ -1,10 +1,11 @@
 //! Builds the core's request for a job from the job's stored inputs.
 
 use crate::calibration::request::PreviousSession;
-use crate::calibration::{CalibrationRequest, HeldOut, repeats};
+use crate::calibration::{CalibrationRequest, HeldOut, RepeatedRows};
 use crate::jobs::estimate::{as_one, stored_estimate};
 use crate::jobs::{JobFailure, JobInputs, MeasurementSetInput};
 use crate::release::facts::MeasuredSince;
+use crate::store::verifications::KnownUpload;
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
 use crate::wire::measurement::MeasurementSet;
@@ -111,18 +112,45 @@ fn previous_session(
     })
 }
 
-/// Whether a job's own points were measured since the robot's last session that did not fit.
+/// When a job's own points were measured, as far as the robot's other uploads show it: in which upload they appeared first, and whether that was before
+/// the robot's last session that did not fit. The points of a check must repeat no earlier upload at all.
 pub(super) fn measured_since(
     inputs: &JobInputs,
     request: &CalibrationRequest,
 ) -> Result<MeasuredSince, JobFailure> {
-    let earlier = points_of(&inputs.earlier.sets, request)?;
-    let mut uploads = request.uploads().iter();
-    let is_repeat = uploads.any(|upload| repeats(&request.robot, &earlier, upload));
-    Ok(MeasuredSince {
-        check_seq: inputs.earlier.check_seq,
-        is_repeat: inputs.earlier.exceeds_limits || is_repeat,
-    })
+    let is_check = inputs.job.kind == Kind::Check;
+    let known = &inputs.known;
+    let points = points_of(known.uploads.iter().map(|(_, input)| input), request)?;
+    let mut since = MeasuredSince {
+        check_seq: known.check_seq,
+        is_repeat: known.exceeds_limits && known.check_seq > 0 && !is_check,
+        measured_seq: 0,
+    };
+    let own = inputs.uploads().zip(request.uploads()).zip(&known.own_seq);
+    for ((input, upload), own_seq) in own {
+        let repeated = RepeatedRows::find(&request.robot, &points, upload);
+        let places = |counts: &dyn Fn(&KnownUpload) -> bool| -> Vec<usize> {
+            let uploads = known.uploads.iter().enumerate();
+            let uploads = uploads.filter(|(_, (upload, _))| counts(upload));
+            uploads.map(|(place, _)| place).collect()
+        };
+        let earlier = places(&|upload| upload.uploaded_seq < *own_seq);
+        let forbidden = match is_check {
+            true => places(&|upload| {
+                upload.uploaded_seq < *own_seq || upload.is_used && upload.id == input.row.id
+            }),
+            false => places(&|upload| upload.is_before_check),
+        };
+        since.is_repeat |= repeated.repeats(forbidden);
+        // few points that cannot be compared are still a copy if the bytes are the same
+        let mut same_bytes = earlier.iter().copied();
+        let same_bytes =
+            same_bytes.find(|place| known.uploads[*place].1.row.sha256 == input.row.sha256);
+        let first = repeated.first(earlier).into_iter().chain(same_bytes).min();
+        let measured_seq = first.map_or(*own_seq, |place| known.uploads[place].0.uploaded_seq);
+        since.measured_seq = since.measured_seq.max(measured_seq);
+    }
+    Ok(since)
 }
 
 /// The points of uploads that were measured on the request's robot.

@@ -23,13 +23,15 @@ pub const MIN_VERIFY_POINTS: usize = 5;
 /// Fit of an identification whose set describes no robot. Later sessions are not compared with such a set.
 pub const DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff;
 
-/// Whether points were measured since the robot's last session that did not fit.
+/// When a job's points were measured, as far as the robot's other uploads show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeasuredSince {
     /// Number of that session in the robot's counter; 0 if there is none.
     pub check_seq: i64,
     /// Whether the points repeat uploads from before that session ([`crate::calibration::repeats`]), or this could not be decided.
     pub is_repeat: bool,
+    /// Number in the audit chain of the upload in which the points appeared first; 0 if it is unknown ([`Verification::measured_seq`]).
+    pub measured_seq: i64,
 }
 
 /// Strength of a report's verification. Its points are evidence if they show the robot's errors and nobody overrode a refusal of its uploads. They
@@ -173,6 +175,7 @@ pub fn identification_facts(
             _ => Evidence::SameUpload,
         },
         is_repeat: since.is_repeat,
+        measured_seq: since.measured_seq,
         is_worse: false,
         check_seq: since.check_seq,
         uncertainty_mm: report.tool_uncertainty_mm.map(|tool| tool.max),
@@ -260,11 +263,11 @@ pub fn session_facts(
         before_rms_mm: Some(comparison.before_rms_mm),
         after_rms_mm: Some(comparison.after_rms_mm),
         after_expanded_mm: after_expanded_mm(report, Measured::of_session(request)),
-        // a session that is no evidence condemns no set
-        is_better: comparison.is_better() || evidence == Evidence::None,
+        is_better: comparison.is_better(),
         fit,
         evidence,
         is_repeat: since.is_repeat,
+        measured_seq: since.measured_seq,
         is_worse: [WORSE_THAN_IDENTIFIED, MISSES_SESSION]
             .iter()
             .any(|code| has_warning(report, code)),

@@ -118,13 +118,14 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
     Gate::new(name, only_warns, detail).warned(only_warns)
 }
 
-/// Refuses a set that was no better than nominal in a session. The gate fails closed: an error that cannot be compared does not count as smaller.
+/// Refuses a set that was no better than nominal in a session that is evidence. The gate fails closed: an error that cannot be compared does not count
+/// as smaller.
 pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
     let n = facts.counted_sessions().count();
     match facts
         .counted_sessions()
-        .find(|session| !session.verification.is_better)
+        .find(|session| session.is_evidence() && !session.verification.is_better)
     {
         Some(session) => {
             let detail = format!(
@@ -150,7 +151,10 @@ pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
         None => Gate::new(
             name,
             true,
-            format!("{}, each better than nominal", sessions(n)),
+            format!(
+                "{}, none of them evidence that it is no better than nominal",
+                sessions(n)
+            ),
         ),
     }
 }

@@ -47,33 +47,41 @@ struct Figure<'a> {
     points: String,
     rms_mm: f64,
     expanded_mm: Option<f64>,
+    rule: DecisionRule,
     found: &'a Verification,
 }
 
 /// The measured errors must also be within the tolerance: on the held-out points, and in every session that fits the robot, measured anew or not.
-/// Under the guarded rule their uncertainty counts, and an error without a stated uncertainty is not accepted. The schema's triggers enforce
-/// this too.
+/// Under the guarded rule their uncertainty counts, and an error without a stated uncertainty is not accepted. Of a session that is no evidence, as
+/// with few points, the figure alone counts. The schema's triggers enforce this too.
 pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let rule = facts.policy.decision_rule;
     let Some(tolerance) = facts.policy.tolerance_mm else {
         return Gate::new(name, true, "the robot's policy has no tolerance");
     };
-    let figure = |points: String, found| Figure {
+    let figure = |points: String, found, rule| Figure {
         points,
         rms_mm: found_mm(found),
         expanded_mm: found.after_expanded_mm,
+        rule,
         found,
     };
     let sessions = facts.counted_sessions().map(|session| {
+        let rule = match session.is_evidence() {
+            true => rule,
+            false => DecisionRule::SimpleAcceptance,
+        };
         figure(
             format!("in the session of job {}", session.job_id),
             &session.verification,
+            rule,
         )
     });
     let own = Some(facts.identification).filter(|found| found.n_points > 0);
-    let own = own.map(|found| figure("on the points held out".into(), found));
-    let compare = |figure: &Figure<'_>| within(figure.rms_mm, figure.expanded_mm, tolerance, rule);
+    let own = own.map(|found| figure("on the points held out".into(), found, rule));
+    let compare =
+        |figure: &Figure<'_>| within(figure.rms_mm, figure.expanded_mm, tolerance, figure.rule);
     let severity = |figure: &Figure<'_>| match compare(figure) {
         Within::Yes => 0,
         Within::InGuardBand => 1,
@@ -99,7 +107,7 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
     Gate::new(
         name,
         within == Within::Yes,
-        in_words(&worst, within, tolerance, rule),
+        in_words(&worst, within, tolerance),
     )
 }
 
@@ -108,7 +116,8 @@ fn found_mm(found: &Verification) -> f64 {
     found.after_rms_mm.unwrap_or(f64::INFINITY)
 }
 
-fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64, rule: DecisionRule) -> String {
+fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64) -> String {
+    let rule = figure.rule;
     let interval = figure.expanded_mm.map_or(
         " with an uncertainty that is not stated".into(),
         |expanded| format!(" ± {expanded:.4} mm (expanded uncertainty, 95 %)"),

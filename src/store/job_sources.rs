@@ -4,7 +4,7 @@
 use super::from_row::from_row;
 use super::{Result, Store, Tx};
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT_HELD, INSERT_RESIDUAL, UPLOADS, WITHDRAWN];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT_HELD, INSERT_RESIDUAL, UPLOADS];
 
 const INSERT_HELD: &str = "
     insert into job_source (job_id, source_job_id, is_held)
@@ -20,14 +20,6 @@ const INSERT_RESIDUAL: &str = "
 const UPLOADS: &str = "
     select u.measurement_set_id as measurement_set_id, max(s.is_held) as is_held from job_source s join job_upload u on u.job_id = s.source_job_id
     where s.job_id = $1 group by u.measurement_set_id order by u.measurement_set_id";
-
-// A withdrawn set whose values the job holds, or that has the same values as the job's candidate: identifying the same upload again gives the same set.
-const WITHDRAWN: &str = "
-    select p.id from parameter_set p where p.status = 'withdrawn'
-        and (p.job_id in (select s.source_job_id from job_source s where s.job_id = $1 and s.is_held = 1)
-            or p.id in (select twin.id from parameter_set own join parameter_set twin on twin.robot_id = own.robot_id and twin.sha256 = own.sha256
-                where own.job_id = $1 and own.status = 'candidate' and twin.id <> own.id))
-    order by p.id limit 1";
 
 /// An upload of a source job: the job's result depends on it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,22 +59,4 @@ pub async fn insert_residual(tx: &mut Tx, job_id: &str) -> Result<()> {
 pub async fn uploads(store: &Store, job_id: &str) -> Result<Vec<SourceUpload>> {
     let query = sqlx::query_as(UPLOADS).bind(job_id);
     Ok(query.fetch_all(store.readers()).await?)
-}
-
-/// Id of a withdrawn parameter set whose values the job holds, or that has the same values as the job's own, if there is one.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn withdrawn(store: &Store, job_id: &str) -> Result<Option<String>> {
-    let query = sqlx::query_scalar(WITHDRAWN).bind(job_id);
-    Ok(query.fetch_optional(store.readers()).await?)
-}
-
-/// As [`withdrawn`], in a transaction.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub(super) async fn withdrawn_in(tx: &mut Tx, job_id: &str) -> Result<Option<String>> {
-    let query = sqlx::query_scalar(WITHDRAWN).bind(job_id);
-    Ok(query.fetch_optional(tx.connection()).await?)
 }

@@ -49,6 +49,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     step!(19, "0019", "named_documents"),
     step!(20, "0020", "sessions"),
     step!(21, "0021", "job_sources"),
+    step!(22, "0022", "measured_seq"),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.

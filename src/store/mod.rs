@@ -45,6 +45,7 @@ pub mod statistics;
 pub mod stuck;
 pub mod verifications;
 pub mod verify;
+pub mod withdrawals;
 mod write_progress;
 
 pub use api_keys::{ApiKeyRow, NewApiKey};
@@ -126,6 +127,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         &robots::LIST.texts(),
         statistics::ALL_QUERIES,
         verifications::ALL_QUERIES,
+        withdrawals::ALL_QUERIES,
         verify::ALL_QUERIES,
     ]
     .concat()

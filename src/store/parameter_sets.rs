@@ -11,8 +11,8 @@ use super::listing::{self, ListQueries, list_queries, list_row};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
-    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, job_sources,
-    policies, robots, verifications,
+    AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
+    verifications, withdrawals,
 };
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -120,8 +120,8 @@ pub struct CheckedState {
     pub n_verifications: i64,
     /// The state of the robot.
     pub robot: RobotCheck,
-    /// A withdrawn set whose values the released set holds, if there is one.
-    pub withdrawn_source: Option<String>,
+    /// Number of withdrawn sets of the robot, with which the set was compared.
+    pub n_withdrawn: i64,
 }
 
 // The version of the robot's joint map that a set was identified with.
@@ -398,7 +398,7 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
         policy_version: policy.version,
         n_verifications: verifications::count_in(tx, &release.id).await?,
         robot: robot.check(),
-        withdrawn_source: job_sources::withdrawn_in(tx, &set.job_id).await?,
+        n_withdrawn: withdrawals::count_in(tx, &set.robot_id).await?,
     };
     if now != release.checked {
         return Err(Conflict::ChecksOutdated.into());
@@ -452,11 +452,12 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
         return Err(Conflict::ActiveChanged.into());
     }
+    let mut release = release.clone();
     if let Some(active) = active {
         withdraw(tx, &active.id, &release.reason, &release.released_by).await?;
+        release.checked.active = None;
+        release.checked.n_withdrawn += 1;
     }
-    let mut release = release.clone();
-    release.checked.active = None;
     self::release(tx, &release).await
 }
 

@@ -45,6 +45,7 @@ from_row!(Verification {
     before_rms_mm,
     after_rms_mm,
     after_expanded_mm,
+    measured_seq,
     check_seq,
     uncertainty_mm
 } parsed { kind, fit, evidence } flags { is_better, is_repeat, is_worse } counts { n_points });
@@ -56,24 +57,34 @@ impl VerificationRow {
             "before_rms_mm": found.before_rms_mm, "after_rms_mm": found.after_rms_mm, "is_better": i64::from(found.is_better), "fit": found.fit.as_str(),
             "evidence": found.evidence.as_str(), "is_repeat": i64::from(found.is_repeat), "is_worse": i64::from(found.is_worse), "check_seq": found.check_seq,
             "verified_uncertainty_mm": found.uncertainty_mm});
-        // Audit entries of older versions do not have this field.
+        // Audit entries of older versions do not have these fields.
         if let Some(expanded_mm) = found.after_expanded_mm {
             entry["after_expanded_mm"] = json!(expanded_mm);
+        }
+        if found.measured_seq > 0 {
+            entry["measured_seq"] = json!(found.measured_seq);
         }
         entry
     }
 }
 
-/// An earlier upload, which new points must not repeat.
+/// An upload of a robot, with which a job compares its points.
 #[derive(Clone, Debug, PartialEq)]
-pub struct EarlierUpload {
+pub struct KnownUpload {
     /// The measurement set.
     pub id: String,
     /// Number of its points.
     pub n_points: i64,
+    /// Number of its entry in the audit chain; 0 if it is older than the chain.
+    pub uploaded_seq: i64,
+    /// Whether it was uploaded before the robot's last session that did not fit, or for that session. Uploads of sessions that did not fit are left
+    /// out, because a changed robot may be identified from them.
+    pub is_before_check: bool,
+    /// Whether a job of a kind other than `check` has used it.
+    pub is_used: bool,
 }
 
-from_row!(EarlierUpload { id, n_points });
+from_row!(KnownUpload { id, n_points, uploaded_seq } flags { is_before_check, is_used });
 
 /// A later session: another parameter set was identified from it, and this parameter set was not scored on it.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,7 +124,7 @@ macro_rules! rows {
     () => {
         "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
              v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.after_expanded_mm as after_expanded_mm, v.is_better as is_better, v.fit as fit,
-             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
+             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.measured_seq as measured_seq, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
          from verification v join job j on j.id = v.job_id join measurement_set m on m.id = j.measurement_set_id"
     };
 }
@@ -132,8 +143,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     COUNT,
     LATER_SESSIONS,
     N_UNKNOWN,
-    EARLIER_UPLOADS,
-    UPLOADS_BEFORE,
+    KNOWN_UPLOADS,
     CHECK,
     CHECK_OF_JOB,
     JOB_OF,
@@ -144,12 +154,12 @@ pub(super) const ALL_QUERIES: &[&str] = &[
 // The caller has locked the robot's row, so the counter has no gaps and no duplicates.
 const INSERT: &str = "
     insert into verification (job_id, robot_id, parameter_set_id, kind, seq, n_points, before_rms_mm, after_rms_mm, is_better, fit, evidence,
-        is_repeat, check_seq, uncertainty_mm, after_expanded_mm, is_worse)
+        is_repeat, check_seq, uncertainty_mm, after_expanded_mm, is_worse, measured_seq)
     select j.id, j.robot_id,
         case when $2 = 'session' then j.parameter_set_input_id else (select p.id from parameter_set p where p.job_id = j.id) end,
         $2, (select coalesce(max(v.seq), 0) + 1 from verification v where v.robot_id = j.robot_id), $3,
         nullif($4, cast(-1 as double precision)), nullif($5, cast(-1 as double precision)), $6, $7, $8,
-        $9, $11, nullif($10, cast(-1 as double precision)), nullif($12, cast(-1 as double precision)), $13
+        $9, $11, nullif($10, cast(-1 as double precision)), nullif($12, cast(-1 as double precision)), $13, $14
     from job j where j.id = $1
     on conflict (job_id) do nothing";
 
@@ -162,14 +172,16 @@ const COUNT: &str = "select count(*) from verification where robot_id = (select 
 
 // Sessions whose points were uploaded after those of the set: another set was identified from them, or was scored on them. What decides is the order of
 // the uploads in the audit chain, not when the jobs ran: an old upload that is identified again is as old as it was, and the same bytes uploaded again are
-// as old as they were first. Uploads without an entry are older than the chain; among these, and for the same upload, the order of the jobs decides. Jobs that repeat earlier uploads are left out, because they show
-// nothing new. A job with several sessions is not left out, because one repeated session must not hide the others.
+// as old as they were first. The set's own points are as old as what they copy (`measured_seq`). A later session is as old as its upload, because a
+// copy that cannot be told from a new measurement may block a release. Uploads without an entry are older than the chain; among these, and for the
+// same upload, the order of the jobs decides. Jobs that repeat uploads from before a session that did not fit are left out, because they show nothing
+// new. A job with several sessions is not left out, because one repeated session must not hide the others.
 const LATER_SESSIONS: &str = "
     with own as (
         select p.robot_id as robot_id, f.seq as seq,
-            (select coalesce(max((select min(a.seq) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
+            coalesce(nullif(f.measured_seq, 0), (select coalesce(max((select min(a.seq) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
                 join audit a on a.subject = same.id and a.event = $5 where m.id = o.measurement_set_id)), 0)
-                from job_upload o where o.job_id = p.job_id) as uploaded
+                from job_upload o where o.job_id = p.job_id)) as uploaded
         from parameter_set p join verification f on f.job_id = p.job_id where p.id = $1),
     later as (
         select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json,
@@ -192,35 +204,29 @@ const N_UNKNOWN: &str = "
         and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
 
-// Uploads up to the session that did not fit, in the order of the audit chain. An upload without an entry is older than the chain. Uploads of
-// sessions that did not fit are left out, because a changed robot may be identified from them. With $5 = 1 the uploads of checks that found a change
-// are included: scoring such an upload again does not make it a new session.
-const EARLIER_UPLOADS: &str = concat!(
-    "select m.id as id, m.n_points as n_points from measurement_set m
-    where m.robot_id = $1
-        and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0)
-            <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id join audit a on a.subject = ",
+// The newest uploads of a robot, in the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1 the uploads of checks
+// that found a change count as before the session that did not fit: scoring such an upload again does not make it a new session.
+const KNOWN_UPLOADS: &str = concat!(
+    "with known as (
+        select m.id as id, m.n_points as n_points, coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0) as uploaded_seq
+        from measurement_set m where m.robot_id = $1)
+    select k.id as id, k.n_points as n_points, k.uploaded_seq as uploaded_seq,
+        case when cast($2 as bigint) > 0 and k.uploaded_seq <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id
+                join audit a on a.subject = ",
     scored_set!(),
-    " and a.event = $4 where v.robot_id = $1 and v.seq = $2), 0)
-        and (m.id not in (select ",
+    " and a.event = $4 where v.robot_id = $1 and v.seq = cast($2 as bigint)), 0)
+            and (k.id not in (select ",
     scored_set!(),
     " from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id where v.robot_id = $1 and v.fit <> 'fits'
-                and not exists (select 1 from job_session o where o.job_id = j.id))
-            or (cast($5 as bigint) = 1 and m.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
-                where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
-    order by m.id limit cast($3 as bigint)"
+                    and not exists (select 1 from job_session o where o.job_id = j.id))
+                or (cast($5 as bigint) = 1 and k.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
+                    where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
+            then 1 else 0 end as is_before_check,
+        case when exists (select 1 from job j where j.kind <> 'check' and j.status = 'succeeded' and (j.measurement_set_id = k.id or j.verify_set_id = k.id
+                or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = k.id)))
+            then 1 else 0 end as is_used
+    from known k order by k.uploaded_seq desc, k.id desc limit cast($3 as bigint)"
 );
-
-// Uploads that a check is compared with, newest first: the uploads before its own, and its own upload if another kind of job has used it.
-const UPLOADS_BEFORE: &str = "
-    select m.id as id, m.n_points as n_points from measurement_set m
-    where m.robot_id = $1 and ((m.id <> $2
-            and coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0)
-                < coalesce((select max(a.seq) from audit a where a.subject = $2 and a.event = $4), 0))
-        or (m.id = $2 and exists (select 1 from job j where (j.measurement_set_id = $2 or j.verify_set_id = $2
-                or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = $2)) and j.kind <> 'check'
-            and j.status = 'succeeded')))
-    order by m.id desc limit cast($3 as bigint)";
 
 const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
 
@@ -282,7 +288,8 @@ pub async fn insert(
         .bind(number(found.uncertainty_mm))
         .bind(found.check_seq)
         .bind(number(found.after_expanded_mm))
-        .bind(i64::from(found.is_worse));
+        .bind(i64::from(found.is_worse))
+        .bind(found.measured_seq);
     if query.execute(tx.connection()).await?.rows_affected() == 0 {
         return Ok(None);
     }
@@ -403,43 +410,24 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
         .await?)
 }
 
-/// The uploads up to the session with number `check_seq`, which did not fit the robot. An upload that repeats one of them was not measured after that
-/// session. `is_session` says that the job scores a parameter set and does not identify one.
+/// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` says that the
+/// job scores a parameter set and does not identify one.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn earlier_uploads(
+pub async fn known_uploads(
     store: &Store,
     robot_id: &str,
     check_seq: i64,
     is_session: bool,
     limit: i64,
-) -> Result<Vec<EarlierUpload>> {
-    Ok(sqlx::query_as(EARLIER_UPLOADS)
+) -> Result<Vec<KnownUpload>> {
+    Ok(sqlx::query_as(KNOWN_UPLOADS)
         .bind(robot_id)
         .bind(check_seq)
         .bind(limit)
         .bind(AuditEvent::MeasurementSetCreated.as_str())
         .bind(i64::from(is_session))
-        .fetch_all(store.readers())
-        .await?)
-}
-
-/// Uploads that the points of a check must not repeat. At most `limit`, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn uploads_before(
-    store: &Store,
-    robot_id: &str,
-    measurement_set_id: &str,
-    limit: i64,
-) -> Result<Vec<EarlierUpload>> {
-    Ok(sqlx::query_as(UPLOADS_BEFORE)
-        .bind(robot_id)
-        .bind(measurement_set_id)
-        .bind(limit)
-        .bind(AuditEvent::MeasurementSetCreated.as_str())
         .fetch_all(store.readers())
         .await?)
 }

@@ -29,7 +29,11 @@ pub fn is_rfc3339(text: &str) -> bool {
     };
     let is_zone = match zone {
         [b'Z' | b'z'] => true,
-        [b'+' | b'-', a, b, b':', c, d] => [a, b, c, d].iter().all(|byte| byte.is_ascii_digit()),
+        [b'+' | b'-', hours @ .., b':', tens, ones] if hours.len() == 2 => {
+            // up to 23:59 [RFC 3339, section 5.6]
+            let digits = hours.iter().chain([tens, ones]);
+            digits.clone().all(u8::is_ascii_digit) && hours <= b"23".as_slice() && *tens <= b'5'
+        }
         _ => false,
     };
     // Parsing also checks the calendar, for example that there is no 30 February and no hour 25.
@@ -59,6 +63,8 @@ mod tests {
             "2026-03-01T08:15:30",
             "2026-03-01T08:15:30.Z",
             "2026-03-01T08:15:30+0100",
+            "2026-03-01T08:15:30+25:00",
+            "2026-03-01T08:15:30+01:60",
             "2026-02-30T08:15:30Z",
             "2026-03-01T25:15:30Z",
             "2026-03-01T08:15:30Z[Europe/Paris]",

@@ -30,7 +30,7 @@ pub struct Verification {
     pub after_rms_mm: Option<f64>,
     /// Expanded uncertainty of `after_rms_mm` (95 %), mm; none if it cannot be computed, or if an older version stored these facts.
     pub after_expanded_mm: Option<f64>,
-    /// Whether the errors of the set are smaller than those of the nominal robot.
+    /// Whether the errors of the set are smaller than those of the nominal robot. Facts of older versions state true if the session is no evidence.
     pub is_better: bool,
     /// Whether the points fit the robot.
     pub fit: Fit,
@@ -42,6 +42,9 @@ pub struct Verification {
     /// Whether the errors of a session are several times larger than those on the points that were held out when the set was identified. Such a
     /// session is no evidence that the robot is in order again.
     pub is_worse: bool,
+    /// Number in the audit chain of the upload in which the points appeared first; of several sessions, the newest of these. A copy is as old as what
+    /// it copies. 0: unknown, as in facts of older versions.
+    pub measured_seq: i64,
     /// Number of the last session that did not fit the robot, in the robot's counter; 0 for none. If yet another session does not fit before these
     /// facts are stored, the points count as a repeat, because they were not compared with the uploads from before that session.
     pub check_seq: i64,

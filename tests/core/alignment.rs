@@ -6,7 +6,7 @@ use crate::simulation::{Campaign, Normal, limited, measure, poses, robot_of_the_
 use kincal::calibration::upload_checks::alignment::{
     Alignment, BETTER, Explanation, FITS, Suspicion, align, explain,
 };
-use kincal::calibration::{CalibrationRequest, calibrate};
+use kincal::calibration::{CalibrationRequest, Method, calibrate};
 use kincal::kinematics::{JointMap, Robot};
 use kincal::measurement::{Frame, MeasurementSet, csv};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Rotation3, Translation3, Vector3};
@@ -809,6 +809,46 @@ fn of_a_reflector_on_the_last_axis_it_is_said_that_the_joint_may_count_either_wa
                     .all(|(code, _)| *code != "joint_map_suspect"),
                 "{warnings:?}"
             );
+        }
+    }
+}
+
+/// Few poses of a small part of the workspace, with three joints counted the other way round: a mirrored robot fits them with a reflector that is
+/// farther away than the arm is long. The fit to all points tells it also where the fit to the identify subset does not.
+#[test]
+fn a_reflector_farther_away_than_the_arm_is_long_is_told_of_the_delivered_fit() {
+    let Some(root) = crate::data::real_data() else {
+        return;
+    };
+    let folder = root.join("motoman_ma1400");
+    let robot = crate::data::robot(&folder.join("robot.json"));
+    let file = std::fs::read(folder.join("visit_1.csv")).unwrap();
+    let visit = csv::parse(&file, Frame::Instrument, 6).unwrap();
+    for n_rows in [20, 25] {
+        for seed in 0..15 {
+            let mut set = visit.clone();
+            set.points.truncate(n_rows);
+            for point in &mut set.points {
+                for joint in [0, 3, 5] {
+                    point.q_rad[joint] *= -1.0;
+                }
+            }
+            let request = CalibrationRequest {
+                method: Method::Pso,
+                seed,
+                ..CalibrationRequest::new(robot.clone(), set)
+            };
+            let report = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+            let codes: Vec<_> = report.warnings.iter().map(|w| w.code).collect();
+            let farthest = report.targets_mm.iter().map(|t| t.norm());
+            println!(
+                "{n_rows} rows, seed {seed}: {:.0} mm {codes:?}",
+                farthest.fold(0.0, f64::max)
+            );
+            let told = codes
+                .iter()
+                .any(|code| ["joint_map_suspect", "no_fit"].contains(code));
+            assert!(told, "{n_rows} rows, seed {seed}: {codes:?}");
         }
     }
 }

@@ -22,7 +22,7 @@ use crate::calibration::validation::session_fit::SessionScatter;
 use crate::calibration::validation::verdict;
 use crate::calibration::validation::verification_set::Layout;
 use crate::calibration::validation::verification_set::refits;
-use crate::calibration::warnings::last_joint::{LastJoint, last_joint};
+use crate::calibration::warnings::last_joint::{LastJoint, impossible_reflector, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::plausibility::{
     JOINT_MAP, TOOL_UNCERTAIN, base_frame_off, joint_counted_otherwise,
@@ -205,6 +205,7 @@ pub fn report(
     if let LastJoint::Otherwise(warning) = &direction {
         fit = fit.or_else(|| Some(warning.clone()));
     }
+    fit = fit.or_else(|| impossible_reflector(delivered_model, &request.robot.links));
     let (verify, of_verify_set);
     let mut outliers: BTreeSet<usize> = problem.screening.outliers.iter().map(|w| w.row).collect();
     if let Some(layout) = layout {

@@ -21,6 +21,7 @@ use crate::identification::start::align_in_closed_form;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
+use std::cell::OnceCell;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
@@ -46,13 +47,51 @@ const SIGNIFICANT: f64 = 5.0;
 /// A row is clipped to this multiple of the median. A single outlier that was measured again does not prove that all rows were.
 const CLIPPED: f64 = 3.0;
 
+/// The rows of an upload that repeat each of several earlier uploads, where nothing shows that they were measured anew.
+#[derive(Clone, Debug)]
+pub struct RepeatedRows {
+    /// The rows that repeat one earlier upload, for each of them.
+    of_earlier: Vec<BTreeSet<usize>>,
+    /// Number of rows of the upload.
+    n_rows: usize,
+}
+
+impl RepeatedRows {
+    /// Compares `later` with each earlier upload.
+    pub fn find(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet) -> Self {
+        let later = Later::new(robot, later);
+        Self {
+            of_earlier: earlier.iter().map(|set| later.repeated_rows(set)).collect(),
+            n_rows: later.set.points.len(),
+        }
+    }
+
+    /// True if more than one row in ten repeats one of the earlier uploads with an index in `among`, taken together.
+    pub fn repeats(&self, among: impl IntoIterator<Item = usize>) -> bool {
+        let rows: BTreeSet<usize> = among
+            .into_iter()
+            .flat_map(|earlier| &self.of_earlier[earlier])
+            .copied()
+            .collect();
+        rows.len() as f64 > MAX_REPEATED * self.n_rows as f64
+    }
+
+    /// The first index in `among` of an earlier upload that is repeated. If only several together are repeated, the first with a repeated row.
+    pub fn first(&self, among: impl IntoIterator<Item = usize> + Clone) -> Option<usize> {
+        if !self.repeats(among.clone()) {
+            return None;
+        }
+        let mut alone = among.clone().into_iter();
+        let has_rows = |earlier: &usize| !self.of_earlier[*earlier].is_empty();
+        alone
+            .find(|earlier| self.repeats([*earlier]))
+            .or_else(|| among.into_iter().find(has_rows))
+    }
+}
+
 /// True if `later` repeats rows of earlier uploads, more than one row in ten in total, and nothing shows that they were measured anew.
 pub fn repeats(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet) -> bool {
-    let repeated: BTreeSet<usize> = earlier
-        .iter()
-        .flat_map(|earlier| repeated_rows(robot, earlier, later))
-        .collect();
-    repeated.len() as f64 > MAX_REPEATED * later.points.len() as f64
+    RepeatedRows::find(robot, earlier, later).repeats(0..earlier.len())
 }
 
 /// True if `later` was measured anew and is not a copy of `earlier`.
@@ -60,44 +99,98 @@ pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) 
     !repeats(robot, std::slice::from_ref(earlier), later)
 }
 
-/// The rows of `later` that repeat a row of `earlier`, if nothing shows that they were measured anew. A constant offset of the first or the last
-/// joint is allowed.
-fn repeated_rows(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> Vec<usize> {
-    let mut rows: BTreeSet<usize> = rows_that_repeat(robot, earlier, later)
-        .into_iter()
-        .collect();
-    if let Some(offset) = constant_offset(earlier, later) {
-        let mut turned = earlier.clone();
-        for point in &mut turned.points {
-            offset.add_to(&mut point.q_rad);
-        }
-        rows.extend(rows_that_repeat(robot, &turned, later));
-    }
-    rows.into_iter().collect()
+/// The upload that is compared with earlier ones, and the fits to it that do not depend on them.
+struct Later<'a> {
+    robot: &'a Robot,
+    set: &'a MeasurementSet,
+    /// The nominal robot placed on the upload; `None` if it has too few rows.
+    placed: Option<KinematicModel>,
+    /// The fitted robot, if it was needed.
+    fitted: OnceCell<Option<KinematicModel>>,
 }
 
-fn rows_that_repeat(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) -> Vec<usize> {
-    let Some(placed) = placed(robot, later) else {
-        return Vec::new(); // too few rows to lay the robot onto
-    };
-    let mut pairs = same_poses(robot, &placed, earlier, later);
-    if pairs.len() >= FEWEST_ROWS {
-        let t_later_earlier = rigid_motion(&pairs);
-        for pair in &mut pairs {
-            let moved = t_later_earlier * Point3::from(pair.earlier.position_mm);
-            pair.difference_mm = pair.later.position_mm - moved.coords;
-        }
-        let (same, reread): (Vec<Pair<'_>>, Vec<Pair<'_>>) = pairs
-            .into_iter()
-            .partition(|pair| pair.reading_rad <= SAME_READING_RAD);
-        let is_reread = positions_follow_readings(&reread);
-        pairs = same;
-        pairs.extend(reread.into_iter().filter(|_| !is_reread));
-        if noise_is_new(robot, (earlier, later), &t_later_earlier.rotation, &pairs) {
-            return Vec::new();
+impl<'a> Later<'a> {
+    fn new(robot: &'a Robot, set: &'a MeasurementSet) -> Self {
+        Self {
+            robot,
+            set,
+            placed: placed(robot, set),
+            fitted: OnceCell::new(),
         }
     }
-    pairs.iter().map(|pair| pair.row).collect()
+
+    /// The rows that repeat a row of `earlier`, if nothing shows that they were measured anew. A constant offset of the first or the last joint is
+    /// allowed.
+    fn repeated_rows(&self, earlier: &MeasurementSet) -> BTreeSet<usize> {
+        let mut rows: BTreeSet<usize> = self.rows_that_repeat(earlier).into_iter().collect();
+        if let Some(offset) = constant_offset(earlier, self.set) {
+            let mut turned = earlier.clone();
+            for point in &mut turned.points {
+                offset.add_to(&mut point.q_rad);
+            }
+            rows.extend(self.rows_that_repeat(&turned));
+        }
+        rows
+    }
+
+    fn rows_that_repeat(&self, earlier: &MeasurementSet) -> Vec<usize> {
+        let Some(placed) = &self.placed else {
+            return Vec::new();
+        };
+        let mut pairs = same_poses(self.robot, placed, earlier, self.set);
+        if pairs.len() >= FEWEST_ROWS {
+            let t_later_earlier = rigid_motion(&pairs);
+            for pair in &mut pairs {
+                let moved = t_later_earlier * Point3::from(pair.earlier.position_mm);
+                pair.difference_mm = pair.later.position_mm - moved.coords;
+            }
+            let (same, reread): (Vec<Pair<'_>>, Vec<Pair<'_>>) = pairs
+                .into_iter()
+                .partition(|pair| pair.reading_rad <= SAME_READING_RAD);
+            let is_reread = positions_follow_readings(&reread);
+            pairs = same;
+            pairs.extend(reread.into_iter().filter(|_| !is_reread));
+            if self.noise_is_new(earlier, &t_later_earlier.rotation, &pairs) {
+                return Vec::new();
+            }
+        }
+        pairs.iter().map(|pair| pair.row).collect()
+    }
+
+    /// True if the changes are correlated with the residuals of both measurements as new noise requires. `r_later_earlier` rotates from the earlier
+    /// frame to the later one.
+    fn noise_is_new(
+        &self,
+        earlier: &MeasurementSet,
+        r_later_earlier: &Rotation3<f64>,
+        pairs: &[Pair<'_>],
+    ) -> bool {
+        if pairs.len() < FEWEST_ROWS {
+            return false;
+        }
+        let robot = self.robot;
+        let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
+        let after = self.fitted.get_or_init(|| fitted(self.set));
+        let (Some(before), Some(after)) = (fitted(earlier), after) else {
+            return false;
+        };
+        let residual = |model: &KinematicModel, point: &Point| {
+            point.position_mm - model.position(&robot.q_model_rad(&point.q_rad), point.target)
+        };
+        let of_pairs = |vector: &dyn Fn(&Pair<'_>) -> Vector3<f64>| {
+            clipped(pairs.iter().map(vector).collect())
+        };
+        let before = of_pairs(&|pair| r_later_earlier * residual(&before, pair.earlier));
+        let after = of_pairs(&|pair| residual(after, pair.later));
+        let change = of_pairs(&|pair| pair.difference_mm - pair.predicted_mm);
+        let runs_against = |residuals: Vec<Vector3<f64>>, sign: f64| {
+            let change = change.iter().map(|v| v * sign);
+            let (slope, standard_error) =
+                regression(&residuals.into_iter().zip(change).collect::<Vec<_>>());
+            slope <= -SIGNIFICANT * standard_error
+        };
+        runs_against(before, 1.0) && runs_against(after, -1.0)
+    }
 }
 
 /// Constant offsets of the first and the last joint in all rows. They rotate the base and the reflector, which are placed anew, so that a copy with
@@ -296,38 +389,6 @@ fn positions_follow_readings(pairs: &[Pair<'_>]) -> bool {
         .collect();
     let (slope, standard_error) = regression(&vectors);
     slope >= FOLLOWS && slope >= SIGNIFICANT * standard_error
-}
-
-/// True if the changes are correlated with the residuals of both measurements as new noise requires. `r_later_earlier` rotates from the earlier frame
-/// to the later one.
-fn noise_is_new(
-    robot: &Robot,
-    (earlier, later): (&MeasurementSet, &MeasurementSet),
-    r_later_earlier: &Rotation3<f64>,
-    pairs: &[Pair<'_>],
-) -> bool {
-    if pairs.len() < FEWEST_ROWS {
-        return false;
-    }
-    let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
-    let (Some(before), Some(after)) = (fitted(earlier), fitted(later)) else {
-        return false;
-    };
-    let residual = |model: &KinematicModel, point: &Point| {
-        point.position_mm - model.position(&robot.q_model_rad(&point.q_rad), point.target)
-    };
-    let of_pairs =
-        |vector: &dyn Fn(&Pair<'_>) -> Vector3<f64>| clipped(pairs.iter().map(vector).collect());
-    let before = of_pairs(&|pair| r_later_earlier * residual(&before, pair.earlier));
-    let after = of_pairs(&|pair| residual(&after, pair.later));
-    let change = of_pairs(&|pair| pair.difference_mm - pair.predicted_mm);
-    let runs_against = |residuals: Vec<Vector3<f64>>, sign: f64| {
-        let change = change.iter().map(|v| v * sign);
-        let (slope, standard_error) =
-            regression(&residuals.into_iter().zip(change).collect::<Vec<_>>());
-        slope <= -SIGNIFICANT * standard_error
-    };
-    runs_against(before, 1.0) && runs_against(after, -1.0)
 }
 
 /// The vectors, with lengths limited to [`CLIPPED`] times the median.

@@ -87,13 +87,19 @@ impl Reading {
     }
 }
 
+/// A warning if no reflector can be where the fit has it: farther than the arm is long, or inside the arm.
+pub fn impossible_reflector(model: &KinematicModel, nominal: &[Link]) -> Option<Warning> {
+    let reach_mm = reach_mm(nominal);
+    out_of_reach(model, reach_mm).or_else(|| behind_the_wrist(model, reach_mm))
+}
+
 /// Compares the fit with fits to the same points with other readings of the last joint.
 pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
-    let reach_mm = reach_mm(&problem.request.robot.links);
-    let impossible = out_of_reach(model, reach_mm).or_else(|| behind_the_wrist(model, reach_mm));
-    if let Some(warning) = impossible {
+    let nominal = &problem.request.robot.links;
+    if let Some(warning) = impossible_reflector(model, nominal) {
         return LastJoint::Otherwise(warning);
     }
+    let reach_mm = reach_mm(nominal);
     let off_axis_mm = model.targets_mm.iter().map(|target| target.xy().norm());
     let is_near = off_axis_mm.fold(0.0, f64::max) < NEAR_PER_REACH * reach_mm;
     if !is_near || problem.request.preset == Preset::Paper {

@@ -2,7 +2,7 @@
 //! was fitted to.
 
 use crate::api::sessions::{
-    Row, codes, csv, failed_gates, rows, scored, set_policy, upload, with_noise,
+    Row, codes, csv, failed_gates, rows, scored, seen_by_a_tracker, set_policy, upload, with_noise,
 };
 use crate::app::{TestApp, text};
 use crate::simulation::Normal;
@@ -77,6 +77,75 @@ async fn the_same_upload_identified_again_meets_the_same_sessions_and_the_same_w
         .ok(200);
     let third = identified(&app, &robot, &own).await;
     assert!(fails(&app, &third, "source_withdrawn").await);
+}
+
+#[tokio::test]
+async fn a_copy_of_an_old_upload_is_as_old_as_the_original() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(34);
+    let original = with_noise(&rows("first.csv"), 0.03, &mut random);
+    let before = upload(&app, &robot, &original).await;
+    release(&app, &identified(&app, &robot, &before).await).await;
+    let since = with_noise(&rows("followup_collision.csv"), 0.03, &mut random);
+    let (some, others) = since.split_at(since.len() / 2);
+    let after = upload(&app, &robot, some).await;
+    release(&app, &identified(&app, &robot, &after).await).await;
+    // the old file again, with a little noise: another set of bytes, and no new measurement
+    let copy = with_noise(&original, 0.02, &mut random);
+    let copy = upload(&app, &robot, &copy).await;
+    let old = identified(&app, &robot, &copy).await;
+    assert!(fails(&app, &old, "scored_on_later_sessions").await);
+    // or moved to where another tracker would see it
+    let moved = csv(&seen_by_a_tracker(&original, &mut random));
+    let path = format!("{robot}/measurement-sets?frame=instrument");
+    let moved = app.post(&path, "text/csv", moved).await.ok(201);
+    let old = identified(&app, &robot, text(&moved["id"])).await;
+    assert!(fails(&app, &old, "scored_on_later_sessions").await);
+    // a new measurement of the robot as it is has nothing to answer for
+    let after = upload(&app, &robot, others).await;
+    let set = identified(&app, &robot, &after).await;
+    assert!(!fails(&app, &set, "scored_on_later_sessions").await);
+}
+
+#[tokio::test]
+async fn a_withdrawn_set_does_not_return_with_another_seed() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let own = app.upload(&robot, "first_noisy.csv").await;
+    let mut ids = Vec::new();
+    for seed in [1, 2] {
+        let request = json!({"measurement_set_id": own, "method": "pso", "seed": seed});
+        let job = app.run(&robot, &request).await;
+        assert_eq!(job["status"], "succeeded", "{job}");
+        ids.push(job["parameter_set_id"].clone());
+    }
+    let path = format!("/v1/parameter-sets/{}/withdraw", text(&ids[0]));
+    let reason = json!({"reason": "it drilled the fixture"});
+    app.post_json(&path, &reason).await.ok(200);
+    assert!(fails(&app, &ids[1], "source_withdrawn").await);
+}
+
+#[tokio::test]
+async fn a_session_of_few_points_needs_no_stated_uncertainty() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(35);
+    let policy = json!({"tolerance_mm": 0.3, "decision_rule": "guarded_acceptance"});
+    set_policy(&app, &robot, policy).await;
+    let own = app.upload(&robot, "first_noisy.csv").await;
+    let set = identified(&app, &robot, &own).await;
+    assert!(!fails(&app, &set, "verify_errors_within_tolerance").await);
+    let four = &rows("followup_unchanged.csv")[..4];
+    let good = upload(&app, &robot, &with_noise(four, 0.03, &mut random)).await;
+    let (_, report) = scored(&app, &robot, &good, &set).await;
+    assert_eq!(report["evidence"], "none", "{report}");
+    assert!(!fails(&app, &set, "verify_errors_within_tolerance").await);
+    release(&app, &set).await;
+    // their errors themselves still count
+    let bad = upload(&app, &robot, &with_noise(four, 0.4, &mut random)).await;
+    scored(&app, &robot, &bad, &set).await;
+    assert!(fails(&app, &set, "verify_errors_within_tolerance").await);
 }
 
 /// A fifth of the poses, with noise.

@@ -6,6 +6,7 @@ use kincal::store::{
     CheckedState, Conflict, Engine, Error, JobResult, MeasurementSetRow, NewJob, NewMeasurementSet,
     NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store,
     job_sources, jobs, leases, measurement_sets, parameter_sets, policies, robots, verifications,
+    withdrawals,
 };
 use kincal::wire::canonical;
 use kincal::wire::policy::{DecisionRule, PolicyBody};
@@ -30,6 +31,7 @@ async fn release(
         id: set.id.clone(),
         checked: CheckedState {
             active: active.map(|active| active.id.clone()),
+            n_withdrawn: withdrawals::count(store, &set.robot_id).await?,
             ..CheckedState::default()
         },
         reason: "after the collision".into(),
@@ -605,6 +607,7 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
 /// A new session that fits, in which the set is better than nominal.
 fn good_session() -> Verification {
     Verification {
+        measured_seq: 0,
         kind: VerificationKind::Session,
         n_points: 50,
         before_rms_mm: Some(1.0),
@@ -663,6 +666,7 @@ pub(super) async fn release_without_checks(
         checked: CheckedState {
             n_verifications: verifications::count(store, &candidate.id).await?,
             robot: robot.check(),
+            n_withdrawn: withdrawals::count(store, &candidate.robot_id).await?,
             ..CheckedState::default()
         },
         reason: "it fits".into(),
@@ -699,6 +703,15 @@ fn a_set_once_shown_to_be_no_better_than_nominal_is_refused_as_a_conflict_howeve
             is_better: false,
             ..good_session()
         };
+        // a session that is no evidence condemns no set
+        let other = a_candidate(store, &set).await;
+        let few_points = Verification {
+            evidence: Evidence::None,
+            ..worse.clone()
+        };
+        scored(store, &set, &other, &few_points).await;
+        release_without_checks(store, &other).await.unwrap();
+        withdrawn(store, &other).await;
         scored(store, &set, &candidate, &worse).await;
         for _ in 0..9 {
             scored(store, &set, &candidate, &good_session()).await;
@@ -837,6 +850,11 @@ fn the_schema_itself_keeps_what_speaks_against_a_set_until_it_is_answered() {
             ..since.clone()
         };
         scored(store, &set, &old, &repeat).await;
+        let worse = Verification {
+            is_worse: true,
+            ..since.clone()
+        };
+        scored(store, &set, &old, &worse).await;
         is_refused_by_schema(
             release_without_checks(store, &old).await,
             "none since supports",
@@ -959,6 +977,7 @@ fn a_rollback_follows_what_a_release_superseded_and_no_clock() {
                 id: back_to.id.clone(),
                 checked: CheckedState {
                     active: active.map(|active| active.id),
+                    n_withdrawn: withdrawals::count(store, &set.robot_id).await.unwrap(),
                     ..CheckedState::default()
                 },
                 reason: "scrap".into(),

@@ -80,6 +80,7 @@ async fn an_identified_set(store: &Store, set: &MeasurementSetRow) -> ParameterS
 /// The findings of a job that identified a set.
 fn as_identified() -> Verification {
     Verification {
+        measured_seq: 0,
         kind: VerificationKind::Identification,
         n_points: 50,
         before_rms_mm: Some(1.0),

@@ -1,0 +1,64 @@
+//! Withdrawn parameter sets of a robot, with which a set that is to be released is compared.
+
+use super::from_row::from_row;
+use super::{Result, Store, Tx};
+
+pub(super) const ALL_QUERIES: &[&str] = &[HELD, OF_ROBOT, COUNT];
+
+// A withdrawn set whose values the job holds.
+const HELD: &str = "
+    select p.id from parameter_set p where p.status = 'withdrawn'
+        and p.job_id in (select s.source_job_id from job_source s where s.job_id = $1 and s.is_held = 1)
+    order by p.id limit 1";
+
+const OF_ROBOT: &str = "select id, body_json from parameter_set where robot_id = $1 and status = 'withdrawn' order by id desc limit cast($2 as bigint)";
+
+const COUNT: &str =
+    "select count(*) from parameter_set where robot_id = $1 and status = 'withdrawn'";
+
+/// A withdrawn parameter set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WithdrawnSet {
+    /// `par_…`
+    pub id: String,
+    /// Its content, `wire::parameter_set::ParameterSetContent`.
+    pub body_json: String,
+}
+
+from_row!(WithdrawnSet { id, body_json });
+
+/// Id of a withdrawn parameter set whose values the job holds, if there is one.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn held(store: &Store, job_id: &str) -> Result<Option<String>> {
+    let query = sqlx::query_scalar(HELD).bind(job_id);
+    Ok(query.fetch_optional(store.readers()).await?)
+}
+
+/// The newest withdrawn parameter sets of a robot, at most `limit`.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_robot(store: &Store, robot_id: &str, limit: i64) -> Result<Vec<WithdrawnSet>> {
+    let query = sqlx::query_as(OF_ROBOT).bind(robot_id).bind(limit);
+    Ok(query.fetch_all(store.readers()).await?)
+}
+
+/// Number of withdrawn parameter sets of a robot.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn count(store: &Store, robot_id: &str) -> Result<i64> {
+    let query = sqlx::query_scalar(COUNT).bind(robot_id);
+    Ok(query.fetch_one(store.readers()).await?)
+}
+
+/// As [`count`], in a transaction.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub(super) async fn count_in(tx: &mut Tx, robot_id: &str) -> Result<i64> {
+    let query = sqlx::query_scalar(COUNT).bind(robot_id);
+    Ok(query.fetch_one(tx.connection()).await?)
+}
