@@ -289,6 +289,8 @@ FAULTS = [
         ("else if has_warning(report, CHECK_CHANGED) { // The check found a change.", "else if false { // The check found a change.")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
         ("m - &taken * taken.tr_mul(m)", "m - &taken * taken.tr_mul(m) * 0.0")], "src/identification"),
+    Fault("the delivered fit may hold an impossible reflector", "core", "a_reflector_farther_away_than_the_arm", [
+        ("fit = fit.or_else(|| impossible_reflector(delivered_model, &request.robot.links));", "")], "src/calibration"),
     Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [
         ("if configuration == other {", "if configuration == other && i == j {")], "src/identification"),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
