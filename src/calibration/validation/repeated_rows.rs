@@ -21,6 +21,7 @@ use crate::identification::start::align_in_closed_form;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
+use std::borrow::Cow;
 use std::cell::OnceCell;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -36,6 +37,13 @@ const MAX_REPEATED: f64 = 0.1;
 const FEWEST_ROWS: usize = 10;
 /// Maximum number of rows for finding a constant offset of a joint, evenly from the whole set. Each is compared with every earlier row.
 const COMPARED_ROWS: usize = 100;
+/// Earlier uploads whose positions differ by up to this multiple of the smallest difference are tested by the noise of the positions, because the
+/// robot is fitted to each of them. Copies of one original with little noise differ by nearly the same.
+const NEAR: f64 = 1.2;
+/// And a difference as of rounded numbers, as a share of the reach: 0.01 mm of 2 m.
+const ROUNDED_PER_REACH: f64 = 5e-6;
+/// Maximum number of earlier uploads that are tested so.
+const MOST_TESTED: usize = 20;
 /// Maximum number of rows that the robot is fitted to, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
 /// Step of a joint for computing how far it moves the reflector, rad.
@@ -60,8 +68,29 @@ impl RepeatedRows {
     /// Compares `later` with each earlier upload.
     pub fn find(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet) -> Self {
         let later = Later::new(robot, later);
+        let mut alike: Vec<(usize, Alike<'_>)> = Vec::new();
+        for (index, set) in earlier.iter().enumerate() {
+            alike.extend(later.alike(set).into_iter().map(|alike| (index, alike)));
+        }
+        // of a copy, the original is the nearest: a new measurement differs by its own noise as well
+        alike.sort_by(|a, b| a.1.median_mm.total_cmp(&b.1.median_mm));
+        let is_testable = |alike: &Alike<'_>| alike.pairs.len() >= FEWEST_ROWS;
+        let mut testable = alike.iter().filter(|(_, alike)| is_testable(alike));
+        let nearest_mm = testable.next().map_or(0.0, |(_, a)| a.median_mm);
+        let near_mm = NEAR * nearest_mm + ROUNDED_PER_REACH * reach_mm(&robot.links);
+        let mut n_tested = 0;
+        let mut of_earlier = vec![BTreeSet::new(); earlier.len()];
+        for (index, alike) in &alike {
+            let is_new = is_testable(alike) && {
+                n_tested += 1;
+                n_tested > MOST_TESTED || alike.median_mm > near_mm || later.noise_is_new(alike)
+            };
+            if !is_new {
+                of_earlier[*index].extend(alike.pairs.iter().map(|pair| pair.row));
+            }
+        }
         Self {
-            of_earlier: earlier.iter().map(|set| later.repeated_rows(set)).collect(),
+            of_earlier,
             n_rows: later.set.points.len(),
         }
     }
@@ -99,14 +128,53 @@ pub fn is_anew(robot: &Robot, earlier: &MeasurementSet, later: &MeasurementSet) 
     !repeats(robot, std::slice::from_ref(earlier), later)
 }
 
-/// The upload that is compared with earlier ones, and the fits to it that do not depend on them.
+/// The upload that is compared with earlier ones, and what of it does not depend on them.
 struct Later<'a> {
     robot: &'a Robot,
     set: &'a MeasurementSet,
     /// The nominal robot placed on the upload; `None` if it has too few rows.
-    placed: Option<KinematicModel>,
+    placed: Option<PlacedRows>,
     /// The fitted robot, if it was needed.
     fitted: OnceCell<Option<KinematicModel>>,
+}
+
+/// The nominal robot placed on an upload.
+struct PlacedRows {
+    model: KinematicModel,
+    /// Of each row: the reflector's position, and how far each joint moves it, mm and mm/rad.
+    rows: Vec<(Vector3<f64>, Vec<f64>)>,
+}
+
+impl PlacedRows {
+    fn new(robot: &Robot, set: &MeasurementSet) -> Option<Self> {
+        let is_base_known = set.frame == Frame::Base;
+        let observations = observations(robot, set);
+        let model =
+            align_in_closed_form(&robot.links, &observations, set.n_targets(), is_base_known)?;
+        let of_row = |point: &Point| {
+            let position = |q_rad: &[f64]| position(robot, &model, q_rad, point.target);
+            let here = position(&point.q_rad);
+            let lever_mm = |joint: usize| {
+                let mut q_rad = point.q_rad.clone();
+                q_rad[joint] += STEP_RAD;
+                (position(&q_rad) - here).norm() / STEP_RAD
+            };
+            (here, (0..point.q_rad.len()).map(lever_mm).collect())
+        };
+        let rows = set.points.iter().map(of_row).collect();
+        Some(Self { model, rows })
+    }
+}
+
+/// The rows of the later upload with the pose of a row of an earlier one.
+struct Alike<'a> {
+    /// The earlier upload, with an offset of its joint values if there is one.
+    earlier: Cow<'a, MeasurementSet>,
+    pairs: Vec<Pair>,
+    /// Rotation from the earlier frame to the later one.
+    r_later_earlier: Rotation3<f64>,
+    /// Median of the differences of position, without the rigid motion.
+    median_mm: f64,
 }
 
 impl<'a> Later<'a> {
@@ -114,74 +182,115 @@ impl<'a> Later<'a> {
         Self {
             robot,
             set,
-            placed: placed(robot, set),
+            placed: PlacedRows::new(robot, set),
             fitted: OnceCell::new(),
         }
     }
 
-    /// The rows that repeat a row of `earlier`, if nothing shows that they were measured anew. A constant offset of the first or the last joint is
-    /// allowed.
-    fn repeated_rows(&self, earlier: &MeasurementSet) -> BTreeSet<usize> {
-        let mut rows: BTreeSet<usize> = self.rows_that_repeat(earlier).into_iter().collect();
+    /// The rows with the pose of a row of `earlier`, except those whose readings show that they were measured anew; once as they are, and once with a
+    /// constant offset of the first and the last joint, if there is one.
+    fn alike<'b>(&self, earlier: &'b MeasurementSet) -> Vec<Alike<'b>> {
+        let Some(placed) = &self.placed else {
+            return Vec::new();
+        };
+        let mut sets = vec![Cow::Borrowed(earlier)];
         if let Some(offset) = constant_offset(earlier, self.set) {
             let mut turned = earlier.clone();
             for point in &mut turned.points {
                 offset.add_to(&mut point.q_rad);
             }
-            rows.extend(self.rows_that_repeat(&turned));
+            sets.push(Cow::Owned(turned));
         }
-        rows
+        let alike = sets.into_iter().map(|set| self.alike_rows(placed, set));
+        alike.filter(|alike| !alike.pairs.is_empty()).collect()
     }
 
-    fn rows_that_repeat(&self, earlier: &MeasurementSet) -> Vec<usize> {
-        let Some(placed) = &self.placed else {
-            return Vec::new();
-        };
-        let mut pairs = same_poses(self.robot, placed, earlier, self.set);
+    fn alike_rows<'b>(&self, placed: &PlacedRows, earlier: Cow<'b, MeasurementSet>) -> Alike<'b> {
+        let mut pairs = self.same_poses(placed, &earlier);
+        let mut r_later_earlier = Rotation3::identity();
         if pairs.len() >= FEWEST_ROWS {
-            let t_later_earlier = rigid_motion(&pairs);
-            for pair in &mut pairs {
-                let moved = t_later_earlier * Point3::from(pair.earlier.position_mm);
-                pair.difference_mm = pair.later.position_mm - moved.coords;
+            let of_pair = |pair: &Pair| {
+                let before = earlier.points[pair.earlier_row].position_mm;
+                (before, self.set.points[pair.row].position_mm)
+            };
+            let positions: Vec<_> = pairs.iter().map(of_pair).collect();
+            let t_later_earlier = rigid_motion(&positions);
+            for (pair, (before, after)) in pairs.iter_mut().zip(positions) {
+                pair.difference_mm = after - (t_later_earlier * Point3::from(before)).coords;
             }
-            let (same, reread): (Vec<Pair<'_>>, Vec<Pair<'_>>) = pairs
+            r_later_earlier = t_later_earlier.rotation;
+            let (same, reread): (Vec<Pair>, Vec<Pair>) = pairs
                 .into_iter()
                 .partition(|pair| pair.reading_rad <= SAME_READING_RAD);
             let is_reread = positions_follow_readings(&reread);
             pairs = same;
             pairs.extend(reread.into_iter().filter(|_| !is_reread));
-            if self.noise_is_new(earlier, &t_later_earlier.rotation, &pairs) {
-                return Vec::new();
-            }
         }
-        pairs.iter().map(|pair| pair.row).collect()
+        let mut lengths_mm: Vec<f64> = pairs.iter().map(|p| p.difference_mm.norm()).collect();
+        lengths_mm.sort_by(f64::total_cmp);
+        Alike {
+            earlier,
+            median_mm: lengths_mm.get(lengths_mm.len() / 2).copied().unwrap_or(0.0),
+            pairs,
+            r_later_earlier,
+        }
     }
 
-    /// True if the changes are correlated with the residuals of both measurements as new noise requires. `r_later_earlier` rotates from the earlier
-    /// frame to the later one.
-    fn noise_is_new(
-        &self,
-        earlier: &MeasurementSet,
-        r_later_earlier: &Rotation3<f64>,
-        pairs: &[Pair<'_>],
-    ) -> bool {
-        if pairs.len() < FEWEST_ROWS {
-            return false;
+    /// Each row with the nearest earlier row of the same target and the same pose, if there is one.
+    fn same_poses(&self, placed: &PlacedRows, earlier: &MeasurementSet) -> Vec<Pair> {
+        let (robot, model) = (self.robot, &placed.model);
+        let same_mm = SAME_POSE_RAD * reach_mm(&robot.links);
+        let x_mm = |(row, p): (usize, &Point)| {
+            let is_known = p.target < model.targets_mm.len();
+            is_known.then(|| (position(robot, model, &p.q_rad, p.target).x, row))
+        };
+        // sorted by the reflector's x coordinate: joint values within the tolerance of one pose move it by a bounded distance
+        let mut known: Vec<(f64, usize)> =
+            earlier.points.iter().enumerate().filter_map(x_mm).collect();
+        known.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut pairs = Vec::new();
+        for (row, (point, (here, levers_mm))) in
+            self.set.points.iter().zip(&placed.rows).enumerate()
+        {
+            let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
+            let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
+            let nearest = known[begin..]
+                .iter()
+                .take_while(|(x, _)| *x <= here.x + width_mm)
+                .filter(|(_, other)| earlier.points[*other].target == point.target)
+                .map(|(_, other)| {
+                    let apart = apart_rad(&earlier.points[*other].q_rad, &point.q_rad);
+                    let moved = apart.iter().zip(levers_mm).map(|(rad, mm)| rad * mm);
+                    (moved.fold(0.0, f64::max), apart, *other)
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some((_, apart, earlier_row)) = nearest.filter(|(mm, ..)| *mm <= same_mm) {
+                let before = &earlier.points[earlier_row].q_rad;
+                pairs.push(Pair {
+                    row,
+                    earlier_row,
+                    reading_rad: apart.into_iter().fold(0.0, f64::max),
+                    predicted_mm: here - position(robot, model, before, point.target),
+                    difference_mm: Vector3::zeros(),
+                });
+            }
         }
+        pairs
+    }
+
+    /// True if the changes are correlated with the residuals of both measurements as new noise requires.
+    fn noise_is_new(&self, alike: &Alike<'_>) -> bool {
         let robot = self.robot;
         let fitted = |set| fitted_as_well_as_can_be(&robot.links, &observations(robot, set));
-        let after = self.fitted.get_or_init(|| fitted(self.set));
-        let (Some(before), Some(after)) = (fitted(earlier), after) else {
+        let Some(after) = self.fitted.get_or_init(|| fitted(self.set)) else {
             return false;
         };
         let residual = |model: &KinematicModel, point: &Point| {
-            point.position_mm - model.position(&robot.q_model_rad(&point.q_rad), point.target)
+            point.position_mm - position(robot, model, &point.q_rad, point.target)
         };
-        let of_pairs = |vector: &dyn Fn(&Pair<'_>) -> Vector3<f64>| {
-            clipped(pairs.iter().map(vector).collect())
+        let of_pairs = |vector: &dyn Fn(&Pair) -> Vector3<f64>| {
+            clipped(alike.pairs.iter().map(vector).collect())
         };
-        let before = of_pairs(&|pair| r_later_earlier * residual(&before, pair.earlier));
-        let after = of_pairs(&|pair| residual(after, pair.later));
         let change = of_pairs(&|pair| pair.difference_mm - pair.predicted_mm);
         let runs_against = |residuals: Vec<Vector3<f64>>, sign: f64| {
             let change = change.iter().map(|v| v * sign);
@@ -189,7 +298,17 @@ impl<'a> Later<'a> {
                 regression(&residuals.into_iter().zip(change).collect::<Vec<_>>());
             slope <= -SIGNIFICANT * standard_error
         };
-        runs_against(before, 1.0) && runs_against(after, -1.0)
+        let after = of_pairs(&|pair| residual(after, &self.set.points[pair.row]));
+        if !runs_against(after, -1.0) {
+            return false;
+        }
+        let Some(before) = fitted(&alike.earlier) else {
+            return false;
+        };
+        let before = of_pairs(&|pair| {
+            alike.r_later_earlier * residual(&before, &alike.earlier.points[pair.earlier_row])
+        });
+        runs_against(before, 1.0)
     }
 }
 
@@ -266,16 +385,20 @@ fn within_half_a_turn(rad: f64) -> f64 {
 }
 
 /// A row, and the earlier row whose pose it repeats.
-struct Pair<'a> {
+struct Pair {
     row: usize,
-    earlier: &'a Point,
-    later: &'a Point,
+    earlier_row: usize,
     /// Largest difference of a joint value, rad.
     reading_rad: f64,
     /// Displacement of the reflector that the difference of joint values predicts.
     predicted_mm: Vector3<f64>,
     /// Measured displacement, without the rigid motion.
     difference_mm: Vector3<f64>,
+}
+
+/// Position of a reflector, mm, in the frame of the positions, at the controller's joint values.
+fn position(robot: &Robot, model: &KinematicModel, q_rad: &[f64], target: usize) -> Vector3<f64> {
+    model.position(&robot.q_model_rad(q_rad), target)
 }
 
 fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
@@ -291,81 +414,20 @@ fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
     set.points.iter().step_by(step).map(observation).collect()
 }
 
-/// The nominal robot placed on the set.
-fn placed(robot: &Robot, set: &MeasurementSet) -> Option<KinematicModel> {
-    let is_base_known = set.frame == Frame::Base;
-    let observations = observations(robot, set);
-    align_in_closed_form(&robot.links, &observations, set.n_targets(), is_base_known)
-}
-
-/// Each row of `later` with the nearest earlier row of the same target and the same pose, if there is one.
-fn same_poses<'a>(
-    robot: &Robot,
-    placed: &KinematicModel,
-    earlier: &'a MeasurementSet,
-    later: &'a MeasurementSet,
-) -> Vec<Pair<'a>> {
-    let same_mm = SAME_POSE_RAD * reach_mm(&robot.links);
-    let position = |q_rad: &[f64], target| placed.position(&robot.q_model_rad(q_rad), target);
-    let known = earlier
-        .points
-        .iter()
-        .filter(|p| p.target < placed.targets_mm.len());
-    // sorted by the reflector's x coordinate: joint values within the tolerance of one pose move it by a bounded distance
-    let mut known: Vec<(f64, &Point)> =
-        known.map(|p| (position(&p.q_rad, p.target).x, p)).collect();
-    known.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut pairs = Vec::new();
-    for (row, point) in later.points.iter().enumerate() {
-        let here = position(&point.q_rad, point.target);
-        let lever_mm = |joint: usize| {
-            let mut q_rad = point.q_rad.clone();
-            q_rad[joint] += STEP_RAD;
-            (position(&q_rad, point.target) - here).norm() / STEP_RAD
-        };
-        let levers_mm: Vec<f64> = (0..point.q_rad.len()).map(lever_mm).collect();
-        let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
-        let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
-        let nearest = known[begin..]
-            .iter()
-            .take_while(|(x, _)| *x <= here.x + width_mm)
-            .filter(|(_, other)| other.target == point.target)
-            .map(|(_, other)| {
-                let apart = apart_rad(&other.q_rad, &point.q_rad);
-                let moved = apart.iter().zip(&levers_mm).map(|(rad, mm)| rad * mm);
-                (moved.fold(0.0, f64::max), apart, *other)
-            })
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, apart, earlier)) = nearest.filter(|(moved_mm, ..)| *moved_mm <= same_mm) {
-            pairs.push(Pair {
-                row,
-                earlier,
-                later: point,
-                reading_rad: apart.into_iter().fold(0.0, f64::max),
-                predicted_mm: here - position(&earlier.q_rad, point.target),
-                difference_mm: Vector3::zeros(),
-            });
-        }
-    }
-    pairs
-}
-
 /// Absolute difference of each joint, without whole turns.
 fn apart_rad(a: &[f64], b: &[f64]) -> Vec<f64> {
     let apart = |(a, b): (&f64, &f64)| within_half_a_turn(a - b).abs();
     a.iter().zip(b).map(apart).collect()
 }
 
-/// The rotation and shift of the earlier positions that leave the smallest sum of squares [Arun 1987; Kabsch 1978].
-fn rigid_motion(pairs: &[Pair<'_>]) -> IsometryMatrix3<f64> {
-    let n = pairs.len() as f64;
-    let centre =
-        |of: &dyn Fn(&Pair<'_>) -> Vector3<f64>| pairs.iter().map(of).sum::<Vector3<f64>>() / n;
-    let from = centre(&|pair| pair.earlier.position_mm);
-    let to = centre(&|pair| pair.later.position_mm);
-    let correlation: Matrix3<f64> = pairs
+/// The rotation and shift that bring the first positions nearest to the second, with the smallest sum of squares [Arun 1987; Kabsch 1978].
+fn rigid_motion(positions: &[(Vector3<f64>, Vector3<f64>)]) -> IsometryMatrix3<f64> {
+    let n = positions.len() as f64;
+    let from = positions.iter().map(|(from, _)| from).sum::<Vector3<f64>>() / n;
+    let to = positions.iter().map(|(_, to)| to).sum::<Vector3<f64>>() / n;
+    let correlation: Matrix3<f64> = positions
         .iter()
-        .map(|pair| (pair.later.position_mm - to) * (pair.earlier.position_mm - from).transpose())
+        .map(|(a, b)| (b - to) * (a - from).transpose())
         .sum();
     let svd = correlation.svd(true, true);
     let rotation = match (svd.u, svd.v_t) {
@@ -379,7 +441,7 @@ fn rigid_motion(pairs: &[Pair<'_>]) -> IsometryMatrix3<f64> {
 }
 
 /// True if the positions follow the joint readings from one visit of a pose to the next.
-fn positions_follow_readings(pairs: &[Pair<'_>]) -> bool {
+fn positions_follow_readings(pairs: &[Pair]) -> bool {
     if pairs.len() < FEWEST_ROWS {
         return false;
     }

@@ -217,11 +217,20 @@ async fn a_session_that_shows_little_condemns_no_set() {
             row
         })
         .collect();
+    let mut random = Normal::new(36);
     let path = format!("{robot}/measurement-sets?frame=instrument");
-    let swept = app.post(&path, "text/csv", csv(&sweep)).await.ok(201);
-    let (_, report) = scored(&app, &robot, text(&swept["id"]), &set).await;
-    assert_eq!(report["evidence"], "none", "{report}");
-    assert!(!codes(&report).contains(&"no_better_than_nominal"));
+    let mut n_worse = 0;
+    for _ in 0..8 {
+        let swept = csv(&with_noise(&sweep, 0.05, &mut random));
+        let swept = app.post(&path, "text/csv", swept).await.ok(201);
+        let (_, report) = scored(&app, &robot, text(&swept["id"]), &set).await;
+        assert_eq!(report["evidence"], "none", "{report}");
+        assert!(!codes(&report).contains(&"no_better_than_nominal"));
+        let rms_mm = |which: &str| report["verify"][which]["rms_mm"].as_f64().unwrap();
+        n_worse += usize::from(rms_mm("after") >= rms_mm("before"));
+    }
+    // by chance, the nominal robot is better in some of them
+    assert!(n_worse > 0);
     assert!(!fails(&app, &set, "sessions_better_than_nominal").await);
 }
 

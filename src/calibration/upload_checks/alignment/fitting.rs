@@ -1,7 +1,7 @@
 //! How well the nominal robot fits measured points, with base, targets and joint zeros fitted. Gross rows have no influence: the rows that fit worst
 //! are left out of the fit and of its rms.
 
-use super::explanation::{UNMASTERED_RAD, n_targets};
+use super::explanation::n_targets;
 use crate::identification::KinematicModel;
 use crate::identification::fit::fit_least_squares;
 use crate::identification::multistart::{best_fitting, median_mm};
@@ -33,8 +33,6 @@ const SPARE_ROWS: usize = 3;
 const ZERO_STARTS: usize = 10;
 const ZERO_ENDS: usize = 3;
 const WIDEST_RAD: f64 = PI / 4.0;
-/// Starts of one joint's zero to either side, 9° apart, up to [`UNMASTERED_RAD`].
-const ZERO_STEPS: i32 = 5;
 /// Two fits whose rms differ by less than this factor are equally good.
 const EQUALLY_GOOD: f64 = 1.5;
 /// If the points' spread is below this share of the arm's reach, their unit may be larger than assumed.
@@ -291,30 +289,6 @@ pub(super) fn with_free_zeros(
     enough_mm: f64,
 ) -> Option<Zeroed> {
     with_zeros_from(links, observations, frame, ZERO_STARTS, enough_mm)
-}
-
-/// Fit with one joint's zero free, for the joint that helps most. It starts from many angles of that joint. A fit of all zeros at once may end
-/// elsewhere.
-pub(super) fn with_one_free_zero(
-    links: &[Link],
-    observations: &[Observation],
-    frame: Frame,
-) -> Option<Zeroed> {
-    let n_targets = n_targets(observations);
-    let starts = seen_joints(links, frame).flat_map(|joint| {
-        (-ZERO_STEPS..=ZERO_STEPS).filter_map(move |step| {
-            let mut turned = links.to_vec();
-            turned[joint].theta_offset_rad +=
-                UNMASTERED_RAD * f64::from(step) / f64::from(ZERO_STEPS);
-            let model = closed_form(&turned, observations, n_targets, frame)?;
-            Some((median_mm(&model, observations), joint, model))
-        })
-    });
-    let (_, joint, start) = starts.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let mut parameters = vec![Parameter::Link(joint, Quantity::ThetaOffset)];
-    parameters.extend(placing(frame, n_targets));
-    let start = fit_least_squares(&start, &parameters, observations).model;
-    concentrated(start, &parameters, observations).map(|fit| zeroed(&fit, links))
 }
 
 /// Joints whose zero is observable. The last joint's is a rotation of the target, and the first joint's a rotation of the base if the base is free.

@@ -7,7 +7,6 @@ use super::convention::{COUPLINGS, Convention};
 use super::explanation::{UNMASTERED_RAD, n_targets};
 use super::fitting::{
     Fitted, Zeroed, placed, quickly_placed, quickly_with_free_zeros, with_free_zeros,
-    with_one_free_zero,
 };
 use crate::identification::objective::Observation;
 use crate::kinematics::Link;
@@ -150,18 +149,10 @@ pub(super) fn search_with_zeros(
         }
     }
     all.retain(|convention| convention.complexity() > 0);
-    // a single unmastered joint is the most likely case, and it is found from any angle of that joint
-    let with_one = all.iter().filter_map(|convention| {
-        let points = convention.observations(observations);
-        let zeros = with_one_free_zero(links, &points, frame)?;
-        Some((convention.clone(), zeros))
-    });
-    simplest(with_one.collect(), fits_mm).or_else(|| {
-        simplest(
-            with_all_zeros(links, observations, frame, fits_mm, all),
-            fits_mm,
-        )
-    })
+    simplest(
+        with_all_zeros(links, observations, frame, fits_mm, all),
+        fits_mm,
+    )
 }
 
 /// The conventions that come near with every joint's zero free.
