@@ -279,7 +279,7 @@ FAULTS = [
     Fault("the schema asks few points for an uncertainty", "service", "a_session_of_few_points", [
         ("and (v.kind = 'identification' or v.evidence <> 'none')", "")], "migrations/sqlite/0022_measured_seq.sql"),
     Fault("a copy is as young as its upload", "service", "a_copy_of_an_old_upload", [
-        ("first.map_or(*own_seq, |place| known.uploads[place].0.uploaded_seq)", "first.map_or(*own_seq, |_| *own_seq)")], "src/jobs"),
+        ("first.map_or(*own_seq, |place| others[place].0.0.uploaded_seq)", "first.map_or(*own_seq, |_| *own_seq)")], "src/jobs"),
     Fault("the age of a copy is not asked for", "service", "a_copy_of_an_old_upload", [
         ("coalesce(nullif(f.measured_seq, 0), (select", "coalesce(nullif(0, 0), (select")], "src/store"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [

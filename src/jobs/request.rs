@@ -128,26 +128,35 @@ pub(super) fn measured_since(
     };
     let own = inputs.uploads().zip(request.uploads()).zip(&known.own_seq);
     for ((input, upload), own_seq) in own {
-        let repeated = RepeatedRows::find(&request.robot, &points, upload);
+        let is_own = |upload: &KnownUpload| upload.id == input.row.id;
+        let is_earlier = |upload: &KnownUpload| upload.uploaded_seq < *own_seq;
+        let is_forbidden = |upload: &KnownUpload| match is_check {
+            true => is_earlier(upload) || (is_own(upload) && upload.is_used),
+            false => upload.is_before_check,
+        };
+        let all = known.uploads.iter().zip(&points);
+        let others: Vec<_> = all
+            .clone()
+            .filter(|((known, _), _)| !is_own(known) && (is_earlier(known) || is_forbidden(known)))
+            .collect();
+        let repeated = RepeatedRows::find(
+            &request.robot,
+            others.iter().map(|(_, points)| *points),
+            upload,
+        );
         let places = |counts: &dyn Fn(&KnownUpload) -> bool| -> Vec<usize> {
-            let uploads = known.uploads.iter().enumerate();
-            let uploads = uploads.filter(|(_, (upload, _))| counts(upload));
-            uploads.map(|(place, _)| place).collect()
+            let places = 0..others.len();
+            places.filter(|place| counts(&others[*place].0.0)).collect()
         };
-        let earlier = places(&|upload| upload.uploaded_seq < *own_seq);
-        let forbidden = match is_check {
-            true => places(&|upload| {
-                upload.uploaded_seq < *own_seq || upload.is_used && upload.id == input.row.id
-            }),
-            false => places(&|upload| upload.is_before_check),
-        };
-        since.is_repeat |= repeated.repeats(forbidden);
+        let itself = all.map(|((known, _), _)| known).find(|known| is_own(known));
+        since.is_repeat |=
+            itself.is_some_and(is_forbidden) || repeated.repeats(places(&is_forbidden));
         // few points that cannot be compared are still a copy if the bytes are the same
+        let earlier = places(&is_earlier);
         let mut same_bytes = earlier.iter().copied();
-        let same_bytes =
-            same_bytes.find(|place| known.uploads[*place].1.row.sha256 == input.row.sha256);
+        let same_bytes = same_bytes.find(|place| others[*place].0.1.row.sha256 == input.row.sha256);
         let first = repeated.first(earlier).into_iter().chain(same_bytes).min();
-        let measured_seq = first.map_or(*own_seq, |place| known.uploads[place].0.uploaded_seq);
+        let measured_seq = first.map_or(*own_seq, |place| others[place].0.0.uploaded_seq);
         since.measured_seq = since.measured_seq.max(measured_seq);
     }
     Ok(since)

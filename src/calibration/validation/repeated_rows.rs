@@ -65,11 +65,17 @@ pub struct RepeatedRows {
 }
 
 impl RepeatedRows {
-    /// Compares `later` with each earlier upload.
-    pub fn find(robot: &Robot, earlier: &[MeasurementSet], later: &MeasurementSet) -> Self {
+    /// Compares `later` with each earlier upload. Itself must not be among them.
+    pub fn find<'a>(
+        robot: &Robot,
+        earlier: impl IntoIterator<Item = &'a MeasurementSet>,
+        later: &MeasurementSet,
+    ) -> Self {
         let later = Later::new(robot, later);
+        let mut of_earlier = Vec::new();
         let mut alike: Vec<(usize, Alike<'_>)> = Vec::new();
-        for (index, set) in earlier.iter().enumerate() {
+        for (index, set) in earlier.into_iter().enumerate() {
+            of_earlier.push(BTreeSet::new());
             alike.extend(later.alike(set).into_iter().map(|alike| (index, alike)));
         }
         // of a copy, the original is the nearest: a new measurement differs by its own noise as well
@@ -79,7 +85,6 @@ impl RepeatedRows {
         let nearest_mm = testable.next().map_or(0.0, |(_, a)| a.median_mm);
         let near_mm = NEAR * nearest_mm + ROUNDED_PER_REACH * reach_mm(&robot.links);
         let mut n_tested = 0;
-        let mut of_earlier = vec![BTreeSet::new(); earlier.len()];
         for (index, alike) in &alike {
             let is_new = is_testable(alike) && {
                 n_tested += 1;
