@@ -143,7 +143,7 @@ FAULTS = [
         ("if repeats(&parsed.request.robot, &parsed.active_points, &set) {", "if false && repeats(&parsed.request.robot, &parsed.active_points, &set) {")],
         "src/jobs"),
     Fault("what shows little condemns", "service", "a_session_that_shows_little_condemns_no_set", [
-        ("find(|session| session.is_evidence() && !session.verification.is_better)", "find(|session| !session.verification.is_better)"),
+        ("find(|session| session.is_evidence && !session.verification.is_better)", "find(|session| !session.verification.is_better)"),
         ("told.code != NO_BETTER || shows_little.is_none()", "true")], "src"),
     # The store
     Fault("no UNIQUE on the job's parameter set", "service", "a_job_has_at_most_one", [
@@ -190,9 +190,9 @@ FAULTS = [
         ("""order by case when id = (select a.supersedes_id from parameter_set a where a.robot_id = $1 and a.status = 'released') then 0 else 1 end,
             release_seq desc""", "order by released_at_ms desc")], "src/store"),
     Fault("a set of before a collision is released", "service", "keeps_what_speaks_against", [
-        ("or (r.check_seq > r.checked_seq and not exists", "or (1 = 0 and not exists")], "migrations/sqlite/0022_measured_seq.sql"),
+        ("or (r.check_seq > r.checked_seq and not exists", "or (1 = 0 and not exists")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("a set that is far off is released", "service", "keeps_what_speaks_against", [
-        ("v.fit = 'set_far_off' and v.seq > r.checked_seq", "v.fit = 'set_far_off' and v.seq > r.checked_seq + 1000")], "migrations/sqlite/0022_measured_seq.sql"),
+        ("v.fit = 'set_far_off' and v.seq > r.checked_seq", "v.fit = 'set_far_off' and v.seq > r.checked_seq + 1000")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("old points count as measured since", "service", "keeps_what_speaks_against", [
         ("is_repeat: found.is_repeat || found.check_seq != check_seq", "is_repeat: found.is_repeat || found.check_seq != found.check_seq")], "src/release"),
     Fault("facts are not in the chain", "service", "each_fault_is_told", [
@@ -269,17 +269,17 @@ FAULTS = [
     Fault("the uncertainty of a figure is not counted", "service", "the_tolerance_counts_the_uncertainty", [
         ("if figure + expanded <= tolerance", "if figure <= tolerance || expanded.is_nan()")], "src/release"),
     Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
-        ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite/0022_measured_seq.sql"),
+        ("or v.after_rms_mm + v.after_expanded_mm > p.tolerance_mm", "")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("the schema lets few points condemn", "service", "a_set_once_shown_to_be_no_better", [
-        ("and v.evidence <> 'none' and not (v.fit", "and not (v.fit")], "migrations/sqlite/0022_measured_seq.sql"),
+        ("and v.evidence <> 'none' and not (v.fit", "and not (v.fit")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("the schema lets a worse session support", "service", "keeps_what_speaks_against", [
-        ("(v.fit = 'fits' and v.is_better = 1 and v.is_worse = 0 and", "(v.fit = 'fits' and v.is_better = 1 and")], "migrations/sqlite/0022_measured_seq.sql"),
+        ("(v.fit = 'fits' and v.is_better = 1 and v.is_worse = 0 and", "(v.fit = 'fits' and v.is_better = 1 and")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("few points need a stated uncertainty", "service", "a_session_of_few_points", [
         ("false => DecisionRule::SimpleAcceptance", "false => rule")], "src/release"),
     Fault("the schema asks few points for an uncertainty", "service", "a_session_of_few_points", [
-        ("and (v.kind = 'identification' or v.evidence <> 'none')", "")], "migrations/sqlite/0022_measured_seq.sql"),
+        ("and (v.kind = 'identification' or v.evidence <> 'none')", "")], "migrations/sqlite/0022_age_and_references.sql"),
     Fault("a copy is as young as its upload", "service", "a_copy_of_an_old_upload", [
-        ("first.map_or(*own_seq, |place| others[place].0.0.uploaded_seq)", "first.map_or(*own_seq, |_| *own_seq)")], "src/jobs"),
+        ("first.map_or(own.uploaded_seq, |i| others[i].upload.uploaded_seq)", "first.map_or(own.uploaded_seq, |_| own.uploaded_seq)")], "src/jobs"),
     Fault("the age of a copy is not asked for", "service", "a_copy_of_an_old_upload", [
         ("coalesce(nullif(f.measured_seq, 0), (select", "coalesce(nullif(0, 0), (select")], "src/store"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
@@ -291,7 +291,7 @@ FAULTS = [
     Fault("a check takes the points of a pose as independent", "core", "points_of_one_configuration", [
         ("if configuration == other {", "if false && configuration == other {")], "src/identification"),
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
-        ("session.is_evidence() && !session.verification.is_better", "session.is_evidence() && session.seq == -1")]),
+        ("session.is_evidence && !session.verification.is_better", "session.is_evidence && session.seq == -1")]),
     Fault("a copy with noise is a session", "core", "a_second_visit", [
         ("pair.reading_rad <= SAME_READING_RAD", "pair.reading_rad < 0.0"), ("slope >= FOLLOWS && slope", "true || slope")]),
     Fault("a set of before a collision passes its gates", "service", "from_before_a_collision", [

@@ -67,15 +67,17 @@ function instrumentForm(frames) {
   const number = (name, label) => [name, el("input", { id: `instrument-${name}`, type: "number", min: 0, step: "any" }), label];
   const noise = [number("range_std_mm", "Length, mm"), number("range_std_mm_per_m", "Length, mm per m"), number("angle_std_deg", "Each angle, degrees")];
   const levelled = el("input", { id: "instrument-levelled", type: "checkbox" });
-  const node = el("details", {}, el("summary", {}, "The instrument: noise, level"),
+  const reference = el("input", { id: "instrument-reference", type: "text", maxlength: 200 });
+  const node = el("details", {}, el("summary", {}, "The instrument: noise, level, reference"),
     el("p.note", {}, "Standard uncertainties of a tracker at the origin of its frame. Every point then counts in each direction by what it is worth there."),
     el("div.fields", {}, noise.map(([, input, label]) => el("div", {}, el("label", { for: input.id }, label), input))),
-    el("label.choice", {}, levelled, "It was levelled: gravity is −z of its frame"));
+    el("label.choice", {}, levelled, "It was levelled: gravity is −z of its frame"),
+    el("div.fields", {}, el("div", {}, el("label", { for: reference.id }, "Name of its reference (a scale bar that it measured)"), reference)));
   const isOwn = () => frames.querySelector("input:checked").value === "instrument";
   const show = () => { node.hidden = !isOwn(); };
   frames.addEventListener("change", show);
   show();
-  const read = () => (isOwn() ? { ...Object.fromEntries(noise.filter(([, input]) => input.value !== "").map(([name, input]) => [name, input.value])), ...levelled.checked ? { instrument_levelled: true } : {} } : {});
+  const read = () => (isOwn() ? { ...Object.fromEntries(noise.filter(([, input]) => input.value !== "").map(([name, input]) => [name, input.value])), ...levelled.checked ? { instrument_levelled: true } : {}, ...reference.value.trim() !== "" ? { reference: reference.value.trim() } : {} } : {});
   return { node, read };
 }
 

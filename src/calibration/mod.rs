@@ -7,6 +7,7 @@ pub mod partial;
 mod preparation;
 mod problem;
 pub mod quick_check;
+pub mod reference;
 pub mod report;
 pub mod request;
 pub mod session_comparison;

@@ -342,13 +342,15 @@ fn state(
         }
     }
     let robot = &problem.request.robot;
-    report.tool_uncertainty = Some(tool_uncertainty(
+    let of_links = tool_uncertainty(
         robot,
         &model_of(report),
         parameters,
         &problem.identify,
         &uncertainty,
-    ));
+    );
+    let scale = report.instrument_scale;
+    report.tool_uncertainty = Some(scale.map_or(of_links, |scale| scale.added_to(of_links)));
     report.uncertainty = Some(uncertainty);
 }
 

@@ -1,6 +1,7 @@
 //! Result of a calibration as plain data. `wire::report` converts it to JSON.
 
 use crate::calibration::quick_check::QuickCheck;
+use crate::calibration::reference::ScaleAtReach;
 use crate::calibration::request::{Method, Model, Preset};
 use crate::identification::TrainedNetwork;
 use crate::identification::changes::Estimate;
@@ -301,8 +302,10 @@ pub struct CalibrationReport {
     pub per_point: Vec<PointErrors>,
     /// Every free parameter.
     pub parameters: Vec<ParameterOutcome>,
-    /// Predicted uncertainty of the tool's position over the workspace, from the links alone, if it can be stated.
+    /// Predicted uncertainty of the tool's position over the workspace, from the links and the scale of the instrument, if it can be stated.
     pub tool_uncertainty: Option<ToolUncertainty>,
+    /// The scale of the instrument, if lengths with a certificate were measured with it.
+    pub instrument_scale: Option<ScaleAtReach>,
     /// How the points scatter about the model, if it can be stated.
     pub error_model: Option<ErrorModel>,
     /// The full uncertainty, with the covariance: rows in the order of `parameters`.

@@ -3,6 +3,7 @@
 pub use crate::calibration::method::{
     After, CheckVerdict, CorrectionsChoice, FinalFit, Loss, Method,
 };
+use crate::calibration::reference::{InstrumentScale, ScaleAtReach};
 use crate::calibration::validation::session_fit::HeldOut;
 use crate::frames::PreliminaryFrames;
 pub use crate::identification::changes::Estimate;
@@ -118,6 +119,8 @@ pub struct CalibrationRequest {
     pub payload: Option<Payload>,
     /// Frame in which the verified parameter set was measured; `None` if nothing is verified.
     pub scored_frame: Option<Frame>,
+    /// Scale of the instrument that measured the points, if lengths with a certificate were measured with it.
+    pub instrument_scale: Option<InstrumentScale>,
     /// Errors of the verified parameter set on its own held-out points: the reference for judging whether a session fits the robot.
     pub held_out: Option<HeldOut>,
     /// Code with which an upload of the request was refused, if the upload was kept by explicit request.
@@ -162,6 +165,7 @@ impl CalibrationRequest {
             corrections: None,
             payload: None,
             scored_frame: None,
+            instrument_scale: None,
             held_out: None,
             refused_as: None,
             residual_network: None,
@@ -175,6 +179,12 @@ impl CalibrationRequest {
             [] => std::slice::from_ref(&self.set),
             sessions => sessions,
         }
+    }
+
+    /// The scale of the instrument, and its effect at the robot's reach.
+    pub fn scale_at_reach(&self) -> Option<ScaleAtReach> {
+        let scale = self.instrument_scale?;
+        Some(ScaleAtReach::new(scale, &self.robot.links))
     }
 
     /// The model that is identified: the one asked for, else [`default_model`].

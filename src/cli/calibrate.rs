@@ -20,7 +20,7 @@ use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{headline, keep_misfit, refused_as};
+use crate::release::{accept_misfit, headline, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method};
@@ -201,7 +201,7 @@ fn check_upload(
         return Ok(None);
     };
     let explanation = alignment::explain(robot, set, rms_mm, &[]);
-    let kept = keep_misfit(explanation, arguments.set_options.insist).map_err(|suspicion| {
+    let kept = accept_misfit(explanation, arguments.set_options.insist).map_err(|suspicion| {
         let issues = [Issue::from(&*suspicion)];
         Usage(cannot_be_used(path, &[], &issues))
     })?;
@@ -254,7 +254,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
             refused.as_deref().unwrap_or_default()
         }
         "model_too_small" => {
-            "again with --model complete, or with --frame instrument where the positions are in an instrument's own frame"
+            "identify with --model complete, or with --frame instrument if the positions are in an instrument's frame"
         }
         "joint_map_suspect" => {
             "compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the file again"

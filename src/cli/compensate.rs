@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "targets are met in {}",
         match answer.frame {
             ErrorFrame::Measuring =>
-                "the measuring frame, which is the nominal base frame: what turned or shifted the base is corrected",
+                "the measuring frame, which is the nominal base frame: rotation and shift of the base are corrected",
             ErrorFrame::RobotBase => "the robot's own base frame, wherever it stands",
         }
     );
@@ -164,7 +164,7 @@ fn left_out_in_words(left_out: &LeftOut) -> Option<String> {
     is_noticed.then(|| {
         format!(
             "not corrected: the base frame is turned by {:.4}° and shifted by {:.3} mm from the nominal one (link 1, mastering of joint 1), the \
-             flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or take it into them",
+             flange by {:.4}° and {:.3} mm (last joint): measure the work object and the tool with this robot, or add these values to them",
             left_out.base_turn_deg,
             left_out.base_shift_mm,
             left_out.flange_turn_deg,

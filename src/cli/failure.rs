@@ -102,15 +102,17 @@ fn advice(cause: &str) -> Option<&'static str> {
     // BadSignature: the trusted certificate has the right name and another key, e.g. from before a renewal.
     Some(
         if reason.contains("UnknownIssuer") || reason.contains("BadSignature") {
-            "give the certificate of the authority that signed the server's, or the server's own where it signed itself, as it is now, by --ca-cert FILE or KINCAL_CA_CERT"
+            "give the certificate of the authority that signed the server's, or the server's own if it is self-signed, as it is now, \
+             by --ca-cert FILE or KINCAL_CA_CERT"
         } else if reason.contains("CaUsedAsEndEntity") {
-            "the server shows a certificate that is an authority's own (CA:TRUE); make one for the server with basicConstraints=CA:FALSE, as docs/operations.md has it under TLS"
+            "the server's certificate is that of an authority (CA:TRUE); \
+             make one for the server with basicConstraints=CA:FALSE: docs/operations.md, TLS"
         } else if reason.to_lowercase().contains("not valid for") && reason.contains("name") {
             "name the server in --server as its certificate does, or make one whose subjectAltName has this name or address"
         } else if reason.contains("expired") || reason.contains("not valid yet") {
             "renew the server's certificate and restart the server, or correct the clock of this machine"
         } else {
-            "docs/operations.md has under TLS how to make a certificate that works"
+            "make a certificate that works: see docs/operations.md, TLS"
         },
     )
 }

@@ -46,7 +46,7 @@ fn gate_lines(found: &Value) -> String {
     let line = |gate: &Value| {
         let word = match (&gate["passed"], &gate["warning"]) {
             (Value::Bool(false), _) => "REFUSED",
-            (_, Value::Bool(true)) => "look",
+            (_, Value::Bool(true)) => "warning",
             _ => "passed",
         };
         format!(

@@ -66,11 +66,11 @@ pub fn tell(imported: &ImportAnswer) {
     }
     for (what, frames) in [
         (
-            "frames on the way that do not move, held by the links' numbers",
+            "fixed frames of the arm, included in its link parameters",
             &imported.fixed_frames,
         ),
         (
-            "frames that are no part of the robot",
+            "frames that are not part of the arm",
             &imported.skipped_frames,
         ),
     ] {

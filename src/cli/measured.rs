@@ -232,7 +232,7 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         false => "",
     };
     let clock = match join.instrument_log {
-        true => clock + "; of the instrument's log one position was taken in each standstill",
+        true => clock + "; one position per standstill was taken from the instrument's log",
         false => clock,
     };
     let mut lines = vec![format!(

@@ -32,6 +32,7 @@ mod plan;
 mod policy;
 mod predict;
 mod program;
+mod references;
 mod report;
 mod robots;
 mod robots_library;
@@ -48,7 +49,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-const EXIT_CODES: &str = "\
+const AFTER_HELP: &str = "\
 Exit codes: 0 success, 1 failure (the server, the network, the job), 2 wrong usage (an option, a file: correct it and try again).
 Each long option has an environment variable, KINCAL_…; --help of a command names them. Options of a single call have none: --reason,
 --change-reason, and the options of `kincal key`, `kincal robots edit` and `kincal policy set`.
@@ -66,7 +67,7 @@ PowerShell:  kincal completions powershell | Out-String | Invoke-Expression";
 
 /// Kinematic calibration of industrial robots.
 #[derive(Debug, Parser)]
-#[command(name = "kincal", version, about, after_help = EXIT_CODES, propagate_version = true)]
+#[command(name = "kincal", version, about, after_help = AFTER_HELP, propagate_version = true)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -125,6 +126,8 @@ enum Command {
     WorkFrames(named_frames::WorkFrameArguments),
     /// List a robot's tools, or keep one under a name.
     Tools(named_frames::ToolArguments),
+    /// List a robot's references (a scale bar that the instrument measured), or store one.
+    References(references::Arguments),
     /// Show which parameters moved between a robot's identifications.
     History(history::HistoryArguments),
     /// Show the differences between two parameter sets.
@@ -194,6 +197,7 @@ pub fn main() -> ExitCode {
         Command::Policy(arguments) => policy::run(&arguments),
         Command::WorkFrames(arguments) => named_frames::work_frames(&arguments),
         Command::Tools(arguments) => named_frames::tools(&arguments),
+        Command::References(arguments) => references::run(&arguments),
         Command::History(arguments) => history::history(&arguments),
         Command::Compare(arguments) => history::compare(&arguments),
         Command::Export(arguments) => export::run(&arguments),

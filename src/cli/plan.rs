@@ -66,7 +66,7 @@ pub struct Arguments {
 }
 
 /// A plan, and the robot that it is for.
-struct PlanOf {
+struct PlanForRobot {
     plan: PosePlanAnswer,
     /// Name of the robot, as messages show it.
     robot: String,
@@ -134,7 +134,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Plans without a server.
-fn offline(arguments: &Arguments, path: &Path, body: &PosePlanBody) -> anyhow::Result<PlanOf> {
+fn offline(
+    arguments: &Arguments,
+    path: &Path,
+    body: &PosePlanBody,
+) -> anyhow::Result<PlanForRobot> {
     if !body.measured.is_empty() {
         let text = "measured names sets of a server: leave it out and give their files with --measured, or name the robot with --robot";
         return Err(Usage(text.into()).into());
@@ -167,7 +171,7 @@ fn offline(arguments: &Arguments, path: &Path, body: &PosePlanBody) -> anyhow::R
             .collect();
         Usage(faults.join("\n"))
     })?;
-    Ok(PlanOf {
+    Ok(PlanForRobot {
         plan,
         robot: path.display().to_string(),
         has_limits: robot.joint_limits_rad.iter().map(Option::is_some).collect(),
@@ -179,7 +183,7 @@ async fn on_server(
     arguments: &Arguments,
     robot: &str,
     mut body: PosePlanBody,
-) -> anyhow::Result<PlanOf> {
+) -> anyhow::Result<PlanForRobot> {
     let ids = arguments.measured.iter();
     body.measured.extend(ids.map(|id| id.display().to_string()));
     let client = arguments.server.client()?;
@@ -189,7 +193,7 @@ async fn on_server(
         .post_json(&format!("{path}/pose-plans"), &serde_json::to_value(&body)?)
         .await?;
     let links = described["links"].as_array();
-    Ok(PlanOf {
+    Ok(PlanForRobot {
         plan: serde_json::from_value(answer)
             .context("the server's answer is of another version of kincal")?,
         robot: robot.to_owned(),
@@ -238,7 +242,7 @@ fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
 }
 
 /// Warning about joints without limits.
-fn without_limits(of: &PlanOf) -> Option<String> {
+fn without_limits(of: &PlanForRobot) -> Option<String> {
     let joints = of.has_limits.iter().enumerate();
     let joints: Vec<String> = joints
         .filter(|(_, has_limits)| !**has_limits)

@@ -416,8 +416,8 @@ fn posture_in_words(found: &PostureAnswer) -> String {
             .sum::<f64>()
             .sqrt();
         if apart > MAX_APART * height_mm {
-            text += ": more than a real robot differs from its type. Is the flange selected on the pendant (a tool of zeros), or given by --tool-mm, and \
-                     no user frame? Else a zero, a sign or a coupling of the joints is another, or it is another type";
+            text += ": more than robots of one type differ. Select the flange on the pendant (a tool of zeros) or give --tool-mm, and select no user \
+                     frame. If the distance stays, a zero, sign or coupling of a joint differs, or the type does";
         }
     }
     text

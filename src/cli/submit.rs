@@ -72,6 +72,9 @@ pub struct Arguments {
     parameters: Option<String>,
     #[command(flatten)]
     identify: IdentifyOptions,
+    /// Name of the reference that the instrument measured (`kincal references`).
+    #[arg(long, env = "KINCAL_REFERENCE", value_name = "NAME")]
+    reference: Option<String>,
     /// Upload the set and post no job.
     #[arg(
         long, env = "KINCAL_UPLOAD_ONLY", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue,
@@ -197,6 +200,12 @@ async fn upload(
     parameters.extend(insist.map(|code| ("insist", code.as_str().to_owned())));
     let instrument = arguments.set_options.noise.instrument();
     parameters.extend(instrument.iter().flat_map(InstrumentBody::parameters));
+    parameters.extend(
+        arguments
+            .reference
+            .iter()
+            .map(|name| ("reference", name.clone())),
+    );
     let serial_number = arguments.serial_number.clone();
     parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {

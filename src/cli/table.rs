@@ -144,8 +144,8 @@ fn identified(report: &Report) -> String {
         line(
             &mut text,
             format!(
-                "by the links alone the tool is known to {mean} mm on average over the workspace, {max} mm at worst (one standard deviation); \
-                 of predictions with corrections this says nothing"
+                "uncertainty of the tool's position with the links only: {mean} mm on average over the workspace, {max} mm at most (one standard \
+                 deviation); it does not cover the corrections"
             ),
         );
     }
@@ -165,7 +165,7 @@ fn identified(report: &Report) -> String {
         line(
             &mut text,
             format!(
-                "the flange's rotation is known to {std_deg}° (one standard deviation, under what is known of robots beforehand{last_zero})"
+                "uncertainty of the flange's rotation: {std_deg}° (one standard deviation, with general priors for robots{last_zero})"
             ),
         );
     }
@@ -333,7 +333,7 @@ fn pooled(text: &mut String, found: Option<&PooledReport>) {
     line(
         text,
         format!(
-            "\n{} sessions were fitted together: one robot in one state differs as much as they do with probability {:.2}",
+            "\n{} sessions were fitted together: sessions of an unchanged robot differ as much with probability {:.2}",
             found.sessions.len(),
             found.probability
         ),

@@ -74,7 +74,7 @@ fn table(out: &mut impl Write, checks: &[Check]) -> std::io::Result<()> {
         };
         writeln!(
             out,
-            "{}  {verdict:10}  {:>8} looked at  {}",
+            "{}  {verdict:10}  {:>8} examined   {}",
             check.id, check.n_examined, check.promise
         )?;
         for violation in &check.violations {

@@ -64,7 +64,7 @@ impl Metrics {
         *counts.errors.entry(code.to_owned()).or_default() += 1;
     }
 
-    pub(super) fn write(&self, out: &mut Text) {
+    pub(super) fn write(&self, out: &mut PrometheusText) {
         let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         out.family("kincal_requests_total", "counter", "Requests answered.");
         for ((method, route, status), n) in &counts.requests {
@@ -136,9 +136,9 @@ impl Metrics {
 
 /// Text of the answer, built line by line.
 #[derive(Default)]
-pub(super) struct Text(pub(super) String);
+pub(super) struct PrometheusText(pub(super) String);
 
-impl Text {
+impl PrometheusText {
     pub(super) fn family(&mut self, name: &str, kind: &str, help: &str) {
         // Writing to a String does not fail.
         let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
@@ -169,7 +169,7 @@ impl Text {
 
 #[cfg(test)]
 mod tests {
-    use super::{Metrics, Text};
+    use super::{Metrics, PrometheusText};
     use axum::http::{Method, StatusCode};
     use std::time::Duration;
 
@@ -192,7 +192,7 @@ mod tests {
             Some("no_such_route"),
             Duration::ZERO,
         );
-        let mut out = Text::default();
+        let mut out = PrometheusText::default();
         metrics.write(&mut out);
         for line in [
             "kincal_requests_total{method=\"GET\",route=\"/a\",status=\"200\"} 2",

@@ -18,8 +18,8 @@ use serde::de::DeserializeOwned;
 const MAX_KEY: usize = 200;
 const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 
-/// A request that creates or changes something. If the same request was done before, its handler does not run: the stored answer is sent again, and
-/// nothing is checked again.
+/// A request that creates or changes something. If the same request was answered before, its handler does not run: the stored answer is sent again
+/// without any check.
 pub struct Submission {
     /// The key that sent the request.
     pub caller: Caller,
@@ -152,7 +152,7 @@ impl Submission {
         }
     }
 
-    /// Replaces an error by the stored answer, if the same request was done meanwhile. A client may retry while its first request still runs.
+    /// Replaces an error with the stored answer, if the same request took effect meanwhile. A client may retry while its first request still runs.
     /// The checks of the retry then see the changes of the first request, and may fail because of them.
     ///
     /// # Errors

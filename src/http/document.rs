@@ -51,7 +51,7 @@ struct Base;
 static YAML: LazyLock<Result<String, String>> = LazyLock::new(|| {
     let text = openapi().to_yaml().map_err(|error| error.to_string())?;
     Ok(format!(
-        "# Made by `kincal openapi`; a test holds it to the code.\n{text}"
+        "# Made by `kincal openapi`; a test compares it with the code.\n{text}"
     ))
 });
 

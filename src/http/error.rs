@@ -58,7 +58,7 @@ pub enum Error {
     Unauthorized(&'static str),
     /// The key lacks the scope that the route requires.
     #[error(
-        "this key lacks the scope {scope:?}, which {what} takes; a key with it is made by `kincal key create --scope {scope} …`"
+        "this key lacks the scope {scope:?}, which {what} requires; make a key with it by `kincal key create --scope {scope} …`"
     )]
     InsufficientScope {
         /// Name of the scope.
@@ -81,7 +81,7 @@ pub enum Error {
     ForeignOrigin(String),
     /// hyper could not read the request, and gives no details.
     #[error(
-        "the request is not HTTP/1.1 as it should be: look at its first line, its header, Content-Length and Transfer-Encoding"
+        "the request is not valid HTTP/1.1: check its first line, its header, Content-Length and Transfer-Encoding"
     )]
     MalformedRequest,
     /// The header is too large.
@@ -96,7 +96,7 @@ pub enum Error {
     #[error("the request did not arrive in time")]
     RequestTimeout,
     /// The body is too large.
-    #[error("the body is larger than {limit} bytes, the most that is taken here: {advice}")]
+    #[error("the body is larger than the limit of {limit} bytes: {advice}")]
     TooLarge {
         /// The limit.
         limit: usize,

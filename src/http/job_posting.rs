@@ -118,8 +118,8 @@ fn choose_residual(
         }
     }
     if request.residual_network_id.is_some() {
-        let detail = "the residual network, or one that its training went on from, has seen points of these sets: whether it helps could not be told \
-                      from them. Leave residual_network_id out, or name one of other sessions";
+        let detail = "the residual network, or one of its predecessors, has seen points of these sets, so they cannot show whether it helps. \
+                      Leave residual_network_id out, or name a network of other sessions";
         return Err(calibration::Error::Unusable {
             code: "network_mismatch",
             detail: detail.into(),

@@ -4,7 +4,7 @@ use crate::calibration;
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access, several_sessions};
 use crate::jobs::MeasurementSetInput;
-use crate::release::facts::DESCRIBES_NO_ROBOT;
+use crate::release::facts::UNUSABLE_FIT;
 use crate::store::jobs as stored;
 use crate::store::{
     self, MeasurementSetRow, NetworkRow, NetworkWeights, ParameterSetRow, RobotRow, frames,
@@ -22,7 +22,7 @@ use crate::wire::safetensors::NetworkMetadata;
 /// Maximum number of networks, newest first, that are searched for one with the same parameters.
 const MAX_NETWORKS: i64 = 8;
 /// Maximum number of residual networks, newest first, that are searched for one that was not trained on these points. Each is read with its
-/// measurement set.
+/// measurement sets.
 const MAX_RESIDUAL_NETWORKS: i64 = 3;
 
 /// Stored rows that a job refers to.
@@ -41,9 +41,9 @@ pub struct Sources {
     pub networks: Vec<NetworkWeights>,
     /// Residual networks from which training may continue, newest first.
     pub residual_networks: Vec<ResidualSource>,
-    /// The parameter set that a `verify` job scores, or with which an `identify` job is compared.
+    /// The parameter set that the job scores, whose values it holds, or that it is compared with.
     pub parameter_set: Option<ParameterSetRow>,
-    /// The frame that a verify job's parameter set was identified in.
+    /// The frame that the scored parameter set was identified in.
     pub scored_frame: Option<Frame>,
 }
 
@@ -222,7 +222,7 @@ async fn parameter_set(
                 &app.store,
                 robot_id,
                 &request.set_ids().join(","),
-                DESCRIBES_NO_ROBOT,
+                UNUSABLE_FIT,
             )
             .await?
         }

@@ -88,7 +88,7 @@ fn add_common_headers(headers: &mut HeaderMap, request_id: &str) {
     }
 }
 
-/// Whether a request takes no permit before routing. Health and metrics must answer under load, and a long poll takes a permit to wait later.
+/// Whether a request takes no permit before routing. Health and metrics must answer under load, and a long poll takes a permit of its own.
 pub fn is_unlimited(uri: &Uri) -> bool {
     matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
 }

@@ -53,7 +53,7 @@ fn common(
     }
     if !request.is_consistent() {
         return Err(invalid_cursor(
-            "the cursor is of a list in another order: begin anew without a cursor".into(),
+            "the cursor belongs to another order of the list: start without a cursor".into(),
         ));
     }
     Ok(request)

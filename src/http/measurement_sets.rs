@@ -8,7 +8,7 @@ use crate::http::extract::{Id, Query};
 use crate::http::list_query::NamedListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
-use crate::http::{App, Error, access};
+use crate::http::{App, Error, access, references};
 use crate::operations::rotation_convention::with_best_convention;
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
@@ -68,6 +68,9 @@ pub struct UploadQuery {
     angle_std_deg: Option<f64>,
     /// True if the instrument was levelled: gravity is −z of the measuring frame. Needs the frame `instrument`.
     instrument_levelled: Option<bool>,
+    /// Name of a reference of the robot that the instrument measured (`POST …/references`); its newest version counts.
+    #[param(min_length = 1, max_length = 200)]
+    reference: Option<String>,
     /// Mapping of the columns of a table: in JSON, or the name of a mapping that the robot has (`PUT …/columns/{name}`).
     columns: Option<String>,
 }
@@ -124,11 +127,18 @@ pub async fn create(
     }
     let columns = stated_columns(&app, &robot_id, query.columns.as_deref()).await?;
     let insist = query.insist;
+    let reference = match query.reference.as_deref() {
+        Some(name) => Some(references::named(&app, &robot_id, name).await?),
+        None => None,
+    };
     let mut upload = app
         .compute(submission.caller.class, move || {
             parse_upload(&robot, &bytes, content_type, &columns, query)
         })
         .await?;
+    if reference.is_some() {
+        upload.reading.get_or_insert_default().reference = reference;
+    }
     let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
         let kept =
@@ -275,8 +285,8 @@ const MAX_WARNED_ROWS: usize = 20;
 
 /// Warning for an upload that does not declare its frame.
 fn frame_assumed() -> Warning {
-    let detail = "the upload does not say in which frame positions are; the robot's base frame was taken. Say frame=base, or frame=instrument \
-                  where base pose and targets are unknown";
+    let detail = "the upload does not state the frame of its positions; the robot's base frame is assumed. State frame=base, or frame=instrument \
+                  if base pose and targets are unknown";
     Warning {
         code: "frame_assumed".into(),
         detail: detail.into(),
@@ -372,6 +382,7 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             understood: reading.understood,
             joined: reading.joined,
             instrument: reading.instrument,
+            reference: reading.reference,
             archived_at: row.archived_at_ms.map(rfc3339),
         })
     }

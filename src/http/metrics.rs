@@ -1,7 +1,7 @@
 //! `/metrics`: counters of this process and the state of the queue, in Prometheus's text format.
 
 use crate::http::auth::Caller;
-use crate::http::counters::Text;
+use crate::http::counters::PrometheusText;
 use crate::http::{App, Error};
 use crate::store::statistics::{self, JobStatistics};
 use crate::wire::job_answer::JobStatus;
@@ -22,7 +22,7 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
             "the metrics are about all robots; this key is limited to some",
         ));
     }
-    let mut out = Text::default();
+    let mut out = PrometheusText::default();
     out.gauge(
         "kincal_build_info",
         "The version that runs.",
@@ -60,7 +60,7 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
     Ok(([(header::CONTENT_TYPE, TEXT_FORMAT)], out.0).into_response())
 }
 
-fn write_jobs(out: &mut Text, jobs: &[JobStatistics]) {
+fn write_jobs(out: &mut PrometheusText, jobs: &[JobStatistics]) {
     let of = |status: JobStatus| jobs.iter().find(|row| row.status == status);
     out.family("kincal_jobs", "gauge", "Jobs by status.");
     // Every status is listed, even without jobs.

@@ -42,6 +42,7 @@ mod peer;
 mod policies;
 mod pose_plans;
 mod predict;
+mod references;
 mod release;
 mod report_html;
 mod robot_models;

@@ -83,5 +83,6 @@ fn kind_name(kind: NamedDocumentKind) -> &'static str {
         NamedDocumentKind::Columns => "mapping of columns",
         NamedDocumentKind::WorkFrame => "work frame",
         NamedDocumentKind::Tool => "tool",
+        NamedDocumentKind::Reference => "reference",
     }
 }

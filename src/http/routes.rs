@@ -5,8 +5,8 @@ use crate::http::route::Route;
 use crate::http::{
     App, archive, columns, compensate, dashboard, export, frames, history, index, job_events,
     job_posting, jobs, me, measurement_sets, metrics, named_frames, networks, overview,
-    parameter_sets, policies, pose_plans, predict, release, report_html, robot_models, robots,
-    session,
+    parameter_sets, policies, pose_plans, predict, references, release, report_html, robot_models,
+    robots, session,
 };
 use crate::wire::key::Scope;
 use axum::http::Method;
@@ -82,6 +82,9 @@ pub const ROUTES: &[Route] = table! {
     GET    "/v1/robots/{robot_id}/measurement-sets"             measurement_sets::list                   Read     Read;
     POST   "/v1/robots/{robot_id}/measurement-sets"             measurement_sets::create                 Upload   Write       key [409 507];
     POST   "/v1/robots/{robot_id}/measurement-sets/preview"     columns::preview                         Upload   Write;
+    GET    "/v1/robots/{robot_id}/references"                   references::list                         Read     Read;
+    POST   "/v1/robots/{robot_id}/references"                   references::create                       Upload   Write       key [409 507];
+    GET    "/v1/robots/{robot_id}/references/{id}"              references::get                          Read     Read;
     // Jobs
     GET    "/v1/jobs"                                           jobs::list_all                           Read     Read        [404];
     GET    "/v1/jobs/{id}"                                      jobs::get                                Read     Read;

@@ -33,7 +33,7 @@ pub fn key_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'a 
         .is_some_and(|site| site != "same-origin" && site != "none");
     if is_foreign {
         return Err(Error::Forbidden(
-            "the request comes from a page of another origin, for which the session of this browser does not count; open the dashboard itself",
+            "the request comes from a page of another origin, which must not use the session of this browser: open the dashboard itself",
         ));
     }
     let is_safe = matches!(*method, Method::GET | Method::HEAD);

@@ -66,7 +66,7 @@ pub async fn stated_columns(
         Ok(row) => Ok(json::parse(row.content_json.as_bytes())?),
         Err(Error::NotFound(_)) => {
             let detail = format!(
-                "the robot has no mapping of columns called {stated:?}: keep it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"
+                "the robot has no column mapping called {stated:?}: store it with PUT /v1/robots/{{robot_id}}/columns/{{name}}, or give it in JSON"
             );
             Err(Invalid::at("/columns", "unknown_mapping", detail).into())
         }

@@ -5,7 +5,7 @@ use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation}
 use crate::calibration::upload_checks::rotations::{self, ROTATION_SUSPECT};
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
-use crate::release::{KeptMisfit, keep_misfit};
+use crate::release::{AcceptedMisfit, accept_misfit};
 use crate::store::{PageRequest, robots};
 use crate::wire::measurement::{MeasurementSet, Warning};
 use crate::wire::robot::{Robot, RobotBody};
@@ -76,7 +76,7 @@ pub async fn diagnose(
     robot_id: &str,
     misfit: Misfit,
     insist: Option<Insist>,
-) -> Result<KeptMisfit, Error> {
+) -> Result<AcceptedMisfit, Error> {
     let newest = robots::list(
         &app.store,
         caller.robots.as_deref(),
@@ -101,7 +101,7 @@ pub async fn diagnose(
     }
     let explain = move || explanation(&misfit, &others);
     let explanation = app.compute(caller.class, explain).await?;
-    keep_misfit(explanation, insist).map_err(|suspicion| {
+    accept_misfit(explanation, insist).map_err(|suspicion| {
         Invalid {
             code: suspicion.code,
             issues: vec![Issue::from(&*suspicion)],

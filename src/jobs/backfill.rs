@@ -3,8 +3,9 @@
 
 use crate::jobs::JobInputs;
 use crate::jobs::execution::run_verification;
+use crate::jobs::measured_since::measured_since;
 use crate::jobs::queue;
-use crate::jobs::request::{measured_since, points_of, requests_of};
+use crate::jobs::request::{points_of, requests_of};
 use crate::release::facts::{identification_facts, missing_misfit_warning};
 use crate::release::independence::is_verified_anew;
 use crate::store::{Result, Store, jobs, report_summaries, robots, verifications};

@@ -4,13 +4,15 @@ use std::ops::ControlFlow;
 
 use crate::store::verifications::KnownUpload;
 use crate::store::{
-    FramesRow, Hashed, JobRow, MeasurementSetRow, NetworkRow, NewNetwork, NewParameterSet,
-    ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames, job_sources,
-    jobs, measurement_sets, networks, parameter_sets, robot_versions, verifications,
+    FramesRow, Hashed, JobRow, MeasurementSetRow, NamedDocumentRow, NetworkRow, NewNetwork,
+    NewParameterSet, ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames,
+    job_sources, jobs, measurement_sets, named_documents, networks, parameter_sets, robot_versions,
+    verifications,
 };
 use crate::wire::job::Kind;
 use crate::wire::job_answer::ProgressAnswer;
 use crate::wire::measurement::{MeasurementSet, from_upload};
+use crate::wire::understood::Reading;
 use crate::wire::verification::Verification;
 use crate::wire::{Invalid, Problem};
 
@@ -40,10 +42,12 @@ pub struct JobInputs {
     pub network: Option<NetworkInput>,
     /// The residual network from which training continues.
     pub residual_network: Option<NetworkInput>,
-    /// The parameter set to verify, or the robot's last one, with which an identification is compared.
+    /// The parameter set to score, whose values are held, or that an identification is compared with.
     pub parameter_set: Option<ParameterSetInput>,
     /// Uploads on which the held parameters, or the training of the residual network, are based.
     pub sources: Vec<MeasurementSetInput>,
+    /// The references that the sets name, with their content in JSON.
+    pub references: Vec<NamedDocumentRow>,
     /// The robot's uploads with which the points are compared. Points that repeat an earlier upload are as old as that upload.
     pub known: KnownUploads,
 }
@@ -239,9 +243,11 @@ impl JobInputs {
             load_sources(store, &job.id),
             load_known(store, &job),
         )?;
+        let references = load_references(store, &set, &further_sets).await?;
         Ok(JobInputs {
             job,
             robot,
+            references,
             set,
             further_sets,
             verify_set,
@@ -299,6 +305,24 @@ async fn load_parameter_set(store: &Store, id: &str) -> Result<ParameterSetInput
         further_sets,
         frames,
     })
+}
+
+/// The references that the sets name.
+async fn load_references(
+    store: &Store,
+    set: &MeasurementSetInput,
+    further_sets: &[MeasurementSetInput],
+) -> Result<Vec<NamedDocumentRow>> {
+    let mut references = Vec::new();
+    for set in std::iter::once(set).chain(further_sets) {
+        let reading = set.row.reading_json.as_deref();
+        // a reading that cannot be parsed fails the job when its points are parsed
+        let reading = reading.and_then(|text| serde_json::from_str::<Reading>(text).ok());
+        if let Some(reference) = reading.and_then(|reading| reading.reference) {
+            references.push(named_documents::get(store, &reference.id).await?);
+        }
+    }
+    Ok(references)
 }
 
 /// The uploads of the earlier jobs on which a job's result is based.

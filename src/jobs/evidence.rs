@@ -16,6 +16,7 @@ use crate::store::{
 };
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::parameter_set::ParameterSetContent;
+use crate::wire::report_shape::Evidence;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
 use crate::wire::verification::{Verification, VerificationKind};
 
@@ -228,6 +229,7 @@ fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {
         measurement_set_id: row.measurement_set_id,
         seq: row.seq,
         is_base_hidden,
+        is_evidence: row.found.evidence != Evidence::None,
         verification: Verification {
             evidence: shown_evidence(&row.found, is_base_hidden),
             ..row.found

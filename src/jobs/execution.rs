@@ -5,7 +5,8 @@ use crate::calibration::{
     self, CalibrationReport, CalibrationRequest, Event, ReleasedSet, calibrate,
 };
 use crate::jobs::estimate::{estimate_json, estimate_of_checked};
-use crate::jobs::request::{insisted_on, measured_since, points_of, requests_of};
+use crate::jobs::measured_since::measured_since;
+use crate::jobs::request::{insisted_on, points_of, requests_of};
 use crate::jobs::result_check;
 use crate::jobs::{JobFailure, JobInputs, JobOutcome, ParameterSetInput};
 use crate::release::facts::{evidence_of, identification_facts, session_facts};

@@ -175,7 +175,7 @@ impl Renewal {
         tokio::select! {
             () = sleep(tick) => false,
             () = self.cancellations.next() => true,
-            () = reached(&mut self.drain, ShutdownStage::StopComputing), if !stopping => {
+            () = shutdown_reached(&mut self.drain, ShutdownStage::StopComputing), if !stopping => {
                 self.control.stop(Stop::ShuttingDown);
                 false
             }
@@ -201,8 +201,11 @@ impl Renewal {
     }
 }
 
-/// Resolves when the shutdown has reached this stage.
-pub(super) async fn reached(drain: &mut watch::Receiver<ShutdownStage>, stage: ShutdownStage) {
+/// Resolves when the shutdown has shutdown_reached this stage.
+pub(super) async fn shutdown_reached(
+    drain: &mut watch::Receiver<ShutdownStage>,
+    stage: ShutdownStage,
+) {
     if drain.wait_for(|now| *now >= stage).await.is_err() {
         std::future::pending().await
     }

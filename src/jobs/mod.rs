@@ -11,6 +11,7 @@ pub mod estimate;
 mod evidence;
 pub mod execution;
 mod heartbeat;
+mod measured_since;
 mod pool;
 mod progress;
 pub mod queue;

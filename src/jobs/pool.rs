@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout_at};
 
-use super::heartbeat::{ShutdownStage, reached};
+use super::heartbeat::{ShutdownStage, shutdown_reached};
 use super::run_alone::RunAlone;
 use super::worker::COMPUTATION_STOP_TIMEOUT;
 use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
@@ -85,7 +85,7 @@ impl WorkerPool {
     }
 
     /// Claims no more jobs and lets computations finish. Those that still run shortly before the deadline are stopped, and their jobs go back to
-    /// the queue without counting the attempt. Returns at about the deadline.
+    /// the queue without counting the attempt. Returns at about the deadline at the latest.
     pub async fn shutdown(mut self, deadline: Duration) {
         let deadline = Instant::now() + deadline;
         let stages = [
@@ -133,14 +133,14 @@ async fn work(store: Store, context: WorkerContext) {
                 tokio::select! {
                     () = context.signals.enqueued() => {}
                     () = sleep(POLL_INTERVAL) => {}
-                    () = reached(&mut drain, ShutdownStage::StopClaiming) => {}
+                    () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => {}
                 }
             }
             Err(error) => {
                 tracing::warn!(error = %error.cause(), "no job could be claimed; trying again");
                 let _ = timeout(
                     POLL_INTERVAL,
-                    reached(&mut drain, ShutdownStage::StopClaiming),
+                    shutdown_reached(&mut drain, ShutdownStage::StopClaiming),
                 )
                 .await;
             }
@@ -162,7 +162,7 @@ async fn sweep(
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
-            () = reached(&mut drain, ShutdownStage::StopClaiming) => return,
+            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return,
         }
         if let Err(error) = queue::expire(&store, max_attempts, &signals).await {
             tracing::warn!(error = %error.cause(), "expired leases could not be searched for; trying again");

@@ -129,7 +129,7 @@ pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Re
 /// [`crate::store::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> Result<Expired> {
     let detail = format!(
-        "{max_attempts} attempts to compute this job broke or did not come to an end, or the process that computed it ended {} times while it ran nothing else",
+        "{max_attempts} attempts at this job failed or did not end, or its process died {} times while it ran nothing else: the log has the causes",
         leases::MAX_DEATHS_ALONE
     );
     let problem = problem_json(&Problem::new(500, "attempts_exhausted", detail));

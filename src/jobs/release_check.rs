@@ -34,8 +34,8 @@ pub struct ReleaseRequest {
     pub purpose: Purpose,
 }
 
-/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback three gates only warn:
-/// `improved_on_active`, `change_plausible` and `orientation_known`.
+/// Purpose of a release check. A superseded set that is released again must pass all gates. For a rollback, `improved_on_active`, `change_plausible`
+/// and `orientation_known` only warn; so does `scored_on_later_sessions`, unless that session found a change.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// The set becomes the active one.

@@ -1,14 +1,14 @@
 //! Builds the core's request for a job from the job's stored inputs.
 
+use crate::calibration::reference::InstrumentScale;
 use crate::calibration::request::PreviousSession;
-use crate::calibration::{CalibrationRequest, HeldOut, RepeatedRows};
+use crate::calibration::{CalibrationRequest, HeldOut};
 use crate::jobs::estimate::{as_one, stored_estimate};
 use crate::jobs::{JobFailure, JobInputs, MeasurementSetInput};
-use crate::release::facts::MeasuredSince;
-use crate::store::verifications::KnownUpload;
 use crate::wire::frames::FramesContent;
 use crate::wire::job::{JobParts, JobRequestBody, Kind};
 use crate::wire::measurement::MeasurementSet;
+use crate::wire::reference::ReferenceBody;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::{Invalid, Problem, json, safetensors};
 
@@ -70,10 +70,25 @@ pub(super) fn requests_of(
             JobFailure::failed(&Problem::new(422, invalid.code, invalid.summary()))
         })?;
     request.held_out = held_out(inputs);
+    request.instrument_scale = instrument_scale(inputs)?;
     request.refused_as = insisted_on(inputs).map(str::to_owned);
     let scored = inputs.parameter_set.as_ref();
     request.scored_frame = scored.map(|input| input.set.row.frame);
     Ok((posted, request))
+}
+
+/// The scale of the instrument from the reference that the set names; of several sessions, that with the largest error.
+fn instrument_scale(inputs: &JobInputs) -> Result<Option<InstrumentScale>, JobFailure> {
+    let mut scales = Vec::new();
+    for row in &inputs.references {
+        let body: ReferenceBody =
+            serde_json::from_str(&row.content_json).map_err(JobFailure::broken)?;
+        scales.extend(body.scale());
+    }
+    let of_one_mm = |scale: &InstrumentScale| scale.std_mm(1.0);
+    Ok(scales
+        .into_iter()
+        .max_by(|a, b| of_one_mm(a).total_cmp(&of_one_mm(b))))
 }
 
 /// Errors of the verified parameter set on the points that were held out when it was identified.
@@ -110,56 +125,6 @@ fn previous_session(
         frames: frames.map(|content| (&content).into()),
         estimate,
     })
-}
-
-/// When a job's own points were measured, as far as the robot's other uploads show it: in which upload they appeared first, and whether that was before
-/// the robot's last session that did not fit. The points of a check must repeat no earlier upload at all.
-pub(super) fn measured_since(
-    inputs: &JobInputs,
-    request: &CalibrationRequest,
-) -> Result<MeasuredSince, JobFailure> {
-    let is_check = inputs.job.kind == Kind::Check;
-    let known = &inputs.known;
-    let points = points_of(known.uploads.iter().map(|(_, input)| input), request)?;
-    let mut since = MeasuredSince {
-        check_seq: known.check_seq,
-        is_repeat: known.exceeds_limits && known.check_seq > 0 && !is_check,
-        measured_seq: 0,
-    };
-    let own = inputs.uploads().zip(request.uploads()).zip(&known.own_seq);
-    for ((input, upload), own_seq) in own {
-        let is_own = |upload: &KnownUpload| upload.id == input.row.id;
-        let is_earlier = |upload: &KnownUpload| upload.uploaded_seq < *own_seq;
-        let is_forbidden = |upload: &KnownUpload| match is_check {
-            true => is_earlier(upload) || (is_own(upload) && upload.is_used),
-            false => upload.is_before_check,
-        };
-        let all = known.uploads.iter().zip(&points);
-        let others: Vec<_> = all
-            .clone()
-            .filter(|((known, _), _)| !is_own(known) && (is_earlier(known) || is_forbidden(known)))
-            .collect();
-        let repeated = RepeatedRows::find(
-            &request.robot,
-            others.iter().map(|(_, points)| *points),
-            upload,
-        );
-        let places = |counts: &dyn Fn(&KnownUpload) -> bool| -> Vec<usize> {
-            let places = 0..others.len();
-            places.filter(|place| counts(&others[*place].0.0)).collect()
-        };
-        let itself = all.map(|((known, _), _)| known).find(|known| is_own(known));
-        since.is_repeat |=
-            itself.is_some_and(is_forbidden) || repeated.repeats(places(&is_forbidden));
-        // few points that cannot be compared are still a copy if the bytes are the same
-        let earlier = places(&is_earlier);
-        let mut same_bytes = earlier.iter().copied();
-        let same_bytes = same_bytes.find(|place| others[*place].0.1.row.sha256 == input.row.sha256);
-        let first = repeated.first(earlier).into_iter().chain(same_bytes).min();
-        let measured_seq = first.map_or(*own_seq, |place| others[place].0.0.uploaded_seq);
-        since.measured_seq = since.measured_seq.max(measured_seq);
-    }
-    Ok(since)
 }
 
 /// The points of uploads that were measured on the request's robot.

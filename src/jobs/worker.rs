@@ -8,7 +8,7 @@ use tokio::task::{JoinError, JoinHandle};
 use tokio::time::{Instant, timeout};
 
 use super::compute::problem_json;
-use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, reached};
+use super::heartbeat::{Control, Renewal, RenewedLease, ShutdownStage, Stop, shutdown_reached};
 use super::queue::{self, AttemptEnd};
 use super::run_alone::{Permit, RunAlone};
 use super::{Compute, JobFailure, JobInputs, JobOutcome, JobSignals};
@@ -17,7 +17,7 @@ use crate::store::{Conflict, Error, JobRow, Lease, Result, Store, jobs};
 use crate::wire::Problem;
 
 const UNRESPONSIVE: &str =
-    "a computation takes longer than a job may, and does not stop; its thread is left running";
+    "a computation exceeded its time limit and does not stop; its thread is left running";
 
 /// Settings of a worker.
 #[derive(Clone, Debug)]
@@ -74,7 +74,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
     if run_alone.suspect_is_due() {
         let permit = tokio::select! {
             biased;
-            () = reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
+            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
             permit = run_alone.alone() => permit,
         };
         // Checked again: another worker of this process may have run the suspect meanwhile.
@@ -88,7 +88,7 @@ async fn claim_next(store: &Store, context: &WorkerContext) -> Result<Option<Cla
     }
     let permit = tokio::select! {
         biased;
-        () = reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
+        () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => return Ok(None),
         permit = run_alone.shared() => permit,
     };
     let claimed = claim(store, context, Eligible::Unsuspected, permit).await?;
@@ -218,7 +218,7 @@ impl Attempt<'_> {
             tracing::warn!(job_id = job.id, error = %error.cause(), "the job's inputs could not be read; trying again");
             if timeout(
                 RETRY_AFTER,
-                reached(&mut drain, ShutdownStage::StopComputing),
+                shutdown_reached(&mut drain, ShutdownStage::StopComputing),
             )
             .await
             .is_ok()
@@ -241,7 +241,7 @@ impl Attempt<'_> {
                 self.end(self.ended(result)).await;
                 return None;
             }
-            () = reached(&mut drain, ShutdownStage::Abandon) => AttemptEnd::HandedBack,
+            () = shutdown_reached(&mut drain, ShutdownStage::Abandon) => AttemptEnd::HandedBack,
             () = overdue(self.context.max_duration, control) => AttemptEnd::GaveUp,
             () = cancelled_and_unresponsive(control) => AttemptEnd::Cancelled,
         };
@@ -335,7 +335,7 @@ impl Unresponsive {
         let mut drain = context.drain.subscribe();
         tokio::select! {
             _ = self.thread => {}
-            () = reached(&mut drain, ShutdownStage::StopClaiming) => {}
+            () = shutdown_reached(&mut drain, ShutdownStage::StopClaiming) => {}
             () = tokio::time::sleep(left) => tracing::error!(job_id, "{UNRESPONSIVE}"),
         }
     }

@@ -20,13 +20,13 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Minimum number of points of a verification; fewer are no evidence.
 pub const MIN_VERIFY_POINTS: usize = 5;
 
-/// Fit of an identification whose set describes no robot. Later sessions are not compared with such a set.
-pub const DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff;
+/// Fit of an identification whose set is unusable. Later sessions are not compared with such a set.
+pub const UNUSABLE_FIT: Fit = Fit::SetFarOff;
 
 /// When a job's points were measured, as far as the robot's other uploads show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeasuredSince {
-    /// Number of that session in the robot's counter; 0 if there is none.
+    /// Number of the last session that did not fit, in the robot's counter; 0 if there is none.
     pub check_seq: i64,
     /// Whether the points repeat uploads from before that session ([`crate::calibration::repeats`]), or this could not be decided.
     pub is_repeat: bool,

@@ -18,7 +18,7 @@ use crate::wire::report_shape::{Evidence, SubsetReport};
 use crate::wire::verification::Fit;
 use std::collections::BTreeSet;
 
-/// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's resolution over an arm's reach.
+/// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
 const SAME_MM: f64 = 0.001;
 /// If the active set's errors on new points are more than this many times the candidate's, the robot must have changed.
 const CHANGED: f64 = 3.0;
@@ -57,7 +57,7 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
 }
 
 fn withdrawn(facts: &Facts<'_>) -> Option<Gate> {
-    let detail = "the set was withdrawn, which is for good: identify anew, or release another set";
+    let detail = "the set was withdrawn, which is final: identify again, or release another set";
     facts
         .is_withdrawn
         .then(|| Gate::new("withdrawn", false, detail))
@@ -83,7 +83,7 @@ fn archived(facts: &Facts<'_>) -> Option<Gate> {
 fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
     let id = facts.withdrawn_source?;
     let detail = format!(
-        "the set holds values of {id}, or has the same values, and {id} was withdrawn: another session has to show that this one is right"
+        "the set holds or repeats values of {id}, which was withdrawn: another session must show that this set is right"
     );
     let is_shown = facts.evidence() == Evidence::IndependentSession;
     Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
@@ -129,7 +129,7 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
         .any(|session| supports(&session.verification))
     {
         true => Gate::new(name, true, "see the sessions"),
-        false => Gate::new(name, false, "without verify points nobody knows"),
+        false => Gate::new(name, false, "there are no verify points"),
     }
 }
 
@@ -177,8 +177,8 @@ fn final_fit(facts: &Facts<'_>) -> Gate {
     };
     let (moved_mm, n) = (last.moved_mm, last.n_points);
     let detail = format!(
-        "fitted to all {n} points, the parameters move the tool by {moved_mm:.4} mm on average over the workspace from the fit that was verified, whose \
-         error is {verified_mm:.4} mm rms"
+        "the final fit to all {n} points moves the tool by {moved_mm:.4} mm on average over the workspace; the error of the verified fit is \
+         {verified_mm:.4} mm rms"
     );
     match moved_mm <= MAX_MOVED * verified_mm + SAME_MM {
         true => Gate::new(name, true, detail),
@@ -207,7 +207,7 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
         .chain(frame)
         .chain(content.targets.iter().flat_map(|t| t.position_mm))
         .all(f64::is_finite);
-    Gate::new("all_finite", finite, "every number is finite")
+    Gate::new("all_finite", finite, "every number must be finite")
 }
 
 /// Refuses a set whose upload was accepted with `insist`. The schema's triggers enforce this too.
@@ -216,7 +216,7 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
     let mut warnings = facts.report.warnings.iter();
     let own = warnings.find(|warning| warning.code == INSISTED);
     match (own, facts.insisted_source) {
-        (None, None) => Gate::new(name, true, "no upload that it rests on was insisted on"),
+        (None, None) => Gate::new(name, true, "none of its uploads was accepted with insist"),
         (Some(warning), _) => Gate::new(
             name,
             false,
@@ -226,7 +226,7 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "an upload that its held values or its residual network rest on was insisted on ({code}): identify all parameters, without that network"
+                "its held values or residual network use an upload accepted with insist ({code}): identify all parameters, without that network"
             ),
         ),
     }
@@ -246,7 +246,7 @@ fn fits(facts: &Facts<'_>) -> Gate {
         Fit::SetFarOff => Gate::new(
             "fits",
             false,
-            "the identified robot does not fit the points of its job, or fits them for a wrong reason: its report's warnings say which, and why",
+            "the identified robot does not fit the points of its job, or fits them for a wrong reason: see the warnings of its report",
         ),
     }
 }
@@ -302,7 +302,7 @@ fn evidence(facts: &Facts<'_>) -> Gate {
         Evidence::SameUpload => {
             "same_upload: only points of the same upload were held out; a wrong base, tool or scale would not show. Measure another session, and post a job of kind verify"
         }
-        Evidence::None => "none: nothing was held out",
+        Evidence::None => "none: no held-out points count as evidence",
     };
     let passed =
         !facts.policy.independent_session_required || evidence == Evidence::IndependentSession;
@@ -334,8 +334,8 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
         |session: &&Session| session.verification.is_worse && facts.times_worse(session).is_none();
     if let Some(session) = fitting.clone().find(misses) {
         limits += &format!(
-            ". The set misses the session of job {} by several times what a robot leaves that is fitted to that session alone ({}). Unless the policy's \
-             tolerance_mm allows it, that session supports nothing: identify anew, with all parameters",
+            ". On the session of job {} the set's errors are several times those of a robot fitted to that session alone ({}). Unless the policy's \
+             tolerance_mm allows it, that session is no evidence: identify again, with all parameters",
             session.job_id,
             errors_in_words(&session.verification)
         );

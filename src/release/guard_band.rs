@@ -28,7 +28,7 @@ const BELOW: f64 = 0.975;
 const COVERAGE: f64 = 1.959_963_984_540_054;
 /// Largest number of independent equations of a configuration.
 const PER_CONFIGURATION: f64 = 3.0;
-/// Minimum number of degrees of freedom for which an uncertainty is stated.
+/// Lower bound of the degrees of freedom. No uncertainty is stated if all equations together give fewer.
 const LEAST_FREEDOM: f64 = 1.0;
 
 /// The decision rule in force. A robot without a policy has the default. A policy without a rule was stored by an older version, which compared the

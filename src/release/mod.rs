@@ -29,9 +29,9 @@ pub use gate_facts::{ArchivedItem, Facts, LastCheck};
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use same_values::has_same_values;
 pub use sessions::{Session, UnscoredSession, has_changed};
-pub use suspicions::{KeptMisfit, keep_misfit};
+pub use suspicions::{AcceptedMisfit, accept_misfit};
 pub use trend::{ScoredJob, ScoredSession, may_have_trend, scored_sessions, trend};
 pub use verdict::{
-    NO_USE, headline, insisted_warning, is_usable, refused_as, unusable_because, why_no_evidence,
-    why_same_upload,
+    UNUSABLE_WARNINGS, headline, insisted_warning, is_usable, refused_as, unusable_because,
+    why_no_evidence, why_same_upload,
 };

@@ -54,8 +54,8 @@ pub fn orientation_unknown(provenance: &Provenance, n_links: usize) -> Option<St
             format!("the uncertainty of the flange's rotation could not be computed: {remedy}")
         }
         Orientation::NotComputedByOlderVersion => format!(
-            "the measured positions hardly show how the flange is turned, and by how much it may be off was not computed by the version \
-             that identified this set: identify it again, or {remedy}"
+            "the measured positions hardly show how the flange is turned, and the version that identified this set did not compute its \
+             uncertainty: identify it again, or {remedy}"
         ),
     })
 }

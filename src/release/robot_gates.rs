@@ -48,7 +48,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
             ),
         ),
         None if facts.content.links.len() != facts.robot.links.len() => {
-            Gate::new("identity", false, "another number of links")
+            Gate::new("identity", false, "the set has another number of links")
         }
         None => match (facts.serial_number, facts.stated_serial_number) {
             (Some(_), Some(stated)) => Gate::new(
@@ -109,7 +109,7 @@ pub fn change(facts: &Facts<'_>) -> Gate {
         .warned(true),
         None => {
             let detail = format!(
-                "{found}: a wrong tool, another robot? If it is right, say why in change_reason"
+                "{found}: check the tool and the robot. If the change is right, say why in change_reason"
             );
             Gate::new("change_plausible", false, detail)
         }
@@ -133,8 +133,8 @@ fn unknown_because(orientation: Orientation) -> Option<String> {
             Some("the uncertainty of the flange's rotation could not be computed".into())
         }
         Orientation::NotComputedByOlderVersion => Some(
-            "the measured positions hardly show how the flange is turned, and by how much it may be was not computed by the version that identified \
-             this set"
+            "the measured positions hardly show how the flange is turned, and the version that identified this set did not compute its \
+             uncertainty"
                 .into(),
         ),
         Orientation::NotShown { links_std_deg, .. } => Some(not_shown(links_std_deg)),

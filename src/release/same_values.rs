@@ -1,4 +1,4 @@
-//! Whether two parameter sets say the same.
+//! Whether two parameter sets have equal values.
 
 use serde_json::Value;
 

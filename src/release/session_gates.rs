@@ -15,8 +15,9 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "the file of job {job_id} does not fit this robot as the parameter set has it: was it in another frame, has the robot changed, or is \
-                 that set bad? Look at the robot, then score a set that fits on this or on a new session: {}, or state why the robot is in order: {CHECKED}",
+                "the file of job {job_id} does not fit this robot and its parameter set: is the file in another frame, has the robot changed, \
+                 or is that set wrong? Check the robot, then score a set that fits on this or a new session: {}, \
+                 or state why the robot is in order: {CHECKED}",
                 verify_request(facts)
             ),
         ),
@@ -28,7 +29,7 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
 pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
     let name = "measured_since_check";
     let Some(LastCheck { seq, job_id }) = facts.last_check else {
-        return Gate::new(name, true, "no session did not fit the robot");
+        return Gate::new(name, true, "every session fitted the robot");
     };
     if *seq <= facts.checked_seq {
         let detail = "somebody has said why a session did not fit the robot";
@@ -57,8 +58,8 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "the set was identified from points of before the file of job {job_id} did not fit the robot, and no session since shows that it \
-                 still holds: measure one, and score it: {}, or say why the set still holds: {CHECKED}",
+                "the points of this set are older than the file of job {job_id}, which did not fit the robot, and no later session shows \
+                 that the set still holds: measure one and score it: {}, or say why the set still holds: {CHECKED}",
                 verify_request(facts)
             ),
         ),
@@ -84,7 +85,8 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "in the session of job {} rms on its points: {}; when the set was identified: {}. Identify anew, or state why the robot is in order: {CHECKED}",
+                "the set does not fit the session of job {}: rms {}; when it was identified: {}. Identify again, \
+                 or state why the robot is in order: {CHECKED}",
                 session.job_id,
                 errors_in_words(&session.verification),
                 errors_in_words(facts.identification)
@@ -125,16 +127,16 @@ pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
     let n = facts.counted_sessions().count();
     match facts
         .counted_sessions()
-        .find(|session| session.is_evidence() && !session.verification.is_better)
+        .find(|session| session.is_evidence && !session.verification.is_better)
     {
         Some(session) => {
             let detail = format!(
-                "job {} scored the set on another session: {}; it is no better than nominal, so it is {}",
+                "job {} scored the set on another session: {}; the set is no better than nominal there. It is {}",
                 session.job_id,
                 errors_in_words(&session.verification),
                 match session.verification.fit {
                     Fit::SetFarOff =>
-                        "not released until somebody has said why and it has fitted a later session",
+                        "not released until somebody gives a reason and it fits a later session",
                     _ => "never released",
                 }
             );
@@ -152,7 +154,7 @@ pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
             name,
             true,
             format!(
-                "{}, none of them evidence that it is no better than nominal",
+                "{}, none of them shows that the set is no better than nominal",
                 sessions(n)
             ),
         ),

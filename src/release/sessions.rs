@@ -16,6 +16,9 @@ pub struct Session {
     pub seq: i64,
     /// Whether the set's base was placed anew in the session, so that a wrong base would not show.
     pub is_base_hidden: bool,
+    /// Whether the session is evidence against the set. A session with few points, or one whose upload was refused and insisted on, is none. A session
+    /// that hides the base is, although it cannot support the set.
+    pub is_evidence: bool,
     /// Its verification facts.
     pub verification: Verification,
 }
@@ -52,12 +55,6 @@ pub fn supports(session: &Verification) -> bool {
 }
 
 impl Session {
-    /// Whether the session is evidence about the set, for it or against it. A session with few points, or one whose upload was refused and insisted on,
-    /// is none. A session that hides the base cannot support the set, but it can speak against it.
-    pub fn is_evidence(&self) -> bool {
-        self.is_base_hidden || self.verification.evidence != Evidence::None
-    }
-
     /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
     pub fn supports_since(&self, seq: i64) -> bool {
         self.seq > seq && supports(&self.verification) && !self.verification.is_repeat

@@ -6,7 +6,7 @@ use crate::wire::warning::Warning;
 
 /// An upload that does not fit, and is kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct KeptMisfit {
+pub struct AcceptedMisfit {
     /// The warning that the set keeps.
     pub warning: Warning,
     /// Code of the refusal that the caller overrode with `insist`, if there was one. Such a set cannot lead to a release.
@@ -17,17 +17,17 @@ pub struct KeptMisfit {
 ///
 /// # Errors
 /// The suspicion for which the upload is refused.
-pub fn keep_misfit(
+pub fn accept_misfit(
     explanation: Explanation,
     insist: Option<Insist>,
-) -> Result<KeptMisfit, Box<Suspicion>> {
+) -> Result<AcceptedMisfit, Box<Suspicion>> {
     let warning = |code: &str, detail: String| Warning {
         code: code.into(),
         detail,
         rows: Vec::new(),
     };
     match explanation {
-        Explanation::Warning { code, detail } => Ok(KeptMisfit {
+        Explanation::Warning { code, detail } => Ok(AcceptedMisfit {
             warning: warning(code, detail),
             insisted_on: None,
         }),
@@ -38,7 +38,7 @@ pub fn keep_misfit(
                 "{}. It was kept because the uploader insisted; no release rests on it",
                 suspicion.detail
             );
-            Ok(KeptMisfit {
+            Ok(AcceptedMisfit {
                 warning: warning(suspicion.code, detail),
                 insisted_on: insist,
             })

@@ -68,7 +68,7 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
         found,
     };
     let sessions = facts.counted_sessions().map(|session| {
-        let rule = match session.is_evidence() {
+        let rule = match session.is_evidence {
             true => rule,
             false => DecisionRule::SimpleAcceptance,
         };
@@ -98,7 +98,7 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "no points were verified on, and the tolerance is {tolerance} mm ({})",
+                "there are no verify points, and the tolerance is {tolerance} mm ({})",
                 rule.as_str()
             ),
         );
@@ -142,8 +142,8 @@ fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64) -> String {
             figure.found.n_points
         ),
         Within::Unknown => format!(
-            "{said}. There are fewer than {FEWEST_CONFIGURATIONS} configurations, or fitting base and targets leaves too few degrees of freedom, or an older version \
-             found this: verify on more configurations, and identify anew what an older version identified; or set decision_rule simple_acceptance"
+            "{said}. There are too few configurations or degrees of freedom, or an older version did not compute the uncertainty: verify on more \
+             configurations, identify again a set of an older version, or set decision_rule simple_acceptance"
         ),
     }
 }

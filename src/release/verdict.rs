@@ -13,7 +13,7 @@ use crate::wire::warning::Warning;
 pub const WRONG_ROBOT: [&str; 3] = [MODEL_TOO_SMALL, NO_FIT, JOINT_MAP];
 
 /// Warnings with which a result cannot be used. If a report has several, the first in this order counts.
-pub const NO_USE: [&str; 6] = {
+pub const UNUSABLE_WARNINGS: [&str; 6] = {
     let [model_too_small, no_fit, joint_map] = WRONG_ROBOT;
     [
         model_too_small,
@@ -49,7 +49,9 @@ pub fn has_warning(report: &Report, code: &str) -> bool {
 
 /// Code of the warning because of which the result cannot be used, if there is one.
 pub fn unusable_because(report: &Report) -> Option<&'static str> {
-    NO_USE.into_iter().find(|code| has_warning(report, code))
+    UNUSABLE_WARNINGS
+        .into_iter()
+        .find(|code| has_warning(report, code))
 }
 
 /// Code of the suspicion that somebody overrode, if the report's upload was insisted on.
@@ -75,7 +77,7 @@ pub fn headline(report: &Report) -> Option<&'static str> {
 /// Whether a result can be used: it fits, and is better than nominal. Only then are its estimate and its networks stored.
 pub fn is_usable(core: &CalibrationReport) -> bool {
     let mut warnings = core.warnings.iter();
-    warnings.all(|warning| !NO_USE.contains(&warning.code))
+    warnings.all(|warning| !UNUSABLE_WARNINGS.contains(&warning.code))
 }
 
 /// Reason why the verification counts as evidence of the same upload only.
@@ -83,7 +85,7 @@ pub fn why_same_upload(report: &Report) -> &'static str {
     if report.identify.n_points == 0 {
         "these poses repeat those that the set was identified from, and nothing in their noise shows that they were measured anew: measure other poses"
     } else if has_warning(report, BASE_NOT_CHECKED) {
-        "another upload was scored with its base placed anew; a wrong base would not show, as if points of the same upload had been held out"
+        "the base was fitted again to the scored upload, so a wrong base would not show"
     } else {
         "checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show"
     }
@@ -92,7 +94,7 @@ pub fn why_same_upload(report: &Report) -> &'static str {
 /// Reason why the verification is no evidence.
 pub fn why_no_evidence(report: &Report) -> &'static str {
     if report.verify.is_none_or(|verify| verify.n_points == 0) {
-        "no point was held out, these errors are those of the fit itself"
+        "no point was held out: these are the errors of the fitted points"
     } else if has_warning(report, DOES_NOT_FIT) {
         "this file does not fit this robot"
     } else if has_warning(report, CHECK_CHANGED) {
@@ -100,7 +102,7 @@ pub fn why_no_evidence(report: &Report) -> &'static str {
     } else if has_warning(report, CHECK_CANNOT_TELL) {
         "these poses cannot tell whether the set still holds"
     } else if report.check.is_some() {
-        "a quick check can speak against a set, and is no evidence for a release"
+        "a quick check can be evidence against a set, never for a release"
     } else if has_warning(report, NO_FIT) {
         "the identified robot does not fit the points"
     } else if has_warning(report, TOO_MANY_OUTLIERS) {
@@ -112,6 +114,6 @@ pub fn why_no_evidence(report: &Report) -> &'static str {
     } else if has_warning(report, BASE_NOT_CHECKED) {
         "a wrong base would not show in these points"
     } else {
-        "so few configurations prove nothing"
+        "there are too few configurations"
     }
 }

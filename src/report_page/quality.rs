@@ -5,6 +5,7 @@ use super::Sources;
 use super::text::{error, number};
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::Frame;
+use crate::wire::reference::ReferenceReport;
 use crate::wire::robot::{MountingBody, NamedMounting};
 use maud::{Markup, html};
 
@@ -17,6 +18,7 @@ pub fn statement(sources: &Sources<'_>) -> Markup {
                 div { dt { "Quantity" } dd { (quantity(sources)) } }
                 div { dt { "Frame" } dd { (frame(sources)) } }
                 @if let Some(stated) = &sources.set.instrument { div { dt { "Instrument, as stated" } dd { (instrument(stated)) } } }
+                @if let Some(found) = &sources.report.reference { div { dt { "Instrument, by its reference" } dd { (reference(found)) } } }
                 div { dt { "Tool" } dd { (tool(sources)) } }
                 div { dt { "Points" } dd { (points(sources)) } }
                 div { dt { "Tolerance" } dd { (tolerance(sources)) } }
@@ -43,6 +45,13 @@ fn frame(sources: &Sources<'_>) -> &'static str {
             "the instrument's frame; the base was found with the parameters, so its placement is not part of the figures"
         }
     }
+}
+
+fn reference(found: &ReferenceReport) -> String {
+    format!(
+        "lengths {:+.1} ppm, standard uncertainty {:.1} ppm: {:.4} mm at the arm's reach, part of the uncertainty of the tool; positions are not corrected for it",
+        found.scale_error_ppm, found.scale_std_ppm, found.at_reach_std_mm
+    )
 }
 
 fn instrument(stated: &InstrumentBody) -> String {

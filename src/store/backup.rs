@@ -34,7 +34,7 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     {
         return Err(Error::Open {
             detail: format!(
-                "the directory {} is not empty: a backup is never written over another",
+                "the directory {} is not empty: choose a new or empty one",
                 directory.display()
             ),
         });

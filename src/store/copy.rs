@@ -232,7 +232,7 @@ async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Res
             other => {
                 return Err(Error::Open {
                     detail: format!(
-                        "column {table}.{name} is of type {other}, which is not copied yet"
+                        "column {table}.{name} is of type {other}, which copy-store does not support"
                     ),
                 });
             }

@@ -71,7 +71,7 @@ impl Store {
     /// # Errors
     /// [`Error::Database`].
     pub async fn begin(&self) -> Result<Tx> {
-        self.is_in_place()?;
+        self.require_data_dir()?;
         let mut write = Write::begin(&self.inner.writes);
         let begun = self.begin_to_write().await;
         write.record(&begun);
@@ -110,7 +110,7 @@ impl Store {
 
     /// Fails if the data directory was removed or replaced. Writes to removed files would succeed, but the data would be lost when the files are
     /// closed.
-    fn is_in_place(&self) -> Result<()> {
+    fn require_data_dir(&self) -> Result<()> {
         let (Some(data_dir), Some(held)) = (&self.inner.data_dir, &self.inner.lock_file) else {
             return Ok(());
         };
@@ -142,7 +142,7 @@ impl Store {
     /// # Errors
     /// [`Error::Database`].
     pub async fn now_ms(&self) -> Result<i64> {
-        self.is_in_place()?;
+        self.require_data_dir()?;
         Ok(sqlx::query_scalar(NOW).fetch_one(self.readers()).await?)
     }
 

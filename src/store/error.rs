@@ -103,7 +103,7 @@ impl Error {
         match self {
             Error::Database(error) => reason(error),
             Error::LowDiskSpace { .. } => "its disk is nearly full",
-            _ => "it does not do what it should",
+            _ => "it reported an unexpected error",
         }
     }
 
@@ -142,7 +142,7 @@ fn reason(error: &sqlx::Error) -> &'static str {
             .code()
             .and_then(|code| reason_of_code(&code))
             .unwrap_or("it reports a fault"),
-        _ => "it does not do what it should",
+        _ => "it reported an unexpected error",
     }
 }
 
@@ -152,15 +152,15 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
     if code.len() == 5 {
         let classes = [
             ("08", "the connection to it failed"),
-            ("55P03", "somebody else locks it"),
+            ("55P03", "another connection locks it"),
             (
                 "25P03",
                 "it ended a transaction that this server had left idle",
             ),
             ("53", "it is out of connections, memory or disk"),
             ("57P", "it is shutting down or starting"),
-            ("40", "others write the same rows"),
-            ("3D", "it is not there"),
+            ("40", "another transaction writes the same rows"),
+            ("3D", "it does not exist"),
         ];
         return classes
             .into_iter()
@@ -170,7 +170,7 @@ fn reason_of_code(code: &str) -> Option<&'static str> {
     Some(match code.parse::<u32>().ok()? & 0xff {
         5 | 6 => "another program locks it",
         8 => "its disk is read-only",
-        10 => "its disk does not read or write",
+        10 => "its disk has an I/O error",
         13 => "its disk is full",
         14 => "its file cannot be opened",
         _ => return None,

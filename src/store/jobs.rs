@@ -34,7 +34,7 @@ pub struct JobRow {
     pub residual_network_input_id: Option<String>,
     /// The parameter set to start from or to verify, chosen when the job was posted.
     pub parameter_set_input_id: Option<String>,
-    /// `identify` or `verify`.
+    /// `identify`, `verify` or `check`.
     pub kind: Kind,
     /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
     pub method: String,
@@ -125,7 +125,7 @@ pub struct NewJob {
     pub parameter_set_input_id: Option<String>,
     /// Whether the job holds parameters at the values of that set. The result then depends on the sources of that set.
     pub holds_parameter_set: bool,
-    /// `identify` or `verify`.
+    /// `identify`, `verify` or `check`.
     pub kind: Kind,
     /// The requested method.
     pub method: Method,

@@ -112,7 +112,7 @@ macro_rules! expired {
 
 /// SQL: 1 if the lease expired because the process died, froze or lost its connection; 0 if the worker gave up, because [`GIVE_UP`] sets
 /// `lease_until_ms` to 0.
-macro_rules! died {
+macro_rules! died_now {
     () => {
         "(case when lease_until_ms > 0 then 1 else 0 end)"
     };
@@ -121,9 +121,9 @@ macro_rules! died {
 /// SQL: number of attempts that count against the limit. These are the attempts that the job itself ended, by a panic or by taking too long.
 /// `attempt` also counts the attempts during which a process died, because a frozen worker may resume and must not hold a valid fencing token. So the
 /// deaths are subtracted.
-macro_rules! spent {
+macro_rules! counted_attempts {
     () => {
-        concat!("(attempt - deaths - ", died!(), ")")
+        concat!("(attempt - deaths - ", died_now!(), ")")
     };
 }
 
@@ -204,19 +204,30 @@ const EXPIRE_CANCELLED: &str = expired!(
 const EXPIRE_FAILED: &str = expired!(
     concat!(
         "update job set status = 'failed', error_json = $2, deaths = deaths + ",
-        died!(),
+        died_now!(),
         ", lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
     ),
-    concat!("(", spent!(), " >= $1 or deaths + ", died!(), " > $3)")
+    concat!(
+        "(",
+        counted_attempts!(),
+        " >= $1 or deaths + ",
+        died_now!(),
+        " > $3)"
+    )
 );
 
 const EXPIRE_QUEUED: &str = expired!(
     concat!(
         "update job set status = 'queued', deaths = deaths + ",
-        died!(),
+        died_now!(),
         ", owner = null, lease_until_ms = null, started_at_ms = null, progress_json = null"
     ),
-    concat!(spent!(), " < $1 and deaths + ", died!(), " <= $2")
+    concat!(
+        counted_attempts!(),
+        " < $1 and deaths + ",
+        died_now!(),
+        " <= $2"
+    )
 );
 
 // Expires the leases of dead workers. The lease is set to 1, because 0 means that the worker gave up.

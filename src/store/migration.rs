@@ -49,7 +49,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     step!(19, "0019", "named_documents"),
     step!(20, "0020", "sessions"),
     step!(21, "0021", "job_sources"),
-    step!(22, "0022", "measured_seq"),
+    step!(22, "0022", "age_and_references"),
 ];
 
 /// Version of the migration that rewrites the job table on SQLite, so that reports are the last columns.
@@ -85,8 +85,8 @@ async fn check_space_for_rewrite(store: &Store) -> Result<()> {
         let (needed_mib, free_mib) = (needed_bytes >> 20, free_bytes >> 20);
         return Err(Error::Open {
             detail: format!(
-                "the jobs in the database are to be laid out anew, which needs {needed_mib} MiB free on the disk of the data directory, and there are \
-                 {free_mib}; nothing was changed: make room and start again"
+                "the migration of the job table needs {needed_mib} MiB of free disk space in the data directory, and there are {free_mib}; \
+                 nothing was changed: free disk space and start again"
             ),
         });
     }

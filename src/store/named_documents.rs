@@ -1,5 +1,5 @@
-//! Named documents of a robot: column mappings of its files, work frames and tools. A stored document never changes. A new version under the same
-//! name replaces it.
+//! Named documents of a robot: column mappings of its files, work frames, tools, and references of its instruments. A stored document never changes. A
+//! new version under the same name replaces it.
 
 use crate::wire::names;
 use serde_json::{Value, json};
@@ -20,14 +20,16 @@ pub enum NamedDocumentKind {
     WorkFrame,
     /// A tool: the pose of its tool centre point.
     Tool,
+    /// A reference: lengths with a certificate that the instrument measured.
+    Reference,
 }
 
-names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool" });
+names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool", Reference = "reference" });
 
 /// One version of a document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedDocumentRow {
-    /// `doc_…`; `col_…` for column mappings.
+    /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
     pub id: String,
     /// Its robot.
     pub robot_id: String,
@@ -62,7 +64,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, NEWEST, BY_ID];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, NEWEST, GET, BY_ID];
 
 // The caller has locked the robot's row, so the version numbers have no gaps and no duplicates.
 const INSERT: &str = concat!(
@@ -79,6 +81,8 @@ const NEWEST: &str = concat!(
     columns!(),
     " from named_document where robot_id = $1 and kind = $2 and name = $3 order by version desc limit 1"
 );
+
+const GET: &str = concat!("select ", columns!(), " from named_document where id = $1");
 
 pub(super) const LIST: ListQueries = list_queries!(
     columns!(),
@@ -163,6 +167,7 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
     let prefix = match new.kind {
         NamedDocumentKind::Columns => "col",
         NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => "doc",
+        NamedDocumentKind::Reference => "ref",
     };
     tx.require_disk_space()?;
     robots::lock(tx, new.robot_id).await?;
@@ -197,6 +202,21 @@ pub async fn newest(
         .bind(robot_id)
         .bind(kind.as_str())
         .bind(name)
+        .fetch_one(store.readers())
+        .await?)
+}
+
+/// The version with this id.
+///
+/// # Errors
+/// [`super::Error::NotFound`], [`super::Error::Database`].
+pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
+    // PostgreSQL cannot compare text with a NUL character, so no document has such an id.
+    if id.contains('\0') {
+        return Err(super::Error::NotFound);
+    }
+    Ok(sqlx::query_as(GET)
+        .bind(id)
         .fetch_one(store.readers())
         .await?)
 }

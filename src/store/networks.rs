@@ -270,7 +270,7 @@ pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
         .await?)
 }
 
-/// The robot's newest networks of this model and preset, newest first, at most `limit`.
+/// The robot's usable networks of this model and preset, newest first, at most `limit`.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -290,8 +290,8 @@ pub async fn newest(
         .await?)
 }
 
-/// The robot's newest residual networks, newest first, at most `limit`. Leaves out networks that were
-/// trained on the upload with this hash.
+/// The robot's usable residual networks, newest first, at most `limit`. Leaves out networks trained on the upload with this hash, on an upload
+/// accepted with `insist`, or for a withdrawn set.
 ///
 /// # Errors
 /// [`super::Error::Database`].

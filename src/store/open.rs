@@ -51,7 +51,7 @@ const PRIVATE_DIR: u32 = 0o700;
 /// Permissions of the files in it.
 const PRIVATE_FILE: u32 = 0o600;
 /// Mask of the permissions of the group and of others.
-const OTHERS: u32 = 0o077;
+const GROUP_AND_OTHERS_MASK: u32 = 0o077;
 /// Oldest accepted SQLite version. Older versions can corrupt a database in WAL mode.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 /// Number of connections that read. SQLite's readers do not wait for each other; more connections would only cost memory.
@@ -65,7 +65,7 @@ const POSTGRES_WRITERS: u32 = 8;
 /// - `lock_timeout`: longest wait for one lock. Then the request fails, and the client tries again. A write to a row may wait for two locks, the
 ///   row's queue and the row itself, which makes 4 s in total.
 /// - `idle_in_transaction_session_timeout`: longest time for which the transaction of a frozen node keeps its locks. It must be longer than 4 s. When
-///   this transaction ends, the frozen node's other requests for the same row have then already failed, so none of them holds the row for another 5
+///   this transaction ends, the frozen node's other requests for the same row have already failed, so none of them holds the row for another 5
 ///   s. The worst case is 9 s: one of them gets the row from another node just before its 4 s are over, and holds it for 5 s. The time for receiving
 ///   data counts as idle, so the network must transfer the largest upload, 32 MiB, within 5 s.
 /// - TCP: detects a node that does not read its answer (8 s), or whose machine does not respond (5 s and three probes 1 s apart).
@@ -338,7 +338,7 @@ pub(super) fn make_private_file(file: &Path) -> std::io::Result<()> {
 /// Removes the permissions of other users from a data directory that an older version created. This works only if the process owns the directory.
 fn make_private(data_dir: &Path) {
     let mode = std::fs::metadata(data_dir).map_or(0, |data| data.permissions().mode());
-    if mode & OTHERS == 0 {
+    if mode & GROUP_AND_OTHERS_MASK == 0 {
         return;
     }
     let (directory, before) = (data_dir.display(), format!("{:04o}", mode & 0o7777));

@@ -78,6 +78,6 @@ async fn stuck_sqlite_writers(store: &Store) -> Option<Stuck> {
     }
     writes.stuck_for().map(|duration| Stuck {
         duration,
-        reason: "another program locks the database, or its disk does not write",
+        reason: "another program locks the database, or its disk has an error",
     })
 }

@@ -86,10 +86,10 @@ pub struct KnownUpload {
 
 from_row!(KnownUpload { id, n_points, uploaded_seq } flags { is_before_check, is_used });
 
-/// A later session: another parameter set was identified from it, and this parameter set was not scored on it.
+/// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LaterSession {
-    /// The job that identified the other set.
+    /// The job that identified or scored the other set.
     pub job_id: String,
     /// The session's upload.
     pub measurement_set_id: String,
@@ -142,7 +142,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     OF_SET,
     COUNT,
     LATER_SESSIONS,
-    N_UNKNOWN,
+    N_WITHOUT_FACTS,
     KNOWN_UPLOADS,
     CHECK,
     CHECK_OF_JOB,
@@ -170,10 +170,10 @@ const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v
 // Counts the facts of the whole robot, because a later session of another set matters as well.
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
 
-// Sessions whose points were uploaded after those of the set: another set was identified from them, or was scored on them. What decides is the order of
-// the uploads in the audit chain, not when the jobs ran: an old upload that is identified again is as old as it was, and the same bytes uploaded again are
-// as old as they were first. The set's own points are as old as what they copy (`measured_seq`). A later session is as old as its upload, because a
-// copy that cannot be told from a new measurement may block a release. Uploads without an entry are older than the chain; among these, and for the
+// Sessions whose points were uploaded after those of the set, and from which another set was identified or on which one was scored. The order is that
+// of the uploads in the audit chain; the times of jobs do not matter. The same bytes uploaded again count as old as their first upload. If the set's
+// own points are a copy, they count as old as the original (`measured_seq`). A later session counts as old as its upload, because a possible copy may
+// block a release. Uploads without an entry are older than the chain; among these, and for the
 // same upload, the order of the jobs decides. Jobs that repeat uploads from before a session that did not fit are left out, because they show nothing
 // new. A job with several sessions is not left out, because one repeated session must not hide the others.
 const LATER_SESSIONS: &str = "
@@ -199,7 +199,7 @@ const LATER_SESSIONS: &str = "
     order by v.seq, v.measurement_set_id limit cast($4 as bigint)";
 
 // Counts jobs that an older version of kincal ended and that have no facts yet.
-const N_UNKNOWN: &str = "
+const N_WITHOUT_FACTS: &str = "
     select count(*) from job j where j.status = 'succeeded'
         and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
@@ -339,8 +339,8 @@ pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
         .await?)
 }
 
-/// Sessions from which other parameter sets of the robot were identified after this one, and on which this one was not scored. At most `limit`, in
-/// order.
+/// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one. At
+/// most `limit`, in order.
 ///
 /// # Errors
 /// [`super::Error::Database`].
@@ -366,7 +366,7 @@ pub async fn later_sessions(
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(N_UNKNOWN)
+    Ok(sqlx::query_scalar(N_WITHOUT_FACTS)
         .bind(parameter_set_id)
         .fetch_one(store.readers())
         .await?)
@@ -410,8 +410,8 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
         .await?)
 }
 
-/// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` says that the
-/// job scores a parameter set and does not identify one.
+/// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` is true for
+/// a job of kind `verify`.
 ///
 /// # Errors
 /// [`super::Error::Database`].

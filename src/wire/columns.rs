@@ -222,7 +222,7 @@ struct Reader {
 
 impl Reader {
     fn wrong(&mut self, pointer: &str, expected: &str) {
-        let detail = format!("here belongs {expected}");
+        let detail = format!("expected {expected}");
         self.checker.note(pointer, "invalid_columns", detail);
     }
 
@@ -279,8 +279,8 @@ impl Reader {
                 },
                 _ if !is_meaning(name) => {
                     let detail = format!(
-                        "{name:?} is no meaning of a column: q1_deg … (or _rad), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or decimal, \
-                         separator, header_row, comments, ignore, sheet, joint_unit, position_unit, robot, instrument, join",
+                        "unknown key {name:?}; known are q1_deg … (or _rad), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or \
+                         decimal, separator, header_row, comments, ignore, sheet, joint_unit, position_unit, robot, instrument, join",
                         PLAIN.join(", ")
                     );
                     self.checker.note(&pointer, "unknown_meaning", detail);

@@ -135,9 +135,9 @@ pub struct CompensateAnswer {
     #[serde(default)]
     pub left_out: LeftOut,
     /// Warnings. `pose_not_seen`: the measured positions do not determine the flange's pose completely, and this tool or mode depends on the part
-    /// that is not determined. `reflector_length`: the model holds the reflector at the flange, so an error of d of the last link cannot be told
-    /// from a reflector that is ahead of the flange. `far_from_q_near`: in the Cartesian targets `rows` (0-based), the nearest posture that was found
-    /// has a joint more than 90° from `q_near_deg`.
+    /// that is not determined. `reflector_length`: the model assumes the reflector at the flange, so an error of d of the last link looks like a
+    /// reflector in front of the flange. `far_from_q_near`: in the Cartesian targets `rows` (0-based), the nearest posture that was found has a joint
+    /// more than 90° from `q_near_deg`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
@@ -146,7 +146,7 @@ pub struct CompensateAnswer {
 ///
 /// With `base: robot` these are all errors of link 1 (also a wrong mastering of joint 1), and `theta_offset` and `d` of the last link. With `base:
 /// measured` the base is corrected, and the values of the base are 0. For the last link, `theta_offset` is not corrected; `d` is not corrected if it
-/// changed by more than three usual errors of a link: it then contains the length of a tool.
+/// changed by more than three times the usual error of a link: it then contains a tool's length.
 ///
 /// Corrected targets are exact in a base frame and on a flange that have moved by these values. So measure the work object and the tool with this
 /// robot, or add these values to them. All values are 0 if the set was identified in the frame of an instrument, because such a set cannot determine
@@ -235,7 +235,7 @@ impl CompensateBody {
             .take(MAX_TARGETS_PER_REQUEST)
             .enumerate()
         {
-            target.note_faults(&mut checker, i, n_joints, self.mode);
+            target.check_into(&mut checker, i, n_joints, self.mode);
         }
         for (i, pose) in self.q_deg.iter().take(MAX_TARGETS_PER_REQUEST).enumerate() {
             check_pose(&mut checker, i, pose, n_joints);
@@ -260,7 +260,7 @@ impl CompensateBody {
             }
         }
         if let Some(tool) = &self.tool {
-            tool.note_faults("/tool", &mut checker);
+            tool.check_into("/tool", &mut checker);
         }
         if let Some(payload) = &self.payload {
             payload.check("/payload", &mut checker);
@@ -270,7 +270,7 @@ impl CompensateBody {
 }
 
 impl CartesianTarget {
-    fn note_faults(&self, checker: &mut Checker, i: usize, n_joints: usize, mode: Mode) {
+    fn check_into(&self, checker: &mut Checker, i: usize, n_joints: usize, mode: Mode) {
         let at = format!("/targets/{i}");
         let position = format!("{at}/position_mm");
         check_lengths(checker, &position, &self.position_mm, MAX_TARGET_MM);

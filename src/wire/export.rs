@@ -73,8 +73,8 @@ pub struct MasteringDocument {
     pub joints: Vec<MasteringOffset>,
     /// Error of the tool that remains with these offsets, in `frame`. The rotation of the tool about the last axis is not part of it.
     pub remaining_error_mm: RemainingError,
-    /// The frame in which the offsets are the best ones: `measuring` if positions were measured in the base frame and the base stands there. With
-    /// `robot_base` the error holds with the base placed anew: where link 1 of the identified robot begins.
+    /// The frame for which the offsets are optimal: `measuring` if positions were measured in the base frame and the base stands there. With
+    /// `robot_base` the error applies after the base frame was moved to where link 1 of the identified robot begins.
     pub frame: ErrorFrame,
 }
 

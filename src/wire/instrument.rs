@@ -47,7 +47,7 @@ const OUT_OF_RANGE: &str = "out_of_range";
 const INCOMPLETE: &str = "incomplete_instrument";
 const IN_BASE_FRAME: &str = "instrument_in_base_frame";
 /// Code of an issue: the noise is stated both by the points and by their instrument, or twice by a point.
-pub const TWICE: &str = "noise_stated_twice";
+pub const NOISE_STATED_TWICE: &str = "noise_stated_twice";
 
 impl InstrumentBody {
     /// From the parameters of a query; `None` if no parameter is given.
@@ -103,7 +103,7 @@ pub fn resolve(
     match (body, beside) {
         (Some(_), Some(_)) => Err(Invalid::at(
             "/instrument",
-            TWICE,
+            NOISE_STATED_TWICE,
             "the body states the instrument, and so do parameters beside it: leave one of them out",
         )),
         (body, beside) => Ok(body.map(stated(true)).or(beside.map(stated(false)))),
@@ -222,11 +222,11 @@ impl Stated {
             };
             let detail = "the points state their own noise, and so does their instrument (range_std_mm, angle_std_deg): leave one of them out";
             let issue = match self.in_body {
-                true => Issue::at("/instrument", TWICE, detail),
+                true => Issue::at("/instrument", NOISE_STATED_TWICE, detail),
                 false => Issue {
                     row: Some(row),
                     column: Some(column.into()),
-                    code: TWICE.into(),
+                    code: NOISE_STATED_TWICE.into(),
                     detail: detail.into(),
                     ..Issue::default()
                 },

@@ -161,7 +161,7 @@ impl Checker {
             self.note(
                 pointer,
                 "blank",
-                "there is nothing to read in it, neither a letter nor a digit: say why, for those who come after",
+                "there is nothing to read in it: write at least one letter or digit",
             );
         }
     }

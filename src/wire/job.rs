@@ -362,7 +362,7 @@ impl JobRequestBody {
         if self.after.is_some() && self.kind != Kind::Check {
             unused(
                 "/after",
-                "only kind \"check\" asks what happened before: ask for it, or leave after out",
+                "only kind \"check\" takes after: set kind \"check\", or leave after out",
             );
         }
         if self.residual_network_id.is_some() && !self.may_train_residual_network() {
@@ -447,6 +447,7 @@ impl JobRequestBody {
             corrections: self.corrections,
             payload: self.payload.map(Into::into),
             scored_frame: None,
+            instrument_scale: None,
             held_out: None,
             refused_as: None,
             residual_network: parts.residual_network,

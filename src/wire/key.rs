@@ -8,9 +8,9 @@ use utoipa::ToSchema;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
-    /// Read everything except keys, and predict.
+    /// Read everything except keys, and calculate without storing.
     Read,
-    /// Store robots, measurement sets and frames.
+    /// Store, edit and archive robots and measurement sets.
     Upload,
     /// Post and cancel jobs.
     Identify,

@@ -14,6 +14,7 @@ use crate::wire::issue::{Checker, Invalid, Issue, MAX_ISSUES};
 use crate::wire::json;
 use crate::wire::point::TimeCheck;
 pub use crate::wire::point::{MAX_JOINT_VALUE_DEG, PointBody};
+use crate::wire::reference::SetReference;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::suspicion::Insist;
 use crate::wire::table_upload::{self, Files, StoredTable, UploadOptions};
@@ -89,6 +90,9 @@ pub struct SetSummary {
     /// The instrument that measured all points, with its noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument: Option<InstrumentBody>,
+    /// The reference that the instrument measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<SetReference>,
     /// When it was archived: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,

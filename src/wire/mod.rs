@@ -42,6 +42,7 @@ pub mod predict;
 pub mod prior;
 pub mod problem;
 mod reason;
+pub mod reference;
 pub mod release;
 pub mod report;
 pub mod report_shape;

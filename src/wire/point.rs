@@ -129,7 +129,7 @@ impl PointBody {
             checker.note(format!("{at}/std_rotation_deg"), "out_of_range", detail);
         }
         if self.std_rotation_deg.is_some() && self.quaternion.is_none() {
-            let detail = "a position has no rotation whose uncertainty this could be";
+            let detail = "only a pose has std_rotation_deg: add a quaternion, or remove it";
             checker.note(format!("{at}/std_rotation_deg"), "mixed_kinds", detail);
         }
         if let Some(temperature_c) = self.temperature_c {
@@ -185,7 +185,11 @@ impl PointBody {
         let mut names = stated.iter().filter(|(_, is)| *is).map(|(name, _)| name);
         if let (Some(one), Some(other)) = (names.next(), names.next()) {
             let detail = format!("{one} and {other} say the same twice: keep one of them");
-            checker.note(format!("{at}/{other}"), instrument::TWICE, detail);
+            checker.note(
+                format!("{at}/{other}"),
+                instrument::NOISE_STATED_TWICE,
+                detail,
+            );
         }
     }
 

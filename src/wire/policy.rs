@@ -28,7 +28,7 @@ names!(DecisionRule {
     SimpleAcceptance = "simple_acceptance", GuardedAcceptance = "guarded_acceptance",
 });
 
-/// Release policy of a robot. It contains only the gates that can be configured. The following gates apply to every release: the errors on verify
+/// Release policy of a robot. It contains only the gates that can be configured. These gates and others apply to every release: the errors on verify
 /// points are smaller than those of the nominal robot and of the active set; there is no session in which the set was not better than nominal; the
 /// identity of the robot is not contradicted; the changes of parameters are plausible.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]

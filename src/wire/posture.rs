@@ -70,7 +70,7 @@ impl PostureBody {
             checker.magnitude(format!("/q_deg/{i}"), *q, MAX_JOINT_VALUE_DEG, hint);
         }
         if let Some(tool) = &self.tool {
-            tool.note_faults("/tool", &mut checker);
+            tool.check_into("/tool", &mut checker);
         }
         if let Some(shown) = &self.shown_position_mm {
             for (i, mm) in shown.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Reasons of releases and withdrawals.
+//! Reasons of decisions.
 
 use crate::wire::issue::{Checker, Invalid};
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// Maximum length of a reason, characters.
 pub const MAX_REASON: usize = 2_000;
 
-/// Reason of a release or withdrawal.
+/// Reason of a withdrawal, a rollback or a `checked` request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReasonBody {

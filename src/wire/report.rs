@@ -76,6 +76,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         final_fit: core.final_fit.map(Into::into),
         per_point: core.per_point.iter().map(Into::into).collect(),
         parameters: core.parameters.iter().map(Into::into).collect(),
+        reference: core.instrument_scale.map(Into::into),
         tool_uncertainty_mm: core
             .tool_uncertainty
             .filter(|t| t.max_mm.is_finite())

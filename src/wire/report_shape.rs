@@ -4,6 +4,7 @@ use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
 use crate::wire::names;
+use crate::wire::reference::ReferenceReport;
 use crate::wire::sessions::PooledReport;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -55,7 +56,10 @@ pub struct Report {
     pub per_point: Vec<PointReport>,
     /// All free parameters.
     pub parameters: Vec<ParameterReport>,
-    /// Predicted uncertainty of the tool's position over the workspace, for the link parameters only. It includes the errors that the corrections in
+    /// The reference of the instrument; absent if the upload names none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<ReferenceReport>,
+    /// Predicted uncertainty of the tool's position over the workspace, for the link parameters and the scale of the instrument. It includes the errors that the corrections in
     /// use describe, but not the errors of the corrections themselves. Null if it cannot be computed.
     #[schema(required)]
     pub tool_uncertainty_mm: Option<ToolUncertaintyReport>,
@@ -407,7 +411,7 @@ pub struct ChangeReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Evidence {
-    /// No point was held out.
+    /// No held-out point counts as evidence.
     None,
     /// Verified on points of the same upload.
     SameUpload,

@@ -123,7 +123,7 @@ pub fn write_residual(
         validation_error: origin.validation_error,
     };
     let scale = [network.scale_mm];
-    let tensors: [Named<'_>; 7] = [
+    let tensors: [NamedTensor<'_>; 7] = [
         ("centre_rad", vec![n], &network.centre_rad),
         ("half_range_rad", vec![n], &network.half_range_rad),
         ("hidden_thresholds", vec![h], &network.hidden_thresholds),
@@ -136,10 +136,10 @@ pub fn write_residual(
 }
 
 /// A tensor: name, shape, values.
-type Named<'a> = (&'static str, Vec<usize>, &'a [f64]);
+type NamedTensor<'a> = (&'static str, Vec<usize>, &'a [f64]);
 
 /// Writes a file with these tensors. The tensors must be sorted by name.
-fn file_of(metadata: NetworkMetadata, tensors: &[Named<'_>]) -> Result<StoredNetwork, Error> {
+fn file_of(metadata: NetworkMetadata, tensors: &[NamedTensor<'_>]) -> Result<StoredNetwork, Error> {
     let mut hash = Sha256::new();
     let mut named = Vec::new();
     for (name, shape, values) in tensors {
@@ -245,7 +245,7 @@ fn metadata_of(network: &TrainedNetwork) -> NetworkMetadata {
 }
 
 /// The tensors sorted by name. This is the order in which they are hashed.
-fn tensors_of(network: &TrainedNetwork, h: usize) -> [Named<'_>; 6] {
+fn tensors_of(network: &TrainedNetwork, h: usize) -> [NamedTensor<'_>; 6] {
     let n = network.parameter_names.len();
     [
         ("answer", vec![n], &network.answer),

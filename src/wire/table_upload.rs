@@ -103,6 +103,7 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
     if files.files.len() == 1 {
         let content = read(0)?;
         let reading = Reading {
+            reference: None,
             understood: Some(UnderstoodBody::from(&content.understood)),
             joined: None,
             instrument: None,
@@ -122,6 +123,7 @@ fn joined(
     let (points, found) = join(robot, instrument, how)
         .map_err(|error| invalid(vec![Issue::at("/join", error.code, error.detail)]))?;
     let reading = Reading {
+        reference: None,
         understood: None,
         joined: Some(JoinedFiles {
             robot: UnderstoodBody::from(&robot.understood),

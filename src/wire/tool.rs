@@ -79,7 +79,7 @@ pub(super) fn check_lengths(checker: &mut Checker, at: &str, lengths_mm: &[f64; 
 
 impl ToolBody {
     /// Checks the tool. `at` is its JSON pointer.
-    pub(super) fn note_faults(&self, at: &str, checker: &mut Checker) {
+    pub(super) fn check_into(&self, at: &str, checker: &mut Checker) {
         let lengths = format!("{at}/translation_mm");
         check_lengths(checker, &lengths, &self.translation_mm, MAX_LENGTH_MM);
         check_rotation(checker, at, self.quaternion, self.rotation);
@@ -91,7 +91,7 @@ impl ToolBody {
     /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        self.note_faults("", &mut checker);
+        self.check_into("", &mut checker);
         checker.finish("invalid_tool")
     }
 }

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 /// The error of the released parameter set over the sessions that it was scored on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Trend {
-    /// Number of sessions: the held-out points of the identification, and the jobs of kind `verify`.
+    /// Number of sessions: the held-out points of the identification, and the uploads that the set was scored on.
     pub n_sessions: usize,
     /// Growth of the rms error, mm per day; null if there are not enough data.
     #[schema(required)]

@@ -5,6 +5,7 @@ use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separato
 use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
 use crate::measurement::table_points::Understood;
 use crate::wire::instrument::InstrumentBody;
+use crate::wire::reference::SetReference;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -121,6 +122,9 @@ pub struct Reading {
     /// The instrument, if it was stated in the query or in a JSON body.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument: Option<InstrumentBody>,
+    /// The reference that the instrument measured, if the query named one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<SetReference>,
 }
 
 impl From<&Understood> for UnderstoodBody {

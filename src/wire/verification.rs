@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub enum VerificationKind {
     /// The job identified the set.
     Identification,
-    /// The job scored the set on another session, as a job of kind `verify` does.
+    /// The job scored the set on another session (kind `verify` or `check`).
     Session,
 }
 

@@ -295,6 +295,7 @@ pub fn report(
         let of_links = tool_uncertainty(robot, delivered_model, parameters, points, estimated);
         with_found_misfit(of_links, &identify)
     });
+    let instrument_scale = request.scale_at_reach();
     let mut not_determined = None;
     // No least-squares fit has converged. The answer has not reached a minimum, and the weakest parameter combinations are furthest from it.
     let is_unfinished = found.termination == "iteration_limit"
@@ -348,7 +349,10 @@ pub fn report(
             uncertainty.as_ref(),
             &data_share,
         ),
-        tool_uncertainty: tool.filter(|_| uncertainty.is_some()),
+        tool_uncertainty: tool
+            .filter(|_| uncertainty.is_some())
+            .map(|tool| instrument_scale.map_or(tool, |scale| scale.added_to(tool))),
+        instrument_scale,
         error_model: uncertainty.as_ref().map(ErrorModel::of),
         uncertainty,
         estimate: None,

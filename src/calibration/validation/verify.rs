@@ -21,6 +21,7 @@ use crate::calibration::validation::session_fit::{
 use crate::calibration::validation::verdict::{NO_BETTER, Verdict};
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
 use crate::calibration::validation::verification_set::{in_base_frame, n_placed_where, refits};
+use crate::calibration::warnings::plausibility::instrument_scale;
 use crate::calibration::warnings::screening::screening_warnings;
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
@@ -421,6 +422,7 @@ fn report(
         per_point,
         parameters: vec![],
         tool_uncertainty: None,
+        instrument_scale: request.scale_at_reach(),
         error_model: None,
         uncertainty: None,
         estimate: None,
@@ -464,6 +466,7 @@ fn warnings(
     let told = told.filter(|told| told.code != NO_BETTER || shows_little.is_none());
     let mut warnings: Vec<Warning> = told.into_iter().collect();
     warnings.extend(shows_little);
+    warnings.extend(request.scale_at_reach().and_then(instrument_scale));
     if let Some(detail) = scored.base_hidden_because {
         warnings.push(Warning {
             code: BASE_NOT_CHECKED,

@@ -1,5 +1,6 @@
 //! Checks whether the identified parameters are plausible for a robot that was built to its drawing.
 
+use crate::calibration::reference::ScaleAtReach;
 use crate::calibration::report::{CalibrationReport, Warning};
 use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
 use crate::calibration::validation::errors::without_outliers;
@@ -175,15 +176,49 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
         .iter()
         .filter(|p| p.data_share < SCALE_SHARE);
     let unseen: BTreeSet<&str> = told.map(|p| p.name.as_str()).collect();
+    let of_instrument = report.instrument_scale;
     if let Some(scale) = common_scale(&report.links, nominal, &unseen) {
+        let cause = match of_instrument {
+            Some(of) if of.scale.explains(scale) => {
+                "the reference shows the same error of the instrument"
+            }
+            Some(_) => {
+                "the reference shows that it is not the instrument: a robot at another temperature, or another robot"
+            }
+            None => {
+                "a wrong scale or temperature compensation of the instrument, rather than the robot"
+            }
+        };
         let detail = format!(
-            "all lengths are {:+.3} % off by the same share: a wrong scale or temperature compensation of the instrument, rather than the robot",
+            "all lengths are {:+.3} % off by the same share: {cause}",
             100.0 * scale
         );
         warnings.push(warning("scale_suspect", detail));
     }
+    warnings.extend(of_instrument.and_then(instrument_scale));
     warnings
 }
+
+/// Warning code: the instrument measured a reference wrongly.
+pub const INSTRUMENT_SCALE: &str = "instrument_scale";
+
+/// Warning if the reference shows that the instrument measures lengths wrongly.
+pub fn instrument_scale(of: ScaleAtReach) -> Option<Warning> {
+    let ScaleAtReach { scale, std_mm } = of;
+    scale.is_off().then(|| Warning {
+        code: INSTRUMENT_SCALE,
+        detail: format!(
+            "the instrument measures lengths {:+.1} ppm wrong (standard uncertainty {:.1} ppm), by its reference: {std_mm:.3} mm at the arm's reach. The \
+             positions are not corrected for it. Set the temperature and the refraction of the instrument, measure the reference again, and then the robot",
+            PPM * scale.error,
+            PPM * scale.std
+        ),
+        rows: vec![],
+    })
+}
+
+/// Parts per million.
+const PPM: f64 = 1e6;
 
 /// The common relative error of all identified lengths, if it is significant against their scatter. Lengths that were not identified are not used.
 fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Option<f64> {

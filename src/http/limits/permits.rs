@@ -23,7 +23,7 @@ use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
-/// Largest request body, bytes: ten times the largest campaign.
+/// Largest request body, bytes: the largest upload.
 pub const MAX_BODY_BYTES: usize = 32 * 1024 * 1024;
 /// Lowest average rate at which a body must arrive, or a large answer must be read, after the client timeout. Slower clients are disconnected.
 pub const MIN_BYTES_PER_S: f64 = 16.0 * 1024.0;

@@ -112,16 +112,16 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
     // A server may have added entries in the meantime, so the head that was read first need not be the last entry.
     check.require(head.seq <= seq, || {
         format!(
-            "the chain ends at entry {seq}, but entry {} was the last one",
+            "the chain ends at entry {seq}, but its stored head is entry {}",
             head.seq
         )
     });
     check.require(head.seq != seq || head.sha256 == sha256, || {
-        format!("entry {seq} is not the one that was last")
+        format!("entry {seq} does not match the stored head of the chain")
     });
     if let Some(head) = missing_head {
         check.violated(format!(
-            "the head kept elsewhere, entry {}, is not in the chain",
+            "the known head, entry {}, is not in the chain",
             head.seq
         ));
     }
@@ -133,7 +133,7 @@ pub(super) async fn read(store: &Store, options: &Options) -> Result<Chain> {
         .await?;
     missing
         .into_iter()
-        .for_each(|id| check.violated(format!("{id} was made, but no entry says so")));
+        .for_each(|id| check.violated(format!("{id} has no entry about its creation")));
     Ok(Chain {
         check,
         begun_at_ms: head.begun_at_ms,

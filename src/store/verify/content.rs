@@ -232,7 +232,7 @@ pub(super) async fn answers_have_effects(store: &Store, chain: &Chain) -> Result
             let (request, now) = idempotency::hashes(&scope, &answer);
             let is_as_given = chain.answers.get(&request).is_none_or(|then| *then == now);
             check.require(is_as_given, || {
-                format!("{method} {path} with key {key:?} was answered otherwise")
+                format!("{method} {path} with key {key:?}: the stored answer is not the one sent")
             });
             if let Some(id) = answer
                 .location
@@ -282,7 +282,7 @@ pub(super) async fn jobs_end_once(
                 });
                 let agrees = !is_over || ends.contains(&(status.as_str(), 1));
                 check.require(agrees, || {
-                    format!("{id} is {status}, which is not how it ended")
+                    format!("{id} is {status}, but ended otherwise in the audit chain")
                 });
             }
             check.require(n_sets == 0 || status == "succeeded", || {
@@ -474,7 +474,7 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
         let is_counted = (n_passed, n_failed) == (Some(n(true)), Some(n(false)))
             || (n_passed, n_failed) == (None, None);
         check.require(is_counted, || {
-            format!("{id}: its gates are not as many as were counted")
+            format!("{id}: its gates do not match their stored counts")
         });
         if row.released_at_ms > chain.begun_at_ms {
             let in_chain =
@@ -482,7 +482,7 @@ pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result
             let is_in_chain =
                 in_chain.as_deref() == Some(sha256_hex(checks_json.as_bytes()).as_str());
             check.require(is_in_chain, || {
-                format!("{id} is {status}, but the audit chain does not say so with these checks")
+                format!("{id} is {status}, but its checks do not match the audit chain")
             });
         }
     }

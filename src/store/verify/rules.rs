@@ -64,7 +64,7 @@ pub(super) async fn match_entries(check: &mut Check, store: &Store, chain: &Chai
     .await?;
     for id in chain.events.keys() {
         check.require(was_archived(chain, id) == archived.contains(id), || {
-            format!("{id}: whether it is archived is not what the audit chain says")
+            format!("{id}: its archived state is not what the audit chain says")
         });
         for (event, found, what) in [
             (AuditEvent::RobotPolicyChanged, &policies, "its policy"),
@@ -175,7 +175,7 @@ fn compare(check: &mut Check, chain: &Chain, id: &str, expected: &ExpectedEntry)
             }
         }
         (Some(_), None) => check.violated(format!(
-            "{id}: {event} is in the audit chain, and no longer so"
+            "{id}: {event} is in the audit chain, but not in its row"
         )),
         // I8 reports creations without an entry.
         (None, Some((at_ms, _))) if !event.is_creation() => {
@@ -208,7 +208,7 @@ fn robot(check: &mut Check, chain: &Chain, row: &RobotRow) {
     let is_so = asks == row.check_job_id.as_deref() && seq == Some(row.check_seq);
     check.require(is_so, || {
         format!(
-            "{}: whether it is to be checked is not what the audit chain says",
+            "{}: its state check_robot is not what the audit chain says",
             row.id
         )
     });
@@ -222,7 +222,7 @@ fn parameter_set(check: &mut Check, chain: &Chain, row: &ParameterSetRow) {
             .flatten()
     });
     check.require(text.is_some(), || {
-        format!("{}: its content is not that of its hash", row.id)
+        format!("{}: its content does not match its hash", row.id)
     });
     let entries = chain.events.get(&row.id).map_or(&[][..], Vec::as_slice);
     let then = entries.iter().rev().find_map(|entry| {

@@ -6,7 +6,7 @@ use crate::store::{Engine, Result, Store};
 pub(super) const QUERIES_SQLITE: &[&str] =
     &[INTEGRITY, FOREIGN_KEYS, OBJECTS_SQLITE, UNIQUE_SQLITE];
 pub(super) const QUERIES_POSTGRES: &[&str] =
-    &[UNPROVEN_POSTGRES, OBJECTS_POSTGRES, UNIQUE_POSTGRES];
+    &[NOT_VALIDATED_POSTGRES, OBJECTS_POSTGRES, UNIQUE_POSTGRES];
 
 const INTEGRITY: &str = "select integrity_check from pragma_integrity_check";
 const FOREIGN_KEYS: &str = "select \"table\" from pragma_foreign_key_check";
@@ -15,7 +15,7 @@ const UNIQUE_SQLITE: &str = "
     select m.name || '(' || (select group_concat(i.name) from pragma_index_info(l.name) i) || ')'
     from sqlite_master m, pragma_index_list(m.name) l where m.type = 'table' and l.\"unique\" = 1";
 
-const UNPROVEN_POSTGRES: &str =
+const NOT_VALIDATED_POSTGRES: &str =
     "select cast(conname as text) from pg_constraint where not convalidated";
 const OBJECTS_POSTGRES: &str = "
     select cast(tgname as text) from pg_trigger where tgenabled <> 'D' and not tgisinternal
@@ -110,7 +110,7 @@ pub(super) async fn is_sound(store: &Store) -> Result<Check> {
             (OBJECTS_SQLITE, UNIQUE_SQLITE)
         }
         Engine::Postgres => {
-            let unproven: Vec<String> = sqlx::query_scalar(UNPROVEN_POSTGRES)
+            let unproven: Vec<String> = sqlx::query_scalar(NOT_VALIDATED_POSTGRES)
                 .fetch_all(store.readers())
                 .await?;
             unproven

@@ -96,7 +96,8 @@ pub fn read(
         (Some((first, _)), Some((second, _))) => Err(refused(
             "two_readings",
             format!(
-                "several sheets of the workbook have cells, {first:?} and {second:?} among them: state it by ?columns={{\"sheet\": {first:?}}} (--sheet {first:?})"
+                "several sheets of the workbook have cells, {first:?} and {second:?} among them: \
+                 name one by ?columns={{\"sheet\": {first:?}}} (--sheet {first:?})"
             ),
         )),
     }

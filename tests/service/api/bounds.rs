@@ -271,6 +271,11 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
             json!({"translation_mm": [0, 0, 100], "quaternion": [1, 0, 0, 0]}),
         ),
         post(
+            format!("{robot}/references"),
+            "/v1/robots/{robot_id}/references",
+            json!({"name": "bar", "instrument": "AT960", "items": [{"name": "2 m", "nominal_mm": 2000, "measured_mm": 2000.01, "std_mm": 0.01}]}),
+        ),
+        post(
             format!("{set}/compensate"),
             "/v1/parameter-sets/{id}/compensate",
             json!({"targets": [cartesian], "frame": "base", "target": 0}),

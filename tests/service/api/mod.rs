@@ -36,6 +36,7 @@ mod pose_plans;
 mod poses;
 mod problems;
 mod quick_check;
+mod references;
 mod release;
 mod report_page;
 mod residual_networks;

@@ -1,7 +1,7 @@
 //! Release and withdrawal of parameter sets.
 
 use kincal::jobs::queue;
-use kincal::release::facts::DESCRIBES_NO_ROBOT;
+use kincal::release::facts::UNUSABLE_FIT;
 use kincal::store::{
     CheckedState, Conflict, Engine, Error, JobResult, MeasurementSetRow, NewJob, NewMeasurementSet,
     NewParameterSet, ParameterSetRow, ParameterSetStatus, PolicyRow, Release, Result, Store,
@@ -563,7 +563,7 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
             .await
         };
         let other = async |set: &MeasurementSetRow| {
-            parameter_sets::of_another_upload(store, &robot.id, &set.id, DESCRIBES_NO_ROBOT)
+            parameter_sets::of_another_upload(store, &robot.id, &set.id, UNUSABLE_FIT)
                 .await
                 .unwrap()
                 .map(|found| found.id)
@@ -591,14 +591,9 @@ fn the_set_to_compare_with_is_the_newest_from_another_upload() {
         // Sets of another robot do not count.
         let strange = a_set(store, &a_robot(store, "s").await).await;
         assert_eq!(
-            parameter_sets::of_another_upload(
-                store,
-                &strange.robot_id,
-                &strange.id,
-                DESCRIBES_NO_ROBOT
-            )
-            .await
-            .unwrap(),
+            parameter_sets::of_another_upload(store, &strange.robot_id, &strange.id, UNUSABLE_FIT)
+                .await
+                .unwrap(),
             None
         );
     });

@@ -1,3 +1,10 @@
+-- Named documents of kind reference: lengths with a certificate that the instrument measured. As in step 18, a check constraint that concerns no stored
+-- row is changed in the schema's text, and the column added below makes other connections read it again.
+pragma writable_schema = on;
+update sqlite_schema set sql = replace(sql, 'kind in (''columns'', ''work_frame'', ''tool'')', 'kind in (''columns'', ''work_frame'', ''tool'', ''reference'')')
+where type = 'table' and name = 'named_document';
+pragma writable_schema = reset;
+
 -- The number in the audit chain of the upload in which the points of the job appeared first; of several sessions, the newest of these. A copy is as
 -- old as what it copies. 0: unknown, as for jobs of older versions; then the job's own uploads count.
 alter table verification add column measured_seq bigint not null default 0;

@@ -1,3 +1,7 @@
+-- Named documents of kind reference: lengths with a certificate that the instrument measured.
+alter table named_document drop constraint named_document_kind_check;
+alter table named_document add constraint named_document_kind_check check (kind in ('columns', 'work_frame', 'tool', 'reference'));
+
 -- The number in the audit chain of the upload in which the points of the job appeared first; of several sessions, the newest of these. A copy is as
 -- old as what it copies. 0: unknown, as for jobs of older versions; then the job's own uploads count.
 alter table verification add column measured_seq bigint not null default 0;

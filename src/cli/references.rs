@@ -1,0 +1,141 @@
+//! `kincal references`: lengths with a certificate that the instrument measured.
+
+use super::client::ServerArguments;
+use super::files::read;
+use super::runtime::block_on;
+use super::terminal::Output;
+use super::text_table;
+use super::usage::Usage;
+use crate::wire::reference::{ReferenceBody, ReferenceLengthBody};
+use anyhow::Context;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// References of a robot's instruments: a scale bar or other lengths with a certificate, and what the instrument measured of them.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// List a robot's references.
+    List(List),
+    /// Store a reference; uploads name it with --reference NAME.
+    Add(Add),
+}
+
+#[derive(Debug, clap::Args)]
+struct List {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, clap::Args)]
+struct Add {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    robot: String,
+    /// CSV file with the columns name, nominal_mm, measured_mm, std_mm: one row for each length.
+    #[arg(value_name = "LENGTHS")]
+    lengths: PathBuf,
+    /// Name of the reference [default: reference].
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// The instrument and its certificate.
+    #[arg(long, value_name = "TEXT")]
+    instrument: Option<String>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Lists references, or stores one.
+pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    match &arguments.command {
+        Command::List(list) => {
+            let answer = block_on(async {
+                let client = list.server.client()?;
+                let robot = client.robot_id(&list.robot).await?;
+                client.get(&format!("/v1/robots/{robot}/references")).await
+            })?;
+            list.output
+                .print(&answer, || match answer["items"].as_array() {
+                    Some(items) if !items.is_empty() => in_words(items),
+                    _ => "none".into(),
+                })
+        }
+        Command::Add(add) => {
+            let body = ReferenceBody {
+                name: add.name.clone(),
+                items: lengths(&add.lengths)?,
+                instrument: add.instrument.clone(),
+            };
+            let body = serde_json::to_vec(&body)?;
+            let answer = block_on(async {
+                let client = add.server.client()?;
+                let robot = client.robot_id(&add.robot).await?;
+                let path = format!("/v1/robots/{robot}/references");
+                client.create(&path, "application/json", body).await
+            })?;
+            add.output
+                .print(&answer, || in_words(std::slice::from_ref(&answer)))
+        }
+    }
+}
+
+/// A table: name, version, and the scale of the instrument.
+fn in_words(items: &[Value]) -> String {
+    let row = |item: &Value| {
+        let ppm = |field: &str| format!("{:.1}", item[field].as_f64().unwrap_or(f64::NAN));
+        vec![
+            item["name"].as_str().unwrap_or_default().to_owned(),
+            item["version"].to_string(),
+            item["items"].as_array().map_or(0, Vec::len).to_string(),
+            ppm("scale_error_ppm"),
+            ppm("scale_std_ppm"),
+            match item["is_off"].as_bool() {
+                Some(true) => "off".into(),
+                _ => "in order".into(),
+            },
+        ]
+    };
+    let names = [
+        "name",
+        "version",
+        "lengths",
+        "error ppm",
+        "standard uncertainty ppm",
+        "instrument",
+    ];
+    text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
+}
+
+/// The lengths of a CSV file.
+fn lengths(file: &Path) -> anyhow::Result<Vec<ReferenceLengthBody>> {
+    let bytes = read(file)?;
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(bytes.as_slice());
+    let wrong = |why: String| {
+        Usage(format!(
+            "{}: {why}; its columns are name, nominal_mm, measured_mm, std_mm",
+            file.display()
+        ))
+    };
+    let rows = reader.deserialize::<ReferenceLengthBody>();
+    let rows: Vec<ReferenceLengthBody> = rows
+        .collect::<Result<_, _>>()
+        .map_err(|error| wrong(error.to_string()))?;
+    if rows.is_empty() {
+        return Err(wrong("it has no row".into())).context("a reference has one length at least");
+    }
+    Ok(rows)
+}

@@ -1,0 +1,97 @@
+//! When a job's own points were measured, as far as the robot's other uploads show it: in which upload they appeared first, and whether that was before
+//! the robot's last session that did not fit.
+
+use crate::calibration::{CalibrationRequest, RepeatedRows};
+use crate::jobs::request::points_of;
+use crate::jobs::{JobFailure, JobInputs};
+use crate::kinematics::Robot;
+use crate::release::facts::MeasuredSince;
+use crate::store::verifications::KnownUpload;
+use crate::wire::job::Kind;
+use crate::wire::measurement::MeasurementSet;
+
+/// An upload of the robot, and its points.
+struct Known<'a> {
+    upload: &'a KnownUpload,
+    sha256: &'a str,
+    points: &'a MeasurementSet,
+}
+
+/// An upload that the job fits or scores.
+struct Own<'a> {
+    id: &'a str,
+    sha256: &'a str,
+    uploaded_seq: i64,
+    points: &'a MeasurementSet,
+}
+
+/// What the known uploads show of one of the job's own.
+struct Found {
+    /// Number in the audit chain of the upload in which its points appeared first.
+    measured_seq: i64,
+    /// Whether it is, or repeats, one of the uploads that it must not repeat.
+    is_repeat: bool,
+}
+
+/// The points of a check must repeat no earlier upload at all, and its upload must not have been used by another job. The points of other jobs must
+/// not repeat the uploads from before the last session that did not fit.
+pub(super) fn measured_since(
+    inputs: &JobInputs,
+    request: &CalibrationRequest,
+) -> Result<MeasuredSince, JobFailure> {
+    let is_check = inputs.job.kind == Kind::Check;
+    let known = &inputs.known;
+    let points = points_of(known.uploads.iter().map(|(_, input)| input), request)?;
+    let known_uploads = known.uploads.iter().zip(&points);
+    let known_uploads = known_uploads.map(|((upload, input), points)| Known {
+        upload,
+        sha256: &input.row.sha256,
+        points,
+    });
+    let known_uploads: Vec<Known<'_>> = known_uploads.collect();
+    let mut since = MeasuredSince {
+        check_seq: known.check_seq,
+        is_repeat: known.exceeds_limits && known.check_seq > 0 && !is_check,
+        measured_seq: 0,
+    };
+    let own = inputs.uploads().zip(request.uploads()).zip(&known.own_seq);
+    for ((input, points), uploaded_seq) in own {
+        let own = Own {
+            id: &input.row.id,
+            sha256: &input.row.sha256,
+            uploaded_seq: *uploaded_seq,
+            points,
+        };
+        let found = compare(&request.robot, &own, &known_uploads, is_check);
+        since.is_repeat |= found.is_repeat;
+        since.measured_seq = since.measured_seq.max(found.measured_seq);
+    }
+    Ok(since)
+}
+
+fn compare(robot: &Robot, own: &Own<'_>, known: &[Known<'_>], is_check: bool) -> Found {
+    let is_itself = |other: &Known<'_>| other.upload.id == own.id;
+    let is_earlier = |other: &Known<'_>| other.upload.uploaded_seq < own.uploaded_seq;
+    let must_not_repeat = |other: &Known<'_>| match is_check {
+        true => is_earlier(other) || (is_itself(other) && other.upload.is_used),
+        false => other.upload.is_before_check,
+    };
+    let others: Vec<&Known<'_>> = known
+        .iter()
+        .filter(|other| !is_itself(other) && (is_earlier(other) || must_not_repeat(other)))
+        .collect();
+    let repeated = RepeatedRows::find(robot, others.iter().map(|other| other.points), own.points);
+    let indices = |counts: &dyn Fn(&Known<'_>) -> bool| -> Vec<usize> {
+        (0..others.len()).filter(|i| counts(others[*i])).collect()
+    };
+    let mut itself = known.iter().filter(|other| is_itself(other));
+    // few points that cannot be compared are still a copy if the bytes are the same
+    let has_same_bytes = |other: &Known<'_>| is_earlier(other) && other.sha256 == own.sha256;
+    let copied = indices(&has_same_bytes).into_iter();
+    // the uploads are in the order in which they came
+    let first = copied.chain(repeated.first(indices(&is_earlier))).min();
+    Found {
+        measured_seq: first.map_or(own.uploaded_seq, |i| others[i].upload.uploaded_seq),
+        is_repeat: itself.any(must_not_repeat) || repeated.repeats(indices(&must_not_repeat)),
+    }
+}
