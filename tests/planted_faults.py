@@ -134,11 +134,21 @@ FAULTS = [
     Fault("an old upload is new when it is identified again", "service", "an_old_upload_that_is_identified_again", [
         ("(v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))", "(v.seq > own.seq)")], "src/store"),
     Fault("a withdrawn set comes back by its upload", "service", "the_same_upload_identified_again", [
-        ("if has_same_values(&own, &other)", "if false && has_same_values(&own, &other)")], "src/jobs"),
+        ("has_same_values(&own, &other_values)", "false"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
+    Fault("a withdrawn set comes back with another loss", "service", "with_other_options", [
+        ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
+    Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [
+        ("&& !measured_seq.contains(&session.measured_seq)", "")], "src/release"),
+    Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [
+        ("newer.filter(|since| ages.own > *since).max().unwrap_or(0)", "newer.filter(|_| false).max().unwrap_or(0)")], "src/release"),
+    Fault("a reference is not in the budget", "service", "states_the_scale_of_the_instrument", [
+        ("mean_mm: tool.mean_mm.hypot(self.std_mm), max_mm: tool.max_mm.hypot(self.std_mm)", "mean_mm: tool.mean_mm, max_mm: tool.max_mm")], "src/calibration"),
+    Fault("an instrument that is off is right", "service", "states_the_scale_of_the_instrument", [
+        ("self.error.abs() > COVERAGE * self.std", "self.error.abs() > 100.0 * COVERAGE * self.std")], "src/calibration"),
     Fault("a withdrawn set comes back with another seed", "service", "with_another_seed", [
         ("(a - b).abs() <= SAME", "a == b")], "src/release"),
     Fault("a set is compared on its own points", "service", "on_points_that_neither_was_fitted_to", [
-        ("evidence == Evidence::IndependentSession && is_new", "evidence != Evidence::None && is_new")], "src/release"),
+        ("if session.is_independent() && is_new", "if session.verification.evidence != crate::wire::report_shape::Evidence::None && is_new")], "src/release"),
     Fault("a set is compared on the active set's points", "service", "points_that_the_active_set_was_fitted_to", [
         ("if repeats(&parsed.request.robot, &parsed.active_points, &set) {", "if false && repeats(&parsed.request.robot, &parsed.active_points, &set) {")],
         "src/jobs"),
@@ -234,10 +244,10 @@ FAULTS = [
         ("where id = $1 and owner = $2 and attempt = $3 and status = 'running'",
          "where id = $1 and $2 = $2 and $3 = $3 and status = 'running'")]),
     Fault("attempts without end", "service", "is_tried_as_often", [
-        ('concat!("(", spent!(), " >= $1 or deaths', 'concat!("(", spent!(), " >= $1 + 1000 or deaths'),
-        ('concat!(spent!(), " < $1 and', 'concat!(spent!(), " < $1 + 1000 and')]),
+        ('concat!("(", counted_attempts!(), " >= $1 or deaths', 'concat!("(", counted_attempts!(), " >= $1 + 1000 or deaths'),
+        ('concat!(counted_attempts!(), " < $1 and', 'concat!(counted_attempts!(), " < $1 + 1000 and')]),
     Fault("deaths without end", "service", "not_for_ever", [
-        ('died!(), " > $3)"', 'died!(), " > $3 + 1000)"'), ('died!(), " <= $2"', 'died!(), " <= $2 + 1000"')]),
+        ('died_now!(), " > $3)"', 'died_now!(), " > $3 + 1000)"'), ('died_now!(), " <= $2"', 'died_now!(), " <= $2 + 1000"')]),
     Fault("a death counts as an attempt", "service", "uses_up_no_attempt", [
         ('"(attempt - deaths - "', '"(attempt - 0 * "')]),
     Fault("a suspect beside others", "faults", "run_alone_one_after_the_other", [
@@ -281,7 +291,7 @@ FAULTS = [
     Fault("a copy is as young as its upload", "service", "a_copy_of_an_old_upload", [
         ("first.map_or(own.uploaded_seq, |i| others[i].upload.uploaded_seq)", "first.map_or(own.uploaded_seq, |_| own.uploaded_seq)")], "src/jobs"),
     Fault("the age of a copy is not asked for", "service", "a_copy_of_an_old_upload", [
-        ("coalesce(nullif(f.measured_seq, 0), (select", "coalesce(nullif(0, 0), (select")], "src/store"),
+        ("coalesce(nullif(v.measured_seq, 0), (select", "coalesce(nullif(v.measured_seq * 0, 0), (select")], "src/store"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
         ("else if has_warning(report, CHECK_CHANGED) { // The check found a change.", "else if false { // The check found a change.")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [
@@ -366,7 +376,7 @@ FAULTS = [
     Fault("a robot that does not fit corrects targets", "service", "an_identified_robot_that_is_wrong", [
         ("= wrong_robot(provenance)", "= wrong_robot(provenance).filter(|_| false)")], "src/operations"),
     Fault("a misfit is compared with", "service", "a_job_whose_points_do_not_fit", [
-        ("DESCRIBES_NO_ROBOT: Fit = Fit::SetFarOff", "DESCRIBES_NO_ROBOT: Fit = Fit::DoesNotFit")], "src/release"),
+        ("UNUSABLE_FIT: Fit = Fit::SetFarOff", "UNUSABLE_FIT: Fit = Fit::DoesNotFit")], "src/release"),
     Fault("five points cannot serve as they are told", "service", "a_small_set_can_serve", [
         ("let n_placed = n_placed_where(refit, set);", "let n_placed = n_placed_where(refit && false, set);")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [

@@ -2,7 +2,7 @@
 
 use super::client::ServerArguments;
 use super::runtime::block_on;
-use super::terminal::Output;
+use super::terminal::{Output, plain};
 use serde_json::{Value, json};
 
 /// The tool's position for joint values, computed with identified parameters.
@@ -47,6 +47,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let path = format!("/v1/parameter-sets/{}/predict", arguments.id);
     let answer = block_on(async { arguments.server.client()?.post_json(&path, &body).await })?;
+    for warning in answer["warnings"].as_array().into_iter().flatten() {
+        let [code, detail] = ["code", "detail"].map(|field| warning[field].as_str());
+        let text = format!(
+            "warning ({}): {}",
+            code.unwrap_or_default(),
+            detail.unwrap_or_default()
+        );
+        eprintln!("{}", plain(&text));
+    }
     arguments.output.print(&answer, || {
         let extrapolated = &answer["extrapolated"];
         let positions = answer["position_mm"].as_array().into_iter().flatten();

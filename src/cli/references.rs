@@ -20,7 +20,7 @@ pub struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// List a robot's references.
+    /// List a robot's references, or show one.
     List(List),
     /// Store a reference; uploads name it with --reference NAME.
     Add(Add),
@@ -33,6 +33,9 @@ struct List {
     /// The robot: its id, name or serial number.
     #[arg(value_name = "ROBOT")]
     robot: String,
+    /// Show only the one with this id, in any version.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
     #[command(flatten)]
     output: Output,
 }
@@ -64,12 +67,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let answer = block_on(async {
                 let client = list.server.client()?;
                 let robot = client.robot_id(&list.robot).await?;
-                client.get(&format!("/v1/robots/{robot}/references")).await
+                let one = list.id.as_ref().map(|id| format!("/{id}"));
+                let one = one.unwrap_or_default();
+                client
+                    .get(&format!("/v1/robots/{robot}/references{one}"))
+                    .await
             })?;
             list.output
                 .print(&answer, || match answer["items"].as_array() {
-                    Some(items) if !items.is_empty() => in_words(items),
-                    _ => "none".into(),
+                    Some(items) if items.is_empty() => "none".into(),
+                    Some(items) => in_words(items),
+                    None => in_words(std::slice::from_ref(&answer)),
                 })
         }
         Command::Add(add) => {

@@ -36,6 +36,7 @@ pub async fn compensate(
     let permit = app.limits.compute(caller.class).await?;
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
+    let mut warnings = parameter_sets::warnings_of_use(&app, &row).await?;
     let job = jobs::get(&app.store, &row.job_id).await?;
     // the measurement set that defines the measuring frame of the parameter set
     let measurement_set_id = match provenance.measuring_frame {
@@ -72,7 +73,9 @@ pub async fn compensate(
         };
         Ok::<_, Error>(operations::compensate(&body, from)?)
     });
-    Ok(Json(answer.await?))
+    let mut answer = answer.await?;
+    warnings.append(&mut answer.warnings);
+    Ok(Json(CompensateAnswer { warnings, ..answer }))
 }
 
 /// A name in the body that the robot does not have is wrong input, not a missing resource.

@@ -10,9 +10,11 @@ use crate::http::{App, Error, access};
 use crate::jobs::estimate::estimate_of;
 use crate::release;
 use crate::store::{
-    ParameterSetRow, estimates, jobs, measurement_sets, parameter_sets, report_summaries,
+    ParameterSetRow, ParameterSetStatus, estimates, jobs, measurement_sets, parameter_sets,
+    report_summaries, robots,
 };
 use crate::wire::canonical;
+use crate::wire::measurement::Warning;
 use crate::wire::page::Page;
 use crate::wire::parameter_set::{ParameterSetAnswer, ParameterSetContent, Provenance};
 use crate::wire::report_summary::ReportSummary;
@@ -124,6 +126,32 @@ pub async fn provenance(
     let job = jobs::get(&app.store, &row.job_id).await?;
     let measured = measurement_sets::get(&app.store, &job.measurement_set_id).await?;
     Ok(release::provenance(summary, Some(measured.frame)))
+}
+
+/// Warnings for everybody who corrects or predicts with a parameter set: it was withdrawn, or its robot is in the state `check_robot`.
+pub async fn warnings_of_use(app: &App, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
+    let warning = |code: &str, detail: String| Warning {
+        code: code.into(),
+        detail,
+        rows: vec![],
+    };
+    let mut warnings = Vec::new();
+    if row.status == ParameterSetStatus::Withdrawn {
+        let reason = row.withdraw_reason.as_deref().unwrap_or_default();
+        let detail = format!(
+            "the parameter set was withdrawn ({reason}): do not move a robot with it, use the active set"
+        );
+        warnings.push(warning("set_withdrawn", detail));
+    }
+    let robot = robots::get(&app.store, &row.robot_id).await?;
+    if let Some(job_id) = robot.check_job_id {
+        let detail = format!(
+            "the robot is in the state check_robot: the session of job {job_id} did not fit it. It may have changed since this set was identified: look \
+             at the robot before it moves by these numbers"
+        );
+        warnings.push(warning("check_robot", detail));
+    }
+    Ok(warnings)
 }
 
 /// The estimate that is stored with a parameter set. `None` if there is none, because the uncertainty is not known. `None` also if a target of the

@@ -4,7 +4,9 @@ use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
 use crate::http::{App, Error, access, parameter_sets};
 use crate::operations;
+use crate::release::wrong_robot;
 use crate::wire::json;
+use crate::wire::measurement::Warning;
 use crate::wire::predict::{PredictAnswer, PredictBody};
 use crate::wire::robot::Robot;
 use axum::Json;
@@ -28,6 +30,17 @@ pub async fn predict(
     let content = parameter_sets::content(&row)?;
     let permit = app.limits.compute(caller.class).await?;
     let estimate = parameter_sets::estimate(&app, &permit, &row, &robot).await?;
+    let mut warnings = parameter_sets::warnings_of_use(&app, &row).await?;
+    let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
+    let is_wrong =
+        |warning: &Warning| wrong_robot(&provenance).is_some_and(|(code, _)| code == warning.code);
+    warnings.extend(
+        provenance
+            .warnings
+            .iter()
+            .filter(|warning| is_wrong(warning))
+            .cloned(),
+    );
     let answer = permit.run(move || {
         let body: PredictBody = json::parse(&bytes)?;
         let robot = Robot::try_from(&robot)?;
@@ -38,5 +51,6 @@ pub async fn predict(
             estimate.as_ref(),
         )?)
     });
-    Ok(Json(answer.await?))
+    let answer = answer.await?;
+    Ok(Json(PredictAnswer { warnings, ..answer }))
 }

@@ -1,7 +1,7 @@
 //! Gathers the evidence for a release: the facts of every job about a parameter set, and the points to compare it with the active one.
 
 use crate::calibration::request::VerifySource;
-use crate::calibration::{CalibrationRequest, repeats};
+use crate::calibration::{CalibrationRequest, repeats, tool_differences};
 use crate::jobs::request::request_of;
 use crate::jobs::{JobInputs, MeasurementSetInput};
 use crate::release::comparison::{
@@ -9,7 +9,9 @@ use crate::release::comparison::{
 };
 use crate::release::facts::verify_errors_mm;
 use crate::release::independence::{hides_base, shown_evidence};
-use crate::release::{Comparison, LastCheck, Session, UnscoredSession, has_changed};
+use crate::release::{
+    Ages, Comparison, LastCheck, Session, UnscoredSession, current_since, has_changed,
+};
 use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
@@ -38,6 +40,7 @@ pub struct EvidenceRows {
     later: Vec<LaterSession>,
     n_without_facts: i64,
     last_check: Option<LastCheck>,
+    ages: Ages,
     inputs: JobInputs,
     summary: String,
     content: String,
@@ -62,6 +65,10 @@ pub struct ParsedEvidence {
     pub identification: Verification,
     /// Number of the identification in the robot's counter.
     pub identification_seq: i64,
+    /// Age of the separate upload that the identification verified on; 0 for none.
+    pub verify_set_seq: i64,
+    /// Age of the points that the set was identified from.
+    pub points_seq: i64,
     /// The robot's last session that did not fit.
     pub last_check: Option<LastCheck>,
     /// Content of the set.
@@ -95,6 +102,7 @@ pub async fn load(
         rows: verifications::of_set(store, &set.id).await?,
         n_without_facts: verifications::n_without_facts(store, &set.id).await?,
         last_check: last_check(store, &set.robot_id).await?,
+        ages: ages(store, set, active).await?,
         inputs: JobInputs::load(store, &set.job_id).await?,
         summary: report_summaries::of_job(store, &set.job_id).await?,
         content: set.body_json.clone(),
@@ -110,6 +118,31 @@ pub async fn load(
             }
         },
     })
+}
+
+/// Ages of the points of the set, of the active one, and of the last session that did not fit and that nobody has explained.
+async fn ages(
+    store: &Store,
+    set: &ParameterSetRow,
+    active: Option<&ParameterSetRow>,
+) -> Result<Ages> {
+    let check = verifications::check(store, &set.robot_id).await?;
+    let last = match check.check_seq > check.checked_seq {
+        true => verifications::job_of(store, &set.robot_id, check.check_seq).await?,
+        false => None,
+    };
+    let mut ages = Ages::default();
+    for (job_id, age) in [
+        (Some(&set.job_id), &mut ages.own),
+        (active.map(|active| &active.job_id), &mut ages.active),
+        (last.as_ref(), &mut ages.last_check),
+    ] {
+        if let Some(job_id) = job_id {
+            let row = verifications::of_job(store, job_id).await?;
+            *age = row.map_or(0, |row| row.points_seq);
+        }
+    }
+    Ok(ages)
 }
 
 async fn last_check(store: &Store, robot_id: &str) -> Result<Option<LastCheck>> {
@@ -141,20 +174,23 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
     }
     let request = request_of(&stored.inputs)
         .map_err(|_| Unreadable(format!("the inputs of {}", stored.inputs.job.id)))?;
+    let since = current_since(stored.ages);
     let mut identification = None;
     let mut sessions: Vec<Session> = Vec::new();
     for row in stored.rows {
         match row.found.kind {
-            VerificationKind::Identification => identification = Some((row.seq, row.found)),
-            VerificationKind::Session => sessions.push(session(&request, row)),
+            VerificationKind::Identification => identification = Some(row),
+            VerificationKind::Session => sessions.push(session(&request, since, row)),
         }
     }
-    let (identification_seq, identification) =
+    let identified =
         identification.ok_or_else(|| Unreadable("no facts of the identification".into()))?;
+    let (identification_seq, verify_set_seq) = (identified.seq, identified.scored_seq);
     let is_base_hidden = matches!(&request.verify, VerifySource::Set(set) if hides_base(request.set.frame, set.frame));
+    let is_outdated = verify_set_seq > 0 && verify_set_seq < since;
     let identification = Verification {
-        evidence: shown_evidence(&identification, is_base_hidden),
-        ..identification
+        evidence: shown_evidence(&identified.found, is_base_hidden || is_outdated),
+        ..identified.found
     };
     let of_active = stored.active.iter().flat_map(|active| &active.uploads);
     let active_points: Vec<MeasurementSet> = of_active
@@ -173,6 +209,8 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         report: parsed(&stored.summary)?,
         identification,
         identification_seq,
+        verify_set_seq,
+        points_seq: identified.points_seq,
         last_check: stored.last_check,
         content: parsed(&stored.content)?,
         active_points,
@@ -222,13 +260,15 @@ fn points_of_upload(
         .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
 }
 
-fn session(request: &CalibrationRequest, row: VerificationRow) -> Session {
+fn session(request: &CalibrationRequest, since: i64, row: VerificationRow) -> Session {
     let is_base_hidden = hides_base(request.set.frame, row.frame);
     Session {
         job_id: row.job_id,
         measurement_set_id: row.measurement_set_id,
         seq: row.seq,
         is_base_hidden,
+        measured_seq: row.scored_seq,
+        is_outdated: row.scored_seq < since,
         is_evidence: row.found.evidence != Evidence::None,
         verification: Verification {
             evidence: shown_evidence(&row.found, is_base_hidden),
@@ -256,6 +296,16 @@ impl ParsedEvidence {
             ),
             None => HeldOutPoints::None,
         }
+    }
+
+    /// Mean difference of the tool of this set and of another over the workspace, mm; `None` if they have different numbers of links.
+    pub fn tool_difference_mm(&self, other: &ParameterSetContent) -> Option<f64> {
+        let robot = &self.request.robot;
+        let has_links = |content: &ParameterSetContent| content.links.len() == robot.links.len();
+        (has_links(&self.content) && has_links(other)).then(|| {
+            let [own, other] = [&self.content, other].map(|set| set.identified_robot(None));
+            tool_differences(robot, &own, &other).mean_mm
+        })
     }
 
     /// The set and the active one, if there is one.

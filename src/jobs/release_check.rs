@@ -5,13 +5,14 @@ use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::HeldOutPoints;
 use crate::release::guard_band::rule_in_force;
 use crate::release::{
-    ArchivedItem, Comparison, Decision, Facts, UnscoredSession, decide, has_same_values,
+    ArchivedItem, Comparison, Decision, Facts, UnscoredSession, WithdrawnSource, decide,
+    has_same_values,
 };
 use crate::store::withdrawals::{self, WithdrawnSet};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
     PolicyRow, Release, RobotRow, Store, audit, job_sources, jobs, measurement_sets,
-    parameter_sets, policies, robots,
+    parameter_sets, policies, robots, verifications,
 };
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
@@ -120,8 +121,8 @@ struct GateInputs {
     uploaders: Vec<Option<String>>,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     insisted_source: Option<String>,
-    /// A withdrawn parameter set whose values it holds, or that has the same values.
-    withdrawn_source: Option<String>,
+    /// A withdrawn parameter set whose values it holds, or that says the same of the same points.
+    withdrawn_source: Option<WithdrawnSource>,
 }
 
 /// Reads the evidence of a release and runs the gates on it. It computes on blocking threads, which hold clones of `permit`.
@@ -173,9 +174,29 @@ pub async fn check(
         n_withdrawn,
     };
     let parsed = blocking::run(permit, || evidence::parse(stored)).await??;
-    let twin = with_same_values(&parsed, &withdrawn)?;
-    let withdrawn_source = held_withdrawn.or(twin);
     let parsed = Arc::new(parsed);
+    let withdrawn_id = match held_withdrawn {
+        Some(id) => Some(id),
+        None => {
+            let mut points_seq = Vec::new();
+            for set in &withdrawn {
+                let row = verifications::of_job(store, &set.job_id).await?;
+                points_seq.push(row.map_or(0, |row| row.points_seq));
+            }
+            let parsed = Arc::clone(&parsed);
+            let find = move || says_the_same(&parsed, &withdrawn, &points_seq);
+            blocking::run(permit, find).await??
+        }
+    };
+    let withdrawn_source = match withdrawn_id {
+        None => None,
+        Some(id) => {
+            let rows = verifications::of_set(store, &id).await?;
+            let scored = rows.into_iter().map(|row| row.scored_seq);
+            let scored_seq = scored.filter(|seq| *seq > 0).collect();
+            Some(WithdrawnSource { id, scored_seq })
+        }
+    };
     let comparisons = match request.purpose {
         Purpose::Release { .. } => compare(store, permit, &parsed).await?,
         Purpose::Rollback => Vec::new(),
@@ -203,18 +224,30 @@ pub async fn check(
     })
 }
 
-/// The withdrawn set that has the same values as this one, if there is one.
-fn with_same_values(
+/// Share of a set's error on its verify points by which the tool of two sets may differ while they say the same.
+const SAME_TOOL: f64 = 0.1;
+
+/// The withdrawn set that has the same values as this one, or moves the tool to the same places and was identified from the same points, if there is
+/// one. `points_seq` are the ages of the points of the withdrawn sets.
+fn says_the_same(
     parsed: &ParsedEvidence,
     withdrawn: &[WithdrawnSet],
+    points_seq: &[i64],
 ) -> Result<Option<String>, Unreadable> {
     let unreadable = |cause: serde_json::Error| Unreadable(cause.to_string());
     let own = serde_json::to_value(&parsed.content).map_err(unreadable)?;
-    for set in withdrawn {
+    let same_mm = SAME_TOOL * parsed.identification.after_rms_mm.unwrap_or(0.0);
+    for (set, seq) in withdrawn.iter().zip(points_seq) {
         let other: ParameterSetContent =
             serde_json::from_str(&set.body_json).map_err(unreadable)?;
-        let other = serde_json::to_value(other).map_err(unreadable)?;
-        if has_same_values(&own, &other) {
+        let is_of_same_points = *seq > 0 && *seq == parsed.points_seq;
+        let is_same_tool = || {
+            parsed
+                .tool_difference_mm(&other)
+                .is_some_and(|mm| mm <= same_mm)
+        };
+        let other_values = serde_json::to_value(&other).map_err(unreadable)?;
+        if has_same_values(&own, &other_values) || (is_of_same_points && is_same_tool()) {
             return Ok(Some(set.id.clone()));
         }
     }
@@ -305,6 +338,7 @@ fn run_gates(
         report: &parsed.report,
         identification: &parsed.identification,
         identification_seq: parsed.identification_seq,
+        verify_set_seq: parsed.verify_set_seq,
         parameter_set_id: &request.set.id,
         content: &parsed.content,
         active: parsed.active.as_ref(),
@@ -319,7 +353,7 @@ fn run_gates(
         has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
         is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
         insisted_source: insisted_source.as_deref(),
-        withdrawn_source: withdrawn_source.as_deref(),
+        withdrawn_source: withdrawn_source.as_ref(),
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
         stated_serial_number: stated_serial_number(sets, body.serial_number.as_deref()),

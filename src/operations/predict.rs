@@ -43,6 +43,7 @@ pub fn predict(
     };
     let (position_mm, extrapolated) = request.q_deg.iter().map(predicted).unzip();
     Ok(PredictAnswer {
+        warnings: vec![],
         position_mm,
         extrapolated,
         position_std_mm: estimate

@@ -5,7 +5,6 @@ use crate::calibration::{self, CalibrationRequest, robust_comparison};
 use crate::measurement::MeasurementSet;
 use crate::release::sessions::Session;
 use crate::wire::parameter_set::ParameterSetContent;
-use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Verification;
 
 /// Errors of the set and of the robot's active one on the same points.
@@ -40,14 +39,14 @@ pub enum HeldOutPoints {
     None,
 }
 
-/// The independent sessions, each upload once. Points to which a set was fitted do not show which of two sets is better.
+/// The independent sessions that show the robot as it is now, each upload once. Points to which a set was fitted do not show which of two sets is better.
 pub fn sessions_to_compare(sessions: &[Session]) -> Vec<Session> {
     let mut chosen: Vec<Session> = Vec::new();
     for session in sessions {
         let is_new = chosen
             .iter()
             .all(|other| other.measurement_set_id != session.measurement_set_id);
-        if session.verification.evidence == Evidence::IndependentSession && is_new {
+        if session.is_independent() && is_new {
             chosen.push(session.clone());
         }
     }

@@ -19,6 +19,15 @@ pub struct LastCheck {
     pub job_id: String,
 }
 
+/// A withdrawn parameter set whose values another set holds or has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WithdrawnSource {
+    /// Its id.
+    pub id: String,
+    /// Ages of the uploads on which it was scored, as numbers in the audit chain. They did not prevent its release.
+    pub scored_seq: Vec<i64>,
+}
+
 /// An archived item that a release needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArchivedItem {
@@ -45,6 +54,8 @@ pub struct Facts<'a> {
     pub identification: &'a Verification,
     /// Number of that job in the robot's counter.
     pub identification_seq: i64,
+    /// Age of the separate upload that the job verified on, as a number in the audit chain; 0 for none.
+    pub verify_set_seq: i64,
     /// The set's id.
     pub parameter_set_id: &'a str,
     /// The set.
@@ -65,8 +76,8 @@ pub struct Facts<'a> {
     pub is_withdrawn: bool,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     pub insisted_source: Option<&'a str>,
-    /// A withdrawn parameter set whose values this one holds, or that has the same values.
-    pub withdrawn_source: Option<&'a str>,
+    /// A withdrawn parameter set whose values this one holds, or that says the same of the same points.
+    pub withdrawn_source: Option<&'a WithdrawnSource>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,
     /// Serial number of the robot.
@@ -86,16 +97,23 @@ pub struct Facts<'a> {
 impl Facts<'_> {
     /// Strength of the verification.
     pub fn evidence(&self) -> Evidence {
+        self.evidence_without(&[])
+    }
+
+    /// Strength of the verification without the uploads of these ages.
+    pub fn evidence_without(&self, measured_seq: &[i64]) -> Evidence {
         let is_independent = |session: &Session| {
             session.verification.fit == Fit::Fits
-                && session.verification.evidence == Evidence::IndependentSession
+                && session.is_independent()
+                && !measured_seq.contains(&session.measured_seq)
                 && (self.policy.tolerance_mm.is_some()
                     || !session.verification.is_worse && self.times_worse(session).is_none())
         };
-        if self.sessions.iter().any(is_independent) {
-            Evidence::IndependentSession
-        } else {
-            self.identification.evidence
+        let is_left_out = measured_seq.contains(&self.verify_set_seq);
+        match self.identification.evidence {
+            _ if self.sessions.iter().any(is_independent) => Evidence::IndependentSession,
+            Evidence::IndependentSession if is_left_out => Evidence::SameUpload,
+            evidence => evidence,
         }
     }
 

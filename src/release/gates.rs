@@ -3,7 +3,7 @@
 use crate::calibration::TOOL_UNCERTAIN;
 use crate::release::comparison::ComparedRms;
 use crate::release::facts::MIN_VERIFY_POINTS;
-use crate::release::gate_facts::{ArchivedItem, Facts};
+use crate::release::gate_facts::{ArchivedItem, Facts, WithdrawnSource};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, scored_on_later_sessions, sessions_fit,
@@ -81,11 +81,11 @@ fn archived(facts: &Facts<'_>) -> Option<Gate> {
 }
 
 fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
-    let id = facts.withdrawn_source?;
+    let WithdrawnSource { id, scored_seq } = facts.withdrawn_source?;
     let detail = format!(
-        "the set holds or repeats values of {id}, which was withdrawn: another session must show that this set is right"
+        "the set holds or repeats values of {id}, which was withdrawn: a session on which that set was not scored must show that this set is right"
     );
-    let is_shown = facts.evidence() == Evidence::IndependentSession;
+    let is_shown = facts.evidence_without(scored_seq) == Evidence::IndependentSession;
     Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
 }
 
@@ -319,6 +319,13 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
         limits += &format!(
             ". The base was not checked by the session of job {}: the set was identified from positions in the base frame, and in the instrument's \
              frame the base is placed anew. Measure a session in the base frame (frame=base)",
+            session.job_id
+        );
+    }
+    if let Some(session) = fitting.clone().find(|session| session.is_outdated) {
+        limits += &format!(
+            ". The session of job {} is older than the points of the active set or than a session that did not fit the robot, so it does not show the \
+             robot as it is now: measure a session now, and score the set on it",
             session.job_id
         );
     }

@@ -25,10 +25,10 @@ mod verdict;
 pub use check_state::{CheckStateChange, check_state_change};
 pub use comparison::Comparison;
 pub use decision::{Decision, decide};
-pub use gate_facts::{ArchivedItem, Facts, LastCheck};
+pub use gate_facts::{ArchivedItem, Facts, LastCheck, WithdrawnSource};
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use same_values::has_same_values;
-pub use sessions::{Session, UnscoredSession, has_changed};
+pub use sessions::{Ages, Session, UnscoredSession, current_since, has_changed};
 pub use suspicions::{AcceptedMisfit, accept_misfit};
 pub use trend::{ScoredJob, ScoredSession, may_have_trend, scored_sessions, trend};
 pub use verdict::{

@@ -16,6 +16,11 @@ pub struct Session {
     pub seq: i64,
     /// Whether the set's base was placed anew in the session, so that a wrong base would not show.
     pub is_base_hidden: bool,
+    /// Number in the audit chain of the upload in which its points appeared first.
+    pub measured_seq: i64,
+    /// Whether its points are older than what showed last that the robot may have changed ([`current_since`]). It then does not show the robot as it
+    /// is now.
+    pub is_outdated: bool,
     /// Whether the session is evidence against the set. A session with few points, or one whose upload was refused and insisted on, is none. A session
     /// that hides the base is, although it cannot support the set.
     pub is_evidence: bool,
@@ -34,6 +39,24 @@ pub struct UnscoredSession {
     pub seq: i64,
     /// Whether that job found that the robot has changed.
     pub has_changed: bool,
+}
+
+/// Ages of uploads, as numbers in the audit chain.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Ages {
+    /// Of the points that the set was identified from.
+    pub own: i64,
+    /// Of the points that the active set was identified from; 0 if there is no other active set.
+    pub active: i64,
+    /// Of the last session that did not fit the robot; 0 if there is none, or if somebody has said why.
+    pub last_check: i64,
+}
+
+/// A set whose points are newer than those of the active set, or than a session that did not fit the robot, says how the robot is since then. A session
+/// that is older than those is no evidence for that: an old file that is uploaded late fits old sessions.
+pub fn current_since(ages: Ages) -> i64 {
+    let newer = [ages.active, ages.last_check].into_iter();
+    newer.filter(|since| ages.own > *since).max().unwrap_or(0)
 }
 
 /// Whether a job found that the robot has changed.
@@ -55,6 +78,11 @@ pub fn supports(session: &Verification) -> bool {
 }
 
 impl Session {
+    /// Whether the session is independent evidence for the robot as it is now.
+    pub fn is_independent(&self) -> bool {
+        self.verification.evidence == Evidence::IndependentSession && !self.is_outdated
+    }
+
     /// Whether the session supports the set, comes after this number of the robot's counter, and repeats no earlier upload.
     pub fn supports_since(&self, seq: i64) -> bool {
         self.seq > seq && supports(&self.verification) && !self.verification.is_repeat

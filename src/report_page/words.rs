@@ -43,7 +43,7 @@ pub fn advice(code: &str, among: &[Warning]) -> Vec<&'static str> {
 
 /// Readable text for the code of why a result cannot be used.
 pub fn no_use(code: &str) -> String {
-    of("UNUSABLE_WARNINGS", code)
+    of("NO_USE", code)
 }
 
 /// Readable text for the kind of a correction.

@@ -28,6 +28,10 @@ pub struct VerificationRow {
     pub created_at_ms: i64,
     /// Number of the row in the robot's counter.
     pub seq: i64,
+    /// Number in the audit chain of the upload in which the job's fitted or scored points appeared first; 0 if that is older than the chain.
+    pub points_seq: i64,
+    /// The same for the upload that a parameter set was scored on: the scored set of a session, the verify set of an identification (0 for none).
+    pub scored_seq: i64,
     /// What the job found.
     pub found: Verification,
 }
@@ -38,7 +42,9 @@ from_row!(VerificationRow {
     parameter_set_id,
     measurement_set_id,
     created_at_ms,
-    seq
+    seq,
+    points_seq,
+    scored_seq
 } parsed { frame } nested { found });
 
 from_row!(Verification {
@@ -120,12 +126,41 @@ from_row!(CheckRow {
     checked_seq
 });
 
+// SQL: the age of a measurement set, as a number in the audit chain. The same bytes uploaded again are as old as they were first.
+macro_rules! uploaded_seq {
+    ($set:literal) => {
+        concat!(
+            "(select coalesce(min(a.seq), 0) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
+                join audit a on a.subject = same.id and a.event = 'measurement_set_created' where m.id = ",
+            $set,
+            ")"
+        )
+    };
+}
+
+// SQL: the age of the points of a verification `v`; of several sessions, the age of the newest. They are as old as what they copy.
+macro_rules! points_seq {
+    () => {
+        concat!(
+            "coalesce(nullif(v.measured_seq, 0), (select coalesce(max(",
+            uploaded_seq!("o.measurement_set_id"),
+            "), 0) from job_upload o where o.job_id = v.job_id))"
+        )
+    };
+}
+
 macro_rules! rows {
     () => {
-        "select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
+        concat!("select v.job_id as job_id, v.robot_id as robot_id, v.parameter_set_id as parameter_set_id, j.measurement_set_id as measurement_set_id, m.frame as frame, j.created_at_ms as created_at_ms, v.kind as kind, v.seq as seq,
              v.n_points as n_points, v.before_rms_mm as before_rms_mm, v.after_rms_mm as after_rms_mm, v.after_expanded_mm as after_expanded_mm, v.is_better as is_better, v.fit as fit,
-             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.measured_seq as measured_seq, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm
-         from verification v join job j on j.id = v.job_id join measurement_set m on m.id = j.measurement_set_id"
+             v.evidence as evidence, v.is_repeat as is_repeat, v.is_worse as is_worse, v.measured_seq as measured_seq, v.check_seq as check_seq, v.uncertainty_mm as uncertainty_mm, ",
+            points_seq!(),
+            " as points_seq, case when v.kind = 'session' then ",
+            points_seq!(),
+            " else ",
+            uploaded_seq!("j.verify_set_id"),
+            " end as scored_seq
+         from verification v join job j on j.id = v.job_id join measurement_set m on m.id = j.measurement_set_id")
     };
 }
 
@@ -176,27 +211,28 @@ const COUNT: &str = "select count(*) from verification where robot_id = (select 
 // block a release. Uploads without an entry are older than the chain; among these, and for the
 // same upload, the order of the jobs decides. Jobs that repeat uploads from before a session that did not fit are left out, because they show nothing
 // new. A job with several sessions is not left out, because one repeated session must not hide the others.
-const LATER_SESSIONS: &str = "
+const LATER_SESSIONS: &str = concat!(
+    "
     with own as (
-        select p.robot_id as robot_id, f.seq as seq,
-            coalesce(nullif(f.measured_seq, 0), (select coalesce(max((select min(a.seq) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
-                join audit a on a.subject = same.id and a.event = $5 where m.id = o.measurement_set_id)), 0)
-                from job_upload o where o.job_id = p.job_id)) as uploaded
-        from parameter_set p join verification f on f.job_id = p.job_id where p.id = $1),
+        select v.robot_id as robot_id, v.seq as seq, ",
+    points_seq!(),
+    " as uploaded
+        from parameter_set p join verification v on v.job_id = p.job_id where p.id = $1),
     later as (
-        select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json,
-            (select coalesce(min(a.seq), 0) from measurement_set m join measurement_set same on same.robot_id = m.robot_id and same.sha256 = m.sha256
-                join audit a on a.subject = same.id and a.event = $5 where m.id = u.measurement_set_id) as uploaded
+        select v.job_id as job_id, u.measurement_set_id as measurement_set_id, v.seq as seq, coalesce(r.summary_json, '') as summary_json, ",
+    uploaded_seq!("u.measurement_set_id"),
+    " as uploaded
         from own join verification v on v.robot_id = own.robot_id join job_upload u on u.job_id = v.job_id
             left join report_summary r on r.job_id = v.job_id
-        where ((v.kind = $2 and v.fit = $3) or (v.kind <> $2 and v.fit <> $6 and v.evidence <> $7))
+        where ((v.kind = $2 and v.fit = $3) or (v.kind <> $2 and v.fit <> $5 and v.evidence <> $6))
             and (v.is_repeat = 0 or exists (select 1 from job_session o where o.job_id = v.job_id)))
     select v.job_id as job_id, v.measurement_set_id as measurement_set_id, v.seq as seq, v.summary_json as summary_json
     from later v join own on (v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))
     where not exists (select 1 from verification s join job k on k.id = s.job_id
             where s.parameter_set_id = $1 and (k.measurement_set_id = v.measurement_set_id or k.verify_set_id = v.measurement_set_id
                 or exists (select 1 from job_session w where w.job_id = k.id and w.measurement_set_id = v.measurement_set_id)))
-    order by v.seq, v.measurement_set_id limit cast($4 as bigint)";
+    order by v.seq, v.measurement_set_id limit cast($4 as bigint)"
+);
 
 // Counts jobs that an older version of kincal ended and that have no facts yet.
 const N_WITHOUT_FACTS: &str = "
@@ -354,7 +390,6 @@ pub async fn later_sessions(
         .bind(VerificationKind::Identification.as_str())
         .bind(Fit::Fits.as_str())
         .bind(limit)
-        .bind(AuditEvent::MeasurementSetCreated.as_str())
         .bind(Fit::DoesNotFit.as_str())
         .bind(Evidence::None.as_str())
         .fetch_all(store.readers())

@@ -11,7 +11,8 @@ const HELD: &str = "
         and p.job_id in (select s.source_job_id from job_source s where s.job_id = $1 and s.is_held = 1)
     order by p.id limit 1";
 
-const OF_ROBOT: &str = "select id, body_json from parameter_set where robot_id = $1 and status = 'withdrawn' order by id desc limit cast($2 as bigint)";
+const OF_ROBOT: &str = "
+    select id, job_id, body_json from parameter_set where robot_id = $1 and status = 'withdrawn' order by id desc limit cast($2 as bigint)";
 
 const COUNT: &str =
     "select count(*) from parameter_set where robot_id = $1 and status = 'withdrawn'";
@@ -21,11 +22,17 @@ const COUNT: &str =
 pub struct WithdrawnSet {
     /// `par_…`
     pub id: String,
+    /// The job that identified it.
+    pub job_id: String,
     /// Its content, `wire::parameter_set::ParameterSetContent`.
     pub body_json: String,
 }
 
-from_row!(WithdrawnSet { id, body_json });
+from_row!(WithdrawnSet {
+    id,
+    job_id,
+    body_json
+});
 
 /// Id of a withdrawn parameter set whose values the job holds, if there is one.
 ///

@@ -134,10 +134,11 @@ pub struct CompensateAnswer {
     /// Identified errors that are not corrected.
     #[serde(default)]
     pub left_out: LeftOut,
-    /// Warnings. `pose_not_seen`: the measured positions do not determine the flange's pose completely, and this tool or mode depends on the part
-    /// that is not determined. `reflector_length`: the model assumes the reflector at the flange, so an error of d of the last link looks like a
-    /// reflector in front of the flange. `far_from_q_near`: in the Cartesian targets `rows` (0-based), the nearest posture that was found has a joint
-    /// more than 90° from `q_near_deg`.
+    /// Warnings. `set_withdrawn`: the parameter set was withdrawn. `check_robot`: a session did not fit the robot, which may have changed.
+    /// `pose_not_seen`: the measured positions do not determine the flange's pose completely, and this tool or mode depends on the part that is not
+    /// determined. `reflector_length`: the model assumes the reflector at the flange, so an error of d of the last link looks like a reflector in front
+    /// of the flange. `far_from_q_near`: in the Cartesian targets `rows` (0-based), the nearest posture that was found has a joint more than 90° from
+    /// `q_near_deg`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }

@@ -4,7 +4,7 @@ use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
-use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
+use crate::wire::measurement::{MAX_JOINT_VALUE_DEG, Warning};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -43,6 +43,10 @@ pub struct PredictAnswer {
     /// base and target. It does not contain the robot's repeatability. Absent if the uncertainty of the links is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,
+    /// Warnings. `set_withdrawn`: the parameter set was withdrawn. `check_robot`: a session did not fit the robot, which may have changed. `no_fit`,
+    /// `joint_map_suspect`, `model_too_small`: the set does not fit its robot.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 impl PredictBody {

@@ -111,7 +111,7 @@ impl ReferenceBody {
                     "{} mm were measured of {} mm: more than 1 % off. Check the unit, and that both are of the same length",
                     item.measured_mm, item.nominal_mm
                 );
-                checker.note(format!("{at}/measured_mm"), "wrong_length", detail);
+                checker.note(format!("{at}/measured_mm"), "implausible_length", detail);
             }
             if !(MIN_STD_MM..=MAX_STD_MM).contains(&item.std_mm) {
                 let detail = format!(

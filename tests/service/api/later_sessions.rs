@@ -127,6 +127,75 @@ async fn a_withdrawn_set_does_not_return_with_another_seed() {
 }
 
 #[tokio::test]
+async fn a_withdrawn_set_does_not_return_with_other_options_or_by_the_sessions_that_it_passed() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(37);
+    let own = app.upload(&robot, "first_noisy.csv").await;
+    let withdrawn = identified(&app, &robot, &own).await;
+    let fresh = with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random);
+    let (known, unknown) = fresh.split_at(fresh.len() / 2);
+    let known = upload(&app, &robot, known).await;
+    scored(&app, &robot, &known, &withdrawn).await;
+    let path = format!("/v1/parameter-sets/{}/withdraw", text(&withdrawn));
+    let reason = json!({"reason": "it drilled the fixture"});
+    app.post_json(&path, &reason).await.ok(200);
+    let request = json!({"measurement_set_id": own, "options": {"loss": "huber"}});
+    let job = app.run(&robot, &request).await;
+    let again = job["parameter_set_id"].clone();
+    assert!(fails(&app, &again, "source_withdrawn").await, "{job}");
+    scored(&app, &robot, &known, &again).await;
+    assert!(fails(&app, &again, "source_withdrawn").await);
+    let unknown = upload(&app, &robot, unknown).await;
+    scored(&app, &robot, &unknown, &again).await;
+    assert!(!fails(&app, &again, "source_withdrawn").await);
+    // whoever corrects with the withdrawn set is told
+    let path = format!("/v1/parameter-sets/{}/predict", text(&withdrawn));
+    let pose = json!({"q_deg": [[0, 0, 0, 0, 0, 0]]});
+    let told = app.post_json(&path, &pose).await.ok(200);
+    assert!(codes(&told).contains(&"set_withdrawn"), "{told}");
+}
+
+#[tokio::test]
+async fn an_old_file_that_is_uploaded_late_is_not_verified_by_old_sessions() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(38);
+    set_policy(&app, &robot, json!({"independent_session_required": true})).await;
+    let mut before = with_noise(&rows("first.csv"), 0.03, &mut random);
+    let late = before.split_off(before.len() / 2);
+    let own = upload(&app, &robot, &before).await;
+    let first = identified(&app, &robot, &own).await;
+    let fresh = with_noise(&rows("followup_unchanged.csv"), 0.03, &mut random);
+    let session = upload(&app, &robot, &fresh).await;
+    scored(&app, &robot, &session, &first).await;
+    release(&app, &first).await;
+    // after a collision another set is released, verified on a session of its own
+    let since = with_noise(&rows("followup_collision.csv"), 0.03, &mut random);
+    let (points, verify) = since.split_at(since.len() / 2);
+    let points = upload(&app, &robot, points).await;
+    let right = identified(&app, &robot, &points).await;
+    let verify = upload(&app, &robot, verify).await;
+    scored(&app, &robot, &verify, &right).await;
+    release(&app, &right).await;
+    // a file from before the collision, which nobody has uploaded yet
+    let late = upload(&app, &robot, &late).await;
+    let wrong = identified(&app, &robot, &late).await;
+    scored(&app, &robot, &session, &wrong).await;
+    assert!(fails(&app, &wrong, "evidence").await);
+    // the session shows nothing of how the robot is now
+    let path = format!("/v1/parameter-sets/{}/gates", text(&wrong));
+    let gates = app.get(&path).await.ok(200);
+    let gates = gates["gates"].as_array().unwrap().iter();
+    let evidence = gates.clone().find(|gate| gate["gate"] == "evidence");
+    let detail = text(&evidence.unwrap()["detail"]);
+    assert!(
+        detail.contains("does not show the robot as it is now"),
+        "{detail}"
+    );
+}
+
+#[tokio::test]
 async fn a_session_of_few_points_needs_no_stated_uncertainty() {
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;

@@ -76,6 +76,13 @@ impl Cell {
                 .body("{\"translation_mm\": [0, 0, 0]}");
             Answer::of(named).await.ok(200);
         }
+        let bar = json!({"items": [{"name": "bar", "nominal_mm": 1000, "measured_mm": 1000.01, "std_mm": 0.01}]});
+        let reference = post(
+            format!("{at}/references"),
+            "application/json",
+            bar.to_string().into_bytes(),
+        )
+        .await;
         let request = json!({"measurement_set_id": set["id"], "method": "pso", "options": {"n_particles": 10, "n_iterations": 5}});
         let mut job = post(
             format!("{at}/jobs"),
@@ -97,6 +104,10 @@ impl Cell {
             ("/v1/parameter-sets/{id}", id(&job, "parameter_set_id")),
             ("/v1/networks/{id}", id(&job, "network_id")),
             ("/v1/robot-models/{id}", "ur_ur5e".into()),
+            (
+                "/v1/robots/{robot_id}/references/{id}",
+                id(&reference, "id"),
+            ),
         ];
         Self { robot, ids }
     }

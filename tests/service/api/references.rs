@@ -82,7 +82,7 @@ async fn what_is_no_reference_is_refused_with_its_place() {
         (
             item(1000.0, 1.0, 0.01),
             "/items/0/measured_mm",
-            "wrong_length",
+            "implausible_length",
         ),
         (item(1000.0, 1000.0, 0.0), "/items/0/std_mm", "out_of_range"),
     ] {
