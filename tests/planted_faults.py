@@ -142,7 +142,7 @@ FAULTS = [
     Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [
         ("newer.filter(|since| ages.own > *since).max().unwrap_or(0)", "newer.filter(|_| false).max().unwrap_or(0)")], "src/release"),
     Fault("a reference is not in the budget", "service", "states_the_scale_of_the_instrument", [
-        ("mean_mm: tool.mean_mm.hypot(self.std_mm), max_mm: tool.max_mm.hypot(self.std_mm)", "mean_mm: tool.mean_mm, max_mm: tool.max_mm")], "src/calibration"),
+        ("mean_mm: libm::hypot(tool.mean_mm, self.std_mm), max_mm: libm::hypot(tool.max_mm, self.std_mm)", "mean_mm: tool.mean_mm, max_mm: tool.max_mm")], "src/calibration"),
     Fault("an instrument that is off is right", "service", "states_the_scale_of_the_instrument", [
         ("self.error.abs() > COVERAGE * self.std", "self.error.abs() > 100.0 * COVERAGE * self.std")], "src/calibration"),
     Fault("a withdrawn set comes back with another seed", "service", "with_another_seed", [

@@ -67,7 +67,7 @@ impl InstrumentScale {
     /// Standard uncertainty of a length of `length_mm` that the instrument measured, mm. Positions are not corrected for the error of the scale, so it
     /// counts as well.
     pub fn std_mm(&self, length_mm: f64) -> f64 {
-        self.error.hypot(self.std) * length_mm
+        libm::hypot(self.error, self.std) * length_mm
     }
 
     /// Whether an error `scale` of all lengths of a robot is mostly that of the instrument.
@@ -97,8 +97,8 @@ impl ScaleAtReach {
     /// A tool's uncertainty with that of the scale, as the root of the sum of squares.
     pub fn added_to(&self, tool: ToolUncertainty) -> ToolUncertainty {
         ToolUncertainty {
-            mean_mm: tool.mean_mm.hypot(self.std_mm),
-            max_mm: tool.max_mm.hypot(self.std_mm),
+            mean_mm: libm::hypot(tool.mean_mm, self.std_mm),
+            max_mm: libm::hypot(tool.max_mm, self.std_mm),
         }
     }
 }
@@ -122,7 +122,7 @@ mod tests {
         assert!((scale.std - 5e-6).abs() < 1e-15);
         assert!(scale.is_off() && scale.explains(20e-6) && !scale.explains(200e-6));
         // 3 m: 0.06 mm of error and 0.015 mm of uncertainty
-        assert!((scale.std_mm(3000.0) - 0.06_f64.hypot(0.015)).abs() < 1e-12);
+        assert!((scale.std_mm(3000.0) - libm::hypot(0.06, 0.015)).abs() < 1e-12);
     }
 
     #[test]

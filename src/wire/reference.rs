@@ -106,7 +106,7 @@ impl ReferenceBody {
                     item.nominal_mm
                 );
                 checker.note(format!("{at}/nominal_mm"), "out_of_range", detail);
-            } else if !((item.measured_mm / item.nominal_mm - 1.0).abs() <= MOST_OFF) {
+            } else if (item.measured_mm / item.nominal_mm - 1.0).abs() > MOST_OFF {
                 let detail = format!(
                     "{} mm were measured of {} mm: more than 1 % off. Check the unit, and that both are of the same length",
                     item.measured_mm, item.nominal_mm
