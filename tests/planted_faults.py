@@ -135,6 +135,8 @@ FAULTS = [
         ("(v.uploaded > own.uploaded or (v.uploaded = own.uploaded and v.seq > own.seq))", "(v.seq > own.seq)")], "src/store"),
     Fault("a withdrawn set comes back by its upload", "service", "the_same_upload_identified_again", [
         ("has_same_values(&own, &other_values)", "false"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
+    Fault("a reflector that was mounted again hides the noise", "core", "with_its_reflector_mounted_again", [
+        ("pair.difference_mm -= Vector3::new(explained[0]", "pair.difference_mm -= 0.0 * Vector3::new(explained[0]")], "src/calibration"),
     Fault("a withdrawn set comes back with another loss", "service", "with_other_options", [
         ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
     Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [

@@ -4,11 +4,11 @@
 use crate::calibration::{CalibrationRequest, RepeatedRows};
 use crate::jobs::request::points_of;
 use crate::jobs::{JobFailure, JobInputs};
-use crate::kinematics::Robot;
 use crate::release::facts::MeasuredSince;
 use crate::store::verifications::KnownUpload;
 use crate::wire::job::Kind;
 use crate::wire::measurement::MeasurementSet;
+use crate::wire::robot::Robot;
 
 /// An upload of the robot, and its points.
 struct Known<'a> {

@@ -141,6 +141,38 @@ fn a_session_at_the_same_joint_values_is_told_from_a_copy_by_its_noise_wherever_
 }
 
 #[test]
+fn a_session_with_its_reflector_mounted_again_is_told_from_a_copy_whose_positions_were_displaced_like_that()
+ {
+    let nominal = paper_robot();
+    for seed in 0..8 {
+        let mut random = Normal::new(100 + seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let poses = poses(40, &mut random);
+        let first = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        for displaced_mm in [0.03, 0.3, 1.0] {
+            let by = Vector3::new(0.6, -0.8, 0.5) * displaced_mm;
+            let mut mounted_again = truth.clone();
+            mounted_again.targets_mm[0] += by;
+            let second = measure(&mounted_again, &poses, &Campaign::PLAIN, &mut random);
+            assert!(
+                is_anew(&nominal, &first, &second),
+                "{displaced_mm} mm, seed {seed}"
+            );
+            let mut copy = noisy(&first, 0.02, &mut random);
+            for point in &mut copy.points {
+                let q_rad = nominal.q_model_rad(&point.q_rad);
+                let moved = mounted_again.position(&q_rad, 0) - truth.position(&q_rad, 0);
+                point.position_mm += moved;
+            }
+            assert!(
+                !is_anew(&nominal, &first, &copy),
+                "{displaced_mm} mm, seed {seed}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_joint_that_does_not_move_the_reflector_makes_no_new_pose_of_a_copy() {
     let nominal = paper_robot();
     let mut random = Normal::new(3);

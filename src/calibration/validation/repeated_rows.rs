@@ -9,8 +9,8 @@
 //!   correlated with the residuals of the first and positively with those of the second. Noise that is added to a copy is not correlated with the
 //!   residuals of the original, and a copy that is only transformed has no noise.
 //!
-//! A constant offset of all values of the first or the last joint is removed as well: it only rotates the base or the reflector, which are placed
-//! anew.
+//! A constant displacement of each reflector in the flange frame is removed as well: somebody has mounted it again. So is a constant offset of all
+//! values of the first or the last joint: it only rotates the base or the reflector, which are placed anew.
 //!
 //! If neither noise shows, a new measurement cannot be told from a copy, and the rows count as repeated.
 
@@ -18,9 +18,11 @@ use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::start::align_in_closed_form;
-use crate::kinematics::{Robot, reach_mm};
+use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use crate::measurement::{Frame, MeasurementSet, Point};
-use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3};
+use nalgebra::{
+    DMatrix, DVector, IsometryMatrix3, Matrix3, Matrix3xX, Point3, Rotation3, Translation3, Vector3,
+};
 use std::borrow::Cow;
 use std::cell::OnceCell;
 use std::collections::BTreeSet;
@@ -46,6 +48,8 @@ const ROUNDED_PER_REACH: f64 = 5e-6;
 const MOST_TESTED: usize = 20;
 /// Maximum number of rows that the robot is fitted to, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
+/// Singular values below this share of the largest diagonal element are rounding errors.
+const ROUNDING: f64 = 1e-9;
 /// Step of a joint for computing how far it moves the reflector, rad.
 const STEP_RAD: f64 = 1e-4;
 /// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
@@ -146,8 +150,17 @@ struct Later<'a> {
 /// The nominal robot placed on an upload.
 struct PlacedRows {
     model: KinematicModel,
-    /// Of each row: the reflector's position, and how far each joint moves it, mm and mm/rad.
-    rows: Vec<(Vector3<f64>, Vec<f64>)>,
+    rows: Vec<PlacedRow>,
+}
+
+/// A row of the placed robot.
+struct PlacedRow {
+    /// The reflector's position, mm.
+    here_mm: Vector3<f64>,
+    /// How far each joint moves the reflector, mm/rad.
+    levers_mm: Vec<f64>,
+    /// Rotation of the flange in the frame of the positions.
+    r_flange: Matrix3<f64>,
 }
 
 impl PlacedRows {
@@ -164,7 +177,14 @@ impl PlacedRows {
                 q_rad[joint] += STEP_RAD;
                 (position(&q_rad) - here).norm() / STEP_RAD
             };
-            (here, (0..point.q_rad.len()).map(lever_mm).collect())
+            let q_rad = robot.q_model_rad(&point.q_rad);
+            let r_flange =
+                model.t_instrument_base.rotation * t_base_flange(&model.links, &q_rad).rotation;
+            PlacedRow {
+                here_mm: here,
+                levers_mm: (0..point.q_rad.len()).map(lever_mm).collect(),
+                r_flange: r_flange.into_inner(),
+            }
         };
         let rows = set.points.iter().map(of_row).collect();
         Some(Self { model, rows })
@@ -223,6 +243,7 @@ impl<'a> Later<'a> {
             for (pair, (before, after)) in pairs.iter_mut().zip(positions) {
                 pair.difference_mm = after - (t_later_earlier * Point3::from(before)).coords;
             }
+            remove_placement(&mut pairs, &self.set.points, &placed.rows);
             r_later_earlier = t_later_earlier.rotation;
             let (same, reread): (Vec<Pair>, Vec<Pair>) = pairs
                 .into_iter()
@@ -254,9 +275,8 @@ impl<'a> Later<'a> {
             earlier.points.iter().enumerate().filter_map(x_mm).collect();
         known.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut pairs = Vec::new();
-        for (row, (point, (here, levers_mm))) in
-            self.set.points.iter().zip(&placed.rows).enumerate()
-        {
+        for (row, (point, placed)) in self.set.points.iter().zip(&placed.rows).enumerate() {
+            let (here, levers_mm) = (&placed.here_mm, &placed.levers_mm);
             let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
             let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
             let nearest = known[begin..]
@@ -443,6 +463,43 @@ fn rigid_motion(positions: &[(Vector3<f64>, Vector3<f64>)]) -> IsometryMatrix3<f
         _ => Rotation3::identity(),
     };
     IsometryMatrix3::from_parts(Translation3::from(to - rotation * from), rotation)
+}
+
+/// Removes from the differences of position what a small motion of the instrument and a reflector that was mounted again explain, in the sense of least
+/// squares: difference = shift + rotation × position + R_flange · δ, with δ of each target in the flange frame.
+fn remove_placement(pairs: &mut [Pair], points: &[Point], rows: &[PlacedRow]) {
+    let n_targets = pairs.iter().map(|pair| points[pair.row].target + 1).max();
+    let n = 6 + 3 * n_targets.unwrap_or(0);
+    let size_mm = rows
+        .iter()
+        .map(|row| row.here_mm.norm())
+        .fold(1.0, f64::max);
+    let effects = |pair: &Pair| {
+        let (row, target) = (&rows[pair.row], points[pair.row].target);
+        let mut effects = Matrix3xX::zeros(n);
+        effects.fixed_columns_mut::<3>(0).fill_with_identity();
+        let turned = -row.here_mm.cross_matrix() / size_mm;
+        effects.fixed_columns_mut::<3>(3).copy_from(&turned);
+        effects
+            .fixed_columns_mut::<3>(6 + 3 * target)
+            .copy_from(&row.r_flange);
+        effects
+    };
+    let (mut normal, mut right) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    for pair in pairs.iter() {
+        let effects = effects(pair);
+        normal += effects.tr_mul(&effects);
+        right += effects.tr_mul(&pair.difference_mm);
+    }
+    // a direction that the poses do not show stays as it is
+    let largest = normal.diagonal().max();
+    let Ok(found) = normal.svd(true, true).solve(&right, ROUNDING * largest) else {
+        return;
+    };
+    for pair in pairs.iter_mut() {
+        let explained = effects(pair) * &found;
+        pair.difference_mm -= Vector3::new(explained[0], explained[1], explained[2]);
+    }
 }
 
 /// True if the positions follow the joint readings from one visit of a pose to the next.
