@@ -140,7 +140,7 @@ FAULTS = [
     Fault("a withdrawn set comes back with another loss", "service", "with_other_options", [
         ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
     Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [
-        ("&& !measured_seq.contains(&session.measured_seq)", "")], "src/release"),
+        ("&& !is_left_out(session.measured_seq, Some(&session.measurement_set_id))", "")], "src/release"),
     Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [
         ("newer.filter(|since| ages.own > *since).max().unwrap_or(0)", "newer.filter(|_| false).max().unwrap_or(0)")], "src/release"),
     Fault("a reference is not in the budget", "service", "states_the_scale_of_the_instrument", [
@@ -293,7 +293,7 @@ FAULTS = [
     Fault("a copy is as young as its upload", "service", "a_copy_of_an_old_upload", [
         ("first.map_or(own.uploaded_seq, |i| others[i].upload.uploaded_seq)", "first.map_or(own.uploaded_seq, |_| own.uploaded_seq)")], "src/jobs"),
     Fault("the age of a copy is not asked for", "service", "a_copy_of_an_old_upload", [
-        ("coalesce(nullif(v.measured_seq, 0), (select", "coalesce(nullif(v.measured_seq * 0, 0), (select")], "src/store"),
+        ("case when v.measured_seq > 0 and v.measured_seq <", "case when v.measured_seq < 0 and v.measured_seq <")], "src/store"),
     Fault("a check that finds a change lets releases through", "service", "a_check_says_whether", [
         ("else if has_warning(report, CHECK_CHANGED) { // The check found a change.", "else if false { // The check found a change.")], "src/release"),
     Fault("a check counts what the placement takes up", "core", "what_the_placement_takes_up", [

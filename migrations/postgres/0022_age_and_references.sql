@@ -64,3 +64,6 @@ begin
     end if;
     return new;
 end $$;
+
+-- The age of the same bytes.
+create index measurement_set_bytes on measurement_set (robot_id, sha256);

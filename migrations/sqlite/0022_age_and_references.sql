@@ -58,3 +58,6 @@ when new.status = 'released' and old.status <> 'released' and exists (
 begin
     select raise(abort, 'the robot''s policy does not allow this release');
 end;
+
+-- The age of the same bytes.
+create index measurement_set_bytes on measurement_set (robot_id, sha256);

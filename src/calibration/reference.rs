@@ -14,13 +14,6 @@ pub struct ReferenceLength {
     pub std_mm: f64,
 }
 
-impl ReferenceLength {
-    /// Measured minus nominal length in standard uncertainties. Beyond 2 it is unlikely for a correct instrument.
-    pub fn normalised_error(&self) -> f64 {
-        (self.measured_mm - self.nominal_mm) / self.std_mm
-    }
-}
-
 /// Relative error of all lengths that an instrument measures: it measures (1 + `error`) times a length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InstrumentScale {

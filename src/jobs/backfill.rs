@@ -65,7 +65,10 @@ async fn backfill_facts(store: &Store) -> Result<()> {
         );
     }
     for job_id in without {
-        let inputs = JobInputs::load(store, &job_id).await?;
+        let inputs = JobInputs::load(store, &job_id)
+            .await?
+            .with_known_uploads(store)
+            .await?;
         let report = jobs::report(store, &job_id).await?;
         let found = tokio::task::spawn_blocking(move || compute_facts(&inputs, &report));
         match found.await {
@@ -97,7 +100,7 @@ fn compute_facts(inputs: &JobInputs, report: &str) -> Option<Verification> {
     report
         .warnings
         .extend(missing_misfit_warning(&request, &report));
-    let since = measured_since(inputs, &request).ok()?;
+    let since = measured_since(inputs, &request);
     let sources = points_of(&inputs.sources, &request).ok()?;
     Some(identification_facts(
         &request,

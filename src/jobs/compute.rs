@@ -48,7 +48,8 @@ pub struct JobInputs {
     pub sources: Vec<MeasurementSetInput>,
     /// The references that the sets name, with their content in JSON.
     pub references: Vec<NamedDocumentRow>,
-    /// The robot's uploads with which the points are compared. Points that repeat an earlier upload are as old as that upload.
+    /// The robot's uploads with which the points are compared, if they were read ([`JobInputs::with_known_uploads`]). Points that repeat an earlier upload
+    /// are as old as that upload.
     pub known: KnownUploads,
 }
 
@@ -61,8 +62,11 @@ pub struct KnownUploads {
     pub own_seq: Vec<i64>,
     /// The uploads, oldest first.
     pub uploads: Vec<(KnownUpload, MeasurementSetInput)>,
-    /// True if the robot has more uploads or points than the limits below. Then only the newest are compared.
-    pub exceeds_limits: bool,
+    /// True if it cannot be decided whether the points repeat an upload from before that session: nobody has explained the session, and the robot has more
+    /// uploads or points than the limits below. Then only the newest are compared.
+    pub is_undecided: bool,
+    /// For a check: whether another kind of job has used its upload, or its upload is not among those that are compared.
+    pub is_own_used: bool,
 }
 
 /// Limits on the uploads with which a job's points are compared, and on their points: some hundred MB. If there are more, no session can end the state
@@ -222,7 +226,6 @@ impl JobInputs {
             residual_network,
             parameter_set,
             sources,
-            known,
         ) = tokio::try_join!(
             robot_versions::robot_at(store, &job.robot_id, job.robot_version),
             MeasurementSetInput::read_of(store, &job),
@@ -241,7 +244,6 @@ impl JobInputs {
                 load_parameter_set(store, id)
             }),
             load_sources(store, &job.id),
-            load_known(store, &job),
         )?;
         let references = load_references(store, &set, &further_sets).await?;
         Ok(JobInputs {
@@ -256,8 +258,17 @@ impl JobInputs {
             residual_network,
             parameter_set,
             sources,
-            known,
+            known: KnownUploads::default(),
         })
+    }
+
+    /// Reads the robot's uploads too, with which the points are compared.
+    ///
+    /// # Errors
+    /// [`crate::store::Error`].
+    pub async fn with_known_uploads(self, store: &Store) -> Result<JobInputs> {
+        let known = load_known(store, &self.job).await?;
+        Ok(JobInputs { known, ..self })
     }
 
     /// Every set that the job fits or scores.
@@ -335,10 +346,10 @@ async fn load_sources(store: &Store, job_id: &str) -> Result<Vec<MeasurementSetI
 }
 
 async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
-    let check_seq = verifications::check(store, &job.robot_id).await?.check_seq;
-    let is_session = job.kind == Kind::Verify;
+    let check = verifications::check(store, &job.robot_id).await?;
+    let (robot_id, is_session) = (&job.robot_id, job.kind == Kind::Verify);
     let limit = MAX_KNOWN as i64 + 1;
-    let found = verifications::known_uploads(store, &job.robot_id, check_seq, is_session, limit);
+    let found = verifications::known_uploads(store, robot_id, check.check_seq, is_session, limit);
     let mut found: Vec<KnownUpload> = found.await?;
     let n_found = found.len();
     found.truncate(MAX_KNOWN);
@@ -347,13 +358,16 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         n_points += upload.n_points;
         n_points <= MAX_KNOWN_POINTS
     });
-    let exceeds_limits = found.len() < n_found;
+    let is_cut = found.len() < n_found;
     let is_own = |upload: &KnownUpload| job.set_ids().any(|id| id == upload.id);
     let seq_of = |id: &str| {
         let own = found.iter().find(|upload| upload.id == id);
         own.map_or(0, |upload| upload.uploaded_seq)
     };
     let own_seq: Vec<i64> = job.set_ids().map(seq_of).collect();
+    let is_own_used = job.kind == Kind::Check
+        && (!found.iter().any(is_own)
+            || verifications::is_used(store, robot_id, &job.measurement_set_id).await?);
     let newest_own = own_seq.iter().copied().max().unwrap_or(0);
     let is_compared = |upload: &KnownUpload| {
         upload.uploaded_seq < newest_own || upload.is_before_check || is_own(upload)
@@ -364,9 +378,10 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
         uploads.push((upload, input));
     }
     Ok(KnownUploads {
-        check_seq,
+        check_seq: check.check_seq,
         own_seq,
         uploads,
-        exceeds_limits,
+        is_undecided: is_cut && check.check_seq > check.checked_seq,
+        is_own_used,
     })
 }

@@ -67,6 +67,8 @@ pub struct ParsedEvidence {
     pub identification_seq: i64,
     /// Age of the separate upload that the identification verified on; 0 for none.
     pub verify_set_seq: i64,
+    /// Whether that upload does not show the robot as it is now.
+    is_verify_set_outdated: bool,
     /// Age of the points that the set was identified from.
     pub points_seq: i64,
     /// The robot's last session that did not fit.
@@ -210,6 +212,7 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
         identification,
         identification_seq,
         verify_set_seq,
+        is_verify_set_outdated: is_outdated,
         points_seq: identified.points_seq,
         last_check: stored.last_check,
         content: parsed(&stored.content)?,
@@ -289,6 +292,8 @@ impl ParsedEvidence {
     /// The points for the comparison with the active set where no session can serve.
     pub fn held_out_points(&self) -> HeldOutPoints {
         match self.active {
+            // an old session shows nothing of the robot as it is now
+            Some(_) if self.is_verify_set_outdated => HeldOutPoints::None,
             Some(_) => held_out_points(
                 &self.identification,
                 &self.request.verify,

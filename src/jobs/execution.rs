@@ -48,7 +48,7 @@ pub fn compute(
         None => run_calibration(&request, progress)?,
     };
     let another = is_verified_anew(&request, &points_of(&inputs.sources, &request)?);
-    let since = measured_since(inputs, &request)?;
+    let since = measured_since(inputs, &request);
     let facts = |report: &Report| identification_facts(&request, report, another, since);
     let outcome = outcome(inputs, &calibrated, another, facts)?;
     let content = ParameterSetContent::from(&calibrated.core);
@@ -149,7 +149,7 @@ pub(super) fn run_verification(
         None => vec![],
     };
     let another = is_another_session(&request.robot, &request.set, &identified_from);
-    let since = measured_since(inputs, request)?;
+    let since = measured_since(inputs, request);
     let scored = |monitor: &mut calibration::Monitor<'_>| match checked {
         Some(robot) => {
             let released = ReleasedSet {

@@ -2,8 +2,7 @@
 //! the robot's last session that did not fit.
 
 use crate::calibration::{CalibrationRequest, RepeatedRows};
-use crate::jobs::request::points_of;
-use crate::jobs::{JobFailure, JobInputs};
+use crate::jobs::JobInputs;
 use crate::release::facts::MeasuredSince;
 use crate::store::verifications::KnownUpload;
 use crate::wire::job::Kind;
@@ -35,23 +34,25 @@ struct Found {
 
 /// The points of a check must repeat no earlier upload at all, and its upload must not have been used by another job. The points of other jobs must
 /// not repeat the uploads from before the last session that did not fit.
-pub(super) fn measured_since(
-    inputs: &JobInputs,
-    request: &CalibrationRequest,
-) -> Result<MeasuredSince, JobFailure> {
+pub(super) fn measured_since(inputs: &JobInputs, request: &CalibrationRequest) -> MeasuredSince {
     let is_check = inputs.job.kind == Kind::Check;
     let known = &inputs.known;
-    let points = points_of(known.uploads.iter().map(|(_, input)| input), request)?;
-    let known_uploads = known.uploads.iter().zip(&points);
-    let known_uploads = known_uploads.map(|((upload, input), points)| Known {
+    // an upload that this version cannot read any more is compared with nothing
+    let n_joints = request.robot.links.len();
+    let parsed = known.uploads.iter().filter_map(|(upload, input)| {
+        let points = input.parse(n_joints).ok()?;
+        Some((upload, input.row.sha256.as_str(), points))
+    });
+    let parsed: Vec<(&KnownUpload, &str, MeasurementSet)> = parsed.collect();
+    let known_uploads = parsed.iter().map(|(upload, sha256, points)| Known {
         upload,
-        sha256: &input.row.sha256,
+        sha256,
         points,
     });
     let known_uploads: Vec<Known<'_>> = known_uploads.collect();
     let mut since = MeasuredSince {
         check_seq: known.check_seq,
-        is_repeat: known.exceeds_limits && known.check_seq > 0 && !is_check,
+        is_repeat: known.is_own_used || (known.is_undecided && !is_check),
         measured_seq: 0,
     };
     let own = inputs.uploads().zip(request.uploads()).zip(&known.own_seq);
@@ -66,14 +67,14 @@ pub(super) fn measured_since(
         since.is_repeat |= found.is_repeat;
         since.measured_seq = since.measured_seq.max(found.measured_seq);
     }
-    Ok(since)
+    since
 }
 
 fn compare(robot: &Robot, own: &Own<'_>, known: &[Known<'_>], is_check: bool) -> Found {
     let is_itself = |other: &Known<'_>| other.upload.id == own.id;
     let is_earlier = |other: &Known<'_>| other.upload.uploaded_seq < own.uploaded_seq;
     let must_not_repeat = |other: &Known<'_>| match is_check {
-        true => is_earlier(other) || (is_itself(other) && other.upload.is_used),
+        true => is_earlier(other),
         false => other.upload.is_before_check,
     };
     let others: Vec<&Known<'_>> = known

@@ -17,6 +17,7 @@ use crate::store::{
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::robot::{Robot, RobotBody};
+use crate::wire::verification::VerificationKind;
 use crate::wire::{Issue, json};
 use std::sync::Arc;
 use tokio::task::JoinError;
@@ -192,9 +193,17 @@ pub async fn check(
         None => None,
         Some(id) => {
             let rows = verifications::of_set(store, &id).await?;
-            let scored = rows.into_iter().map(|row| row.scored_seq);
-            let scored_seq = scored.filter(|seq| *seq > 0).collect();
-            Some(WithdrawnSource { id, scored_seq })
+            let of_sessions = rows
+                .iter()
+                .filter(|row| row.found.kind == VerificationKind::Session);
+            let ages = rows.iter().map(|row| row.scored_seq);
+            Some(WithdrawnSource {
+                id,
+                scored_sets: of_sessions
+                    .map(|row| row.measurement_set_id.clone())
+                    .collect(),
+                scored_seq: ages.filter(|seq| *seq > 0).collect(),
+            })
         }
     };
     let comparisons = match request.purpose {

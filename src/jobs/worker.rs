@@ -201,7 +201,11 @@ impl Attempt<'_> {
     ) -> std::result::Result<JobInputs, AttemptEnd> {
         let mut drain = self.context.drain.subscribe();
         loop {
-            let error = match JobInputs::load_for(self.store, job.clone()).await {
+            let loaded = async {
+                let inputs = JobInputs::load_for(self.store, job.clone()).await?;
+                inputs.with_known_uploads(self.store).await
+            };
+            let error = match loaded.await {
                 Ok(inputs) => return Ok(inputs),
                 Err(error) => error,
             };

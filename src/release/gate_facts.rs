@@ -24,7 +24,9 @@ pub struct LastCheck {
 pub struct WithdrawnSource {
     /// Its id.
     pub id: String,
-    /// Ages of the uploads on which it was scored, as numbers in the audit chain. They did not prevent its release.
+    /// The uploads on which it was scored. They did not prevent its release.
+    pub scored_sets: Vec<String>,
+    /// Their ages, as numbers in the audit chain.
     pub scored_seq: Vec<i64>,
 }
 
@@ -97,22 +99,28 @@ pub struct Facts<'a> {
 impl Facts<'_> {
     /// Strength of the verification.
     pub fn evidence(&self) -> Evidence {
-        self.evidence_without(&[])
+        self.evidence_without(None)
     }
 
-    /// Strength of the verification without the uploads of these ages.
-    pub fn evidence_without(&self, measured_seq: &[i64]) -> Evidence {
+    /// Strength of the verification without the uploads, and their copies, on which a withdrawn set was scored.
+    pub fn evidence_without(&self, withdrawn: Option<&WithdrawnSource>) -> Evidence {
+        let is_left_out = |seq: i64, set: Option<&String>| {
+            withdrawn.is_some_and(|withdrawn| {
+                withdrawn.scored_seq.contains(&seq)
+                    || set.is_some_and(|id| withdrawn.scored_sets.contains(id))
+            })
+        };
         let is_independent = |session: &Session| {
             session.verification.fit == Fit::Fits
                 && session.is_independent()
-                && !measured_seq.contains(&session.measured_seq)
+                && !is_left_out(session.measured_seq, Some(&session.measurement_set_id))
                 && (self.policy.tolerance_mm.is_some()
                     || !session.verification.is_worse && self.times_worse(session).is_none())
         };
-        let is_left_out = measured_seq.contains(&self.verify_set_seq);
+        let is_verify_set_left_out = is_left_out(self.verify_set_seq, None);
         match self.identification.evidence {
             _ if self.sessions.iter().any(is_independent) => Evidence::IndependentSession,
-            Evidence::IndependentSession if is_left_out => Evidence::SameUpload,
+            Evidence::IndependentSession if is_verify_set_left_out => Evidence::SameUpload,
             evidence => evidence,
         }
     }

@@ -3,7 +3,7 @@
 use crate::calibration::TOOL_UNCERTAIN;
 use crate::release::comparison::ComparedRms;
 use crate::release::facts::MIN_VERIFY_POINTS;
-use crate::release::gate_facts::{ArchivedItem, Facts, WithdrawnSource};
+use crate::release::gate_facts::{ArchivedItem, Facts};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, scored_on_later_sessions, sessions_fit,
@@ -81,11 +81,12 @@ fn archived(facts: &Facts<'_>) -> Option<Gate> {
 }
 
 fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
-    let WithdrawnSource { id, scored_seq } = facts.withdrawn_source?;
+    let withdrawn = facts.withdrawn_source?;
+    let id = &withdrawn.id;
     let detail = format!(
         "the set holds or repeats values of {id}, which was withdrawn: a session on which that set was not scored must show that this set is right"
     );
-    let is_shown = facts.evidence_without(scored_seq) == Evidence::IndependentSession;
+    let is_shown = facts.evidence_without(Some(withdrawn)) == Evidence::IndependentSession;
     Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
 }
 

@@ -86,11 +86,9 @@ pub struct KnownUpload {
     /// Whether it was uploaded before the robot's last session that did not fit, or for that session. Uploads of sessions that did not fit are left
     /// out, because a changed robot may be identified from them.
     pub is_before_check: bool,
-    /// Whether a job of a kind other than `check` has used it.
-    pub is_used: bool,
 }
 
-from_row!(KnownUpload { id, n_points, uploaded_seq } flags { is_before_check, is_used });
+from_row!(KnownUpload { id, n_points, uploaded_seq } flags { is_before_check });
 
 /// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,13 +136,26 @@ macro_rules! uploaded_seq {
     };
 }
 
-// SQL: the age of the points of a verification `v`; of several sessions, the age of the newest. They are as old as what they copy.
+// SQL: the age of the uploads of a verification `v`; of several sessions, the age of the newest.
+macro_rules! uploads_seq {
+    () => {
+        concat!(
+            "(select coalesce(max(",
+            uploaded_seq!("o.measurement_set_id"),
+            "), 0) from job_upload o where o.job_id = v.job_id)"
+        )
+    };
+}
+
+// SQL: the age of the points of a verification `v`. They are as old as what they copy.
 macro_rules! points_seq {
     () => {
         concat!(
-            "coalesce(nullif(v.measured_seq, 0), (select coalesce(max(",
-            uploaded_seq!("o.measurement_set_id"),
-            "), 0) from job_upload o where o.job_id = v.job_id))"
+            "(case when v.measured_seq > 0 and v.measured_seq < ",
+            uploads_seq!(),
+            " then v.measured_seq else ",
+            uploads_seq!(),
+            " end)"
         )
     };
 }
@@ -179,6 +190,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     LATER_SESSIONS,
     N_WITHOUT_FACTS,
     KNOWN_UPLOADS,
+    IS_USED,
     CHECK,
     CHECK_OF_JOB,
     JOB_OF,
@@ -257,12 +269,15 @@ const KNOWN_UPLOADS: &str = concat!(
                     and not exists (select 1 from job_session o where o.job_id = j.id))
                 or (cast($5 as bigint) = 1 and k.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
                     where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
-            then 1 else 0 end as is_before_check,
-        case when exists (select 1 from job j where j.kind <> 'check' and j.status = 'succeeded' and (j.measurement_set_id = k.id or j.verify_set_id = k.id
-                or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = k.id)))
-            then 1 else 0 end as is_used
+            then 1 else 0 end as is_before_check
     from known k order by k.uploaded_seq desc, k.id desc limit cast($3 as bigint)"
 );
+
+// Whether a job of a kind other than check has used an upload.
+const IS_USED: &str = "
+    select count(*) from job j where j.robot_id = $1 and j.kind <> 'check' and j.status = 'succeeded'
+        and (j.measurement_set_id = $2 or j.verify_set_id = $2
+            or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = $2))";
 
 const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
 
@@ -465,6 +480,19 @@ pub async fn known_uploads(
         .bind(i64::from(is_session))
         .fetch_all(store.readers())
         .await?)
+}
+
+/// Whether a job of a kind other than `check` has used an upload of the robot.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn is_used(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<bool> {
+    let n: i64 = sqlx::query_scalar(IS_USED)
+        .bind(robot_id)
+        .bind(measurement_set_id)
+        .fetch_one(store.readers())
+        .await?;
+    Ok(n > 0)
 }
 
 /// Jobs without facts, ended by older versions, in the order in which they ended.

@@ -40,12 +40,12 @@ const FEWEST_ROWS: usize = 10;
 /// Maximum number of rows for finding a constant offset of a joint, evenly from the whole set. Each is compared with every earlier row.
 const COMPARED_ROWS: usize = 100;
 /// Earlier uploads whose positions differ by up to this multiple of the smallest difference are tested by the noise of the positions, because the
-/// robot is fitted to each of them. Copies of one original with little noise differ by nearly the same.
+/// robot is fitted to each of them. If one of them is repeated, all others are tested as well.
 const NEAR: f64 = 1.2;
 /// And a difference as of rounded numbers, as a share of the reach: 0.01 mm of 2 m.
 const ROUNDED_PER_REACH: f64 = 5e-6;
-/// Maximum number of earlier uploads that are tested so.
-const MOST_TESTED: usize = 20;
+/// Maximum number of earlier uploads that are tested so. Of a copy, the others count as repeated.
+const MOST_TESTED: usize = 50;
 /// Maximum number of rows that the robot is fitted to, evenly from the whole set.
 const MAX_FITTED: usize = 2_000;
 /// Singular values below this share of the largest diagonal element are rounding errors.
@@ -54,6 +54,9 @@ const ROUNDING: f64 = 1e-9;
 const STEP_RAD: f64 = 1e-4;
 /// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
 const FOLLOWS: f64 = 0.5;
+/// Positions that differ by more than this multiple of the residuals of their own fit were measured anew: the robot has changed. A fit of 30 parameters
+/// to 36 equations leaves 0.4 of the noise.
+const FAR: f64 = 6.0;
 /// A significant slope differs from zero by this number of standard errors: by chance once in some millions.
 const SIGNIFICANT: f64 = 5.0;
 /// A row is clipped to this multiple of the median. A single outlier that was measured again does not prove that all rows were.
@@ -88,13 +91,20 @@ impl RepeatedRows {
         let mut testable = alike.iter().filter(|(_, alike)| is_testable(alike));
         let nearest_mm = testable.next().map_or(0.0, |(_, a)| a.median_mm);
         let near_mm = NEAR * nearest_mm + ROUNDED_PER_REACH * reach_mm(&robot.links);
-        let mut n_tested = 0;
+        let (mut n_tested, mut is_copy) = (0, false);
         for (index, alike) in &alike {
             let is_new = is_testable(alike) && {
-                n_tested += 1;
-                n_tested > MOST_TESTED || alike.median_mm > near_mm || later.noise_is_new(alike)
+                let is_tested = alike.median_mm <= near_mm || is_copy;
+                n_tested += usize::from(is_tested);
+                // of a copy, every older upload may be the original
+                let is_tested = is_tested && n_tested <= MOST_TESTED;
+                match is_tested {
+                    true => later.noise_is_new(alike),
+                    false => !is_copy,
+                }
             };
             if !is_new {
+                is_copy |= is_testable(alike);
                 of_earlier[*index].extend(alike.pairs.iter().map(|pair| pair.row));
             }
         }
@@ -252,11 +262,9 @@ impl<'a> Later<'a> {
             pairs = same;
             pairs.extend(reread.into_iter().filter(|_| !is_reread));
         }
-        let mut lengths_mm: Vec<f64> = pairs.iter().map(|p| p.difference_mm.norm()).collect();
-        lengths_mm.sort_by(f64::total_cmp);
         Alike {
             earlier,
-            median_mm: lengths_mm.get(lengths_mm.len() / 2).copied().unwrap_or(0.0),
+            median_mm: median(pairs.iter().map(|pair| pair.difference_mm.norm())),
             pairs,
             r_later_earlier,
         }
@@ -324,6 +332,10 @@ impl<'a> Later<'a> {
             slope <= -SIGNIFICANT * standard_error
         };
         let after = of_pairs(&|pair| residual(after, &self.set.points[pair.row]));
+        // noise that was added to a copy is among the residuals of its fit
+        if alike.median_mm > FAR * median(after.iter().map(Vector3::norm)) {
+            return true;
+        }
         if !runs_against(after, -1.0) {
             return false;
         }
@@ -513,6 +525,13 @@ fn positions_follow_readings(pairs: &[Pair]) -> bool {
         .collect();
     let (slope, standard_error) = regression(&vectors);
     slope >= FOLLOWS && slope >= SIGNIFICANT * standard_error
+}
+
+/// The median; 0 of nothing.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The vectors, with lengths limited to [`CLIPPED`] times the median.
