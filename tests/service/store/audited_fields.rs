@@ -62,8 +62,8 @@ const KNOWN: &str = "
     parameter_set | released_by | null
     parameter_set | release_reason | 'other' | reason
     parameter_set | release_checks_json | '[{\"passed\":true},{\"passed\":true}]' | checks_sha256
-    parameter_set | release_n_passed | release_n_passed + 1 | counted
-    parameter_set | release_n_failed | release_n_failed + 1 | counted
+    parameter_set | release_n_passed | release_n_passed + 1 | counts
+    parameter_set | release_n_failed | release_n_failed + 1 | counts
     parameter_set | release_evidence | 'independent_session' | evidence
     parameter_set | withdrawn_by | 'key_0'
     parameter_set | withdraw_reason | 'other' | reason
