@@ -54,7 +54,7 @@ const ROUNDING: f64 = 1e-9;
 const STEP_RAD: f64 = 1e-4;
 /// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
 const FOLLOWS: f64 = 0.5;
-/// Positions that differ by more than this multiple of the residuals of their own fit were measured anew: the robot has changed. A fit of 30 parameters
+/// Positions that differ by more than this multiple of the residuals of both fits were measured anew: the robot has changed. A fit of 30 parameters
 /// to 36 equations leaves 0.4 of the noise.
 const FAR: f64 = 6.0;
 /// A significant slope differs from zero by this number of standard errors: by chance once in some millions.
@@ -332,11 +332,12 @@ impl<'a> Later<'a> {
             slope <= -SIGNIFICANT * standard_error
         };
         let after = of_pairs(&|pair| residual(after, &self.set.points[pair.row]));
-        // noise that was added to a copy is among the residuals of its fit
-        if alike.median_mm > FAR * median(after.iter().map(Vector3::norm)) {
-            return true;
-        }
-        if !runs_against(after, -1.0) {
+        // noise that was added to a copy is among the residuals of one of the fits
+        let exceeds = |residuals: &[Vector3<f64>]| {
+            alike.median_mm > FAR * median(residuals.iter().map(Vector3::norm))
+        };
+        let is_far = exceeds(&after);
+        if !is_far && !runs_against(after, -1.0) {
             return false;
         }
         let Some(before) = fitted(&alike.earlier) else {
@@ -345,7 +346,10 @@ impl<'a> Later<'a> {
         let before = of_pairs(&|pair| {
             alike.r_later_earlier * residual(&before, &alike.earlier.points[pair.earlier_row])
         });
-        runs_against(before, 1.0)
+        match is_far {
+            true => exceeds(&before),
+            false => runs_against(before, 1.0),
+        }
     }
 }
 
