@@ -5,7 +5,7 @@ use crate::http::creation::{Submission, stored_json};
 use crate::http::list_query::NewestListQuery;
 use crate::http::{App, Error, access};
 use crate::store::named_documents::{self, NamedDocumentKind, NewNamedDocument};
-use crate::store::{self, NamedDocumentRow, Tx};
+use crate::store::{self, NamedDocumentRow, StoredResponse, Tx};
 use crate::wire::page::Page;
 use axum::Json;
 use axum::response::Response;
@@ -42,13 +42,14 @@ pub async fn get<A: DocumentAnswer>(
     Ok(Json(A::try_from(&row)?))
 }
 
-/// Stores the checked body of a request as the new version of a document.
-pub async fn put<A: DocumentAnswer>(
+/// Stores the checked body of a request as the new version of a document. `answer` makes the response.
+pub async fn store<A: DocumentAnswer>(
     app: &App,
     robot_id: &str,
     name: &str,
     submission: &Submission,
     body: impl Serialize,
+    answer: impl Fn(&A) -> Result<StoredResponse, Error>,
 ) -> Result<Response, Error> {
     let new = NewNamedDocument {
         robot_id,
@@ -59,9 +60,21 @@ pub async fn put<A: DocumentAnswer>(
     };
     let effect = async |tx: &mut Tx| {
         let row = named_documents::insert(tx, new).await?;
-        stored_json(200, None, &A::try_from(&row)?)
+        answer(&A::try_from(&row)?)
     };
     submission.create(&app.store, effect).await
+}
+
+/// As [`store`], for a document whose path is known to the client.
+pub async fn put<A: DocumentAnswer>(
+    app: &App,
+    robot_id: &str,
+    name: &str,
+    submission: &Submission,
+    body: impl Serialize,
+) -> Result<Response, Error> {
+    let answer = |stored: &A| stored_json(200, None, stored);
+    store(app, robot_id, name, submission, body, answer).await
 }
 
 /// The row of the newest version.

@@ -6,8 +6,8 @@ use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
-use crate::store::named_documents::{NamedDocumentKind, NewNamedDocument};
-use crate::store::{NamedDocumentRow, Tx};
+use crate::store::named_documents::NamedDocumentKind;
+use crate::store::{self, NamedDocumentRow};
 use crate::wire::page::Page;
 use crate::wire::reference::{PPM, ReferenceAnswer, ReferenceBody, SetReference};
 use crate::wire::time::rfc3339;
@@ -31,20 +31,11 @@ pub async fn create(
     access::require_in_use(&robot)?;
     let body: ReferenceBody = submission.json()?;
     body.check()?;
-    let new = NewNamedDocument {
-        robot_id: &robot_id,
-        kind: NamedDocumentKind::Reference,
-        name: body.name(),
-        content_json: &serde_json::to_string(&body)?,
-        by: &submission.caller.holder,
+    let answer = |stored: &ReferenceAnswer| {
+        let path = format!("/v1/robots/{robot_id}/references/{}", stored.id);
+        stored_json(201, Some(path), stored)
     };
-    let effect = async |tx: &mut Tx| {
-        let row = crate::store::named_documents::insert(tx, new).await?;
-        let answer = ReferenceAnswer::try_from(&row)?;
-        let path = format!("/v1/robots/{robot_id}/references/{}", row.id);
-        stored_json(201, Some(path), &answer)
-    };
-    submission.create(&app.store, effect).await
+    named_documents::store(&app, &robot_id, body.name(), &submission, &body, answer).await
 }
 
 /// A robot's references, newest first: of each name the newest version.
@@ -74,13 +65,13 @@ pub async fn get(
     Path((robot_id, id)): Path<(String, String)>,
 ) -> Result<Json<ReferenceAnswer>, Error> {
     access::robot(&app, &caller, &robot_id).await?;
-    let row = crate::store::named_documents::get(&app.store, &id).await;
+    let row = store::named_documents::get(&app.store, &id).await;
     let is_its = |row: &NamedDocumentRow| {
         row.robot_id == robot_id && row.kind == NamedDocumentKind::Reference.as_str()
     };
     match row {
         Ok(row) if is_its(&row) => Ok(Json(ReferenceAnswer::try_from(&row)?)),
-        Ok(_) | Err(crate::store::Error::NotFound) => Err(Error::NotFound("reference")),
+        Ok(_) | Err(store::Error::NotFound) => Err(Error::NotFound("reference")),
         Err(error) => Err(error.into()),
     }
 }

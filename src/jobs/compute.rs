@@ -2,12 +2,12 @@
 
 use std::ops::ControlFlow;
 
-use crate::store::verifications::KnownUpload;
+use crate::store::known_uploads::KnownUpload;
 use crate::store::{
     FramesRow, Hashed, JobRow, MeasurementSetRow, NamedDocumentRow, NetworkRow, NewNetwork,
     NewParameterSet, ParameterSetRow, Result, RobotRow, Store, VerificationRow, estimates, frames,
-    job_sources, jobs, measurement_sets, named_documents, networks, parameter_sets, robot_versions,
-    verifications,
+    job_sources, jobs, known_uploads, measurement_sets, named_documents, networks, parameter_sets,
+    robot_versions, verifications,
 };
 use crate::wire::job::Kind;
 use crate::wire::job_answer::ProgressAnswer;
@@ -349,7 +349,7 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
     let check = verifications::check(store, &job.robot_id).await?;
     let (robot_id, is_session) = (&job.robot_id, job.kind == Kind::Verify);
     let limit = MAX_KNOWN as i64 + 1;
-    let found = verifications::known_uploads(store, robot_id, check.check_seq, is_session, limit);
+    let found = known_uploads::newest(store, robot_id, check.check_seq, is_session, limit);
     let mut found: Vec<KnownUpload> = found.await?;
     let n_found = found.len();
     found.truncate(MAX_KNOWN);
@@ -367,7 +367,7 @@ async fn load_known(store: &Store, job: &JobRow) -> Result<KnownUploads> {
     let own_seq: Vec<i64> = job.set_ids().map(seq_of).collect();
     let is_own_used = job.kind == Kind::Check
         && (!found.iter().any(is_own)
-            || verifications::is_used(store, robot_id, &job.measurement_set_id).await?);
+            || known_uploads::is_used(store, robot_id, &job.measurement_set_id).await?);
     let newest_own = own_seq.iter().copied().max().unwrap_or(0);
     let is_compared = |upload: &KnownUpload| {
         upload.uploaded_seq < newest_own || upload.is_before_check || is_own(upload)

@@ -4,7 +4,7 @@
 use crate::calibration::{CalibrationRequest, RepeatedRows};
 use crate::jobs::JobInputs;
 use crate::release::facts::MeasuredSince;
-use crate::store::verifications::KnownUpload;
+use crate::store::known_uploads::KnownUpload;
 use crate::wire::job::Kind;
 use crate::wire::measurement::MeasurementSet;
 use crate::wire::robot::Robot;

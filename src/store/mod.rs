@@ -26,6 +26,7 @@ mod idempotency;
 mod job_sessions;
 pub mod job_sources;
 pub mod jobs;
+pub mod known_uploads;
 pub mod leases;
 mod listing;
 pub mod measurement_sets;
@@ -112,6 +113,7 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         jobs::ALL_QUERIES,
         &jobs::OF_ROBOT.texts(),
         &jobs::OF_ROBOTS.texts(),
+        known_uploads::ALL_QUERIES,
         leases::ALL_QUERIES,
         measurement_sets::ALL_QUERIES,
         &measurement_sets::LIST.texts(),

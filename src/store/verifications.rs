@@ -74,22 +74,6 @@ impl VerificationRow {
     }
 }
 
-/// An upload of a robot, with which a job compares its points.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KnownUpload {
-    /// The measurement set.
-    pub id: String,
-    /// Number of its points.
-    pub n_points: i64,
-    /// Number of its entry in the audit chain; 0 if it is older than the chain.
-    pub uploaded_seq: i64,
-    /// Whether it was uploaded before the robot's last session that did not fit, or for that session. Uploads of sessions that did not fit are left
-    /// out, because a changed robot may be identified from them.
-    pub is_before_check: bool,
-}
-
-from_row!(KnownUpload { id, n_points, uploaded_seq } flags { is_before_check });
-
 /// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LaterSession {
@@ -175,13 +159,6 @@ macro_rules! rows {
     };
 }
 
-// SQL for the upload that a job scored: its verify set if it has one, otherwise `u`, which is one of its own uploads (one row per session).
-macro_rules! scored_set {
-    () => {
-        "coalesce(j.verify_set_id, u.measurement_set_id)"
-    };
-}
-
 pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     OF_JOB,
@@ -189,8 +166,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     COUNT,
     LATER_SESSIONS,
     N_WITHOUT_FACTS,
-    KNOWN_UPLOADS,
-    IS_USED,
     CHECK,
     CHECK_OF_JOB,
     JOB_OF,
@@ -251,33 +226,6 @@ const N_WITHOUT_FACTS: &str = "
     select count(*) from job j where j.status = 'succeeded'
         and ((j.kind in ('verify', 'check') and j.parameter_set_input_id = $1) or j.id = (select job_id from parameter_set where id = $1))
         and not exists (select 1 from verification v where v.job_id = j.id)";
-
-// The newest uploads of a robot, in the order of the audit chain. An upload without an entry is older than the chain. With $5 = 1 the uploads of checks
-// that found a change count as before the session that did not fit: scoring such an upload again does not make it a new session.
-const KNOWN_UPLOADS: &str = concat!(
-    "with known as (
-        select m.id as id, m.n_points as n_points, coalesce((select max(a.seq) from audit a where a.subject = m.id and a.event = $4), 0) as uploaded_seq
-        from measurement_set m where m.robot_id = $1)
-    select k.id as id, k.n_points as n_points, k.uploaded_seq as uploaded_seq,
-        case when cast($2 as bigint) > 0 and k.uploaded_seq <= coalesce((select max(a.seq) from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id
-                join audit a on a.subject = ",
-    scored_set!(),
-    " and a.event = $4 where v.robot_id = $1 and v.seq = cast($2 as bigint)), 0)
-            and (k.id not in (select ",
-    scored_set!(),
-    " from verification v join job j on j.id = v.job_id join job_upload u on u.job_id = j.id where v.robot_id = $1 and v.fit <> 'fits'
-                    and not exists (select 1 from job_session o where o.job_id = j.id))
-                or (cast($5 as bigint) = 1 and k.id in (select c.measurement_set_id from job c join verification w on w.job_id = c.id
-                    where c.kind = 'check' and w.robot_id = $1 and w.fit <> 'fits')))
-            then 1 else 0 end as is_before_check
-    from known k order by k.uploaded_seq desc, k.id desc limit cast($3 as bigint)"
-);
-
-// Whether a job of a kind other than check has used an upload.
-const IS_USED: &str = "
-    select count(*) from job j where j.robot_id = $1 and j.kind <> 'check' and j.status = 'succeeded'
-        and (j.measurement_set_id = $2 or j.verify_set_id = $2
-            or exists (select 1 from job_session s where s.job_id = j.id and s.measurement_set_id = $2))";
 
 const CHECK: &str = "select check_seq, checked_seq from robot where id = $1";
 
@@ -458,41 +406,6 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
         .bind(seq)
         .fetch_optional(store.readers())
         .await?)
-}
-
-/// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` is true for
-/// a job of kind `verify`.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn known_uploads(
-    store: &Store,
-    robot_id: &str,
-    check_seq: i64,
-    is_session: bool,
-    limit: i64,
-) -> Result<Vec<KnownUpload>> {
-    Ok(sqlx::query_as(KNOWN_UPLOADS)
-        .bind(robot_id)
-        .bind(check_seq)
-        .bind(limit)
-        .bind(AuditEvent::MeasurementSetCreated.as_str())
-        .bind(i64::from(is_session))
-        .fetch_all(store.readers())
-        .await?)
-}
-
-/// Whether a job of a kind other than `check` has used an upload of the robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
-pub async fn is_used(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<bool> {
-    let n: i64 = sqlx::query_scalar(IS_USED)
-        .bind(robot_id)
-        .bind(measurement_set_id)
-        .fetch_one(store.readers())
-        .await?;
-    Ok(n > 0)
 }
 
 /// Jobs without facts, ended by older versions, in the order in which they ended.

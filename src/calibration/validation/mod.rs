@@ -8,6 +8,7 @@ pub mod repeatability;
 pub mod repeated_rows;
 pub mod rescoring;
 pub mod robust_comparison;
+pub mod same_poses;
 pub mod session_fit;
 pub mod verdict;
 pub mod verification_set;

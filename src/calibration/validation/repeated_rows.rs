@@ -12,33 +12,28 @@
 //! A constant displacement of each reflector in the flange frame is removed as well: somebody has mounted it again. So is a constant offset of all
 //! values of the first or the last joint: it only rotates the base or the reflector, which are placed anew.
 //!
-//! If neither noise shows, a new measurement cannot be told from a copy, and the rows count as repeated.
+//! Positions that differ by much more than both files scatter are no copy either: the robot has changed in between.
+//!
+//! If nothing of this shows, a new measurement cannot be told from a copy, and the rows count as repeated.
 
+use crate::calibration::validation::same_poses::{
+    Pair, PlacedRows, constant_offset, observations, position, rigid_motion,
+};
 use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::start::align_in_closed_form;
-use crate::kinematics::{Robot, reach_mm, t_base_flange};
-use crate::measurement::{Frame, MeasurementSet, Point};
-use nalgebra::{
-    DMatrix, DVector, IsometryMatrix3, Matrix3, Matrix3xX, Point3, Rotation3, Translation3, Vector3,
-};
+use crate::kinematics::{Robot, reach_mm};
+use crate::measurement::{MeasurementSet, Point};
+use nalgebra::{Point3, Rotation3, Vector3};
 use std::borrow::Cow;
 use std::cell::OnceCell;
 use std::collections::BTreeSet;
-use std::f64::consts::TAU;
 
-/// Joint values that differ by less than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A
-/// joint near the reflector may differ by more, as long as it moves the reflector no further than this angle turns the whole arm.
-const SAME_POSE_RAD: f64 = 3.5e-4;
 /// Joint readings that differ by less than this are the same reading, copied, rad.
 const SAME_READING_RAD: f64 = 1e-9;
 /// A session that repeats more than this share of its rows is not a new measurement. A smaller share is allowed, because a home pose may recur.
 const MAX_REPEATED: f64 = 0.1;
 /// Minimum number of repeated rows for judging noise.
 const FEWEST_ROWS: usize = 10;
-/// Maximum number of rows for finding a constant offset of a joint, evenly from the whole set. Each is compared with every earlier row.
-const COMPARED_ROWS: usize = 100;
 /// Earlier uploads whose positions differ by up to this multiple of the smallest difference are tested by the noise of the positions, because the
 /// robot is fitted to each of them. If one of them is repeated, all others are tested as well.
 const NEAR: f64 = 1.2;
@@ -46,12 +41,6 @@ const NEAR: f64 = 1.2;
 const ROUNDED_PER_REACH: f64 = 5e-6;
 /// Maximum number of earlier uploads that are tested so. Of a copy, the others count as repeated.
 const MOST_TESTED: usize = 50;
-/// Maximum number of rows that the robot is fitted to, evenly from the whole set.
-const MAX_FITTED: usize = 2_000;
-/// Singular values below this share of the largest diagonal element are rounding errors.
-const ROUNDING: f64 = 1e-9;
-/// Step of a joint for computing how far it moves the reflector, rad.
-const STEP_RAD: f64 = 1e-4;
 /// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
 const FOLLOWS: f64 = 0.5;
 /// Positions that differ by more than this multiple of the residuals of both fits were measured anew: the robot has changed. A fit of 30 parameters
@@ -157,50 +146,6 @@ struct Later<'a> {
     fitted: OnceCell<Option<KinematicModel>>,
 }
 
-/// The nominal robot placed on an upload.
-struct PlacedRows {
-    model: KinematicModel,
-    rows: Vec<PlacedRow>,
-}
-
-/// A row of the placed robot.
-struct PlacedRow {
-    /// The reflector's position, mm.
-    here_mm: Vector3<f64>,
-    /// How far each joint moves the reflector, mm/rad.
-    levers_mm: Vec<f64>,
-    /// Rotation of the flange in the frame of the positions.
-    r_flange: Matrix3<f64>,
-}
-
-impl PlacedRows {
-    fn new(robot: &Robot, set: &MeasurementSet) -> Option<Self> {
-        let is_base_known = set.frame == Frame::Base;
-        let observations = observations(robot, set);
-        let model =
-            align_in_closed_form(&robot.links, &observations, set.n_targets(), is_base_known)?;
-        let of_row = |point: &Point| {
-            let position = |q_rad: &[f64]| position(robot, &model, q_rad, point.target);
-            let here = position(&point.q_rad);
-            let lever_mm = |joint: usize| {
-                let mut q_rad = point.q_rad.clone();
-                q_rad[joint] += STEP_RAD;
-                (position(&q_rad) - here).norm() / STEP_RAD
-            };
-            let q_rad = robot.q_model_rad(&point.q_rad);
-            let r_flange =
-                model.t_instrument_base.rotation * t_base_flange(&model.links, &q_rad).rotation;
-            PlacedRow {
-                here_mm: here,
-                levers_mm: (0..point.q_rad.len()).map(lever_mm).collect(),
-                r_flange: r_flange.into_inner(),
-            }
-        };
-        let rows = set.points.iter().map(of_row).collect();
-        Some(Self { model, rows })
-    }
-}
-
 /// The rows of the later upload with the pose of a row of an earlier one.
 struct Alike<'a> {
     /// The earlier upload, with an offset of its joint values if there is one.
@@ -241,7 +186,7 @@ impl<'a> Later<'a> {
     }
 
     fn alike_rows<'b>(&self, placed: &PlacedRows, earlier: Cow<'b, MeasurementSet>) -> Alike<'b> {
-        let mut pairs = self.same_poses(placed, &earlier);
+        let mut pairs = placed.same_poses(self.robot, self.set, &earlier);
         let mut r_later_earlier = Rotation3::identity();
         if pairs.len() >= FEWEST_ROWS {
             let of_pair = |pair: &Pair| {
@@ -253,7 +198,7 @@ impl<'a> Later<'a> {
             for (pair, (before, after)) in pairs.iter_mut().zip(positions) {
                 pair.difference_mm = after - (t_later_earlier * Point3::from(before)).coords;
             }
-            remove_placement(&mut pairs, &self.set.points, &placed.rows);
+            placed.remove_placement(&mut pairs, &self.set.points);
             r_later_earlier = t_later_earlier.rotation;
             let (same, reread): (Vec<Pair>, Vec<Pair>) = pairs
                 .into_iter()
@@ -268,47 +213,6 @@ impl<'a> Later<'a> {
             pairs,
             r_later_earlier,
         }
-    }
-
-    /// Each row with the nearest earlier row of the same target and the same pose, if there is one.
-    fn same_poses(&self, placed: &PlacedRows, earlier: &MeasurementSet) -> Vec<Pair> {
-        let (robot, model) = (self.robot, &placed.model);
-        let same_mm = SAME_POSE_RAD * reach_mm(&robot.links);
-        let x_mm = |(row, p): (usize, &Point)| {
-            let is_known = p.target < model.targets_mm.len();
-            is_known.then(|| (position(robot, model, &p.q_rad, p.target).x, row))
-        };
-        // sorted by the reflector's x coordinate: joint values within the tolerance of one pose move it by a bounded distance
-        let mut known: Vec<(f64, usize)> =
-            earlier.points.iter().enumerate().filter_map(x_mm).collect();
-        known.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut pairs = Vec::new();
-        for (row, (point, placed)) in self.set.points.iter().zip(&placed.rows).enumerate() {
-            let (here, levers_mm) = (&placed.here_mm, &placed.levers_mm);
-            let width_mm = 2.0 * same_mm * levers_mm.len() as f64;
-            let begin = known.partition_point(|(x, _)| *x < here.x - width_mm);
-            let nearest = known[begin..]
-                .iter()
-                .take_while(|(x, _)| *x <= here.x + width_mm)
-                .filter(|(_, other)| earlier.points[*other].target == point.target)
-                .map(|(_, other)| {
-                    let apart = apart_rad(&earlier.points[*other].q_rad, &point.q_rad);
-                    let moved = apart.iter().zip(levers_mm).map(|(rad, mm)| rad * mm);
-                    (moved.fold(0.0, f64::max), apart, *other)
-                })
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            if let Some((_, apart, earlier_row)) = nearest.filter(|(mm, ..)| *mm <= same_mm) {
-                let before = &earlier.points[earlier_row].q_rad;
-                pairs.push(Pair {
-                    row,
-                    earlier_row,
-                    reading_rad: apart.into_iter().fold(0.0, f64::max),
-                    predicted_mm: here - position(robot, model, before, point.target),
-                    difference_mm: Vector3::zeros(),
-                });
-            }
-        }
-        pairs
     }
 
     /// True if the changes are correlated with the residuals of both measurements as new noise requires.
@@ -350,171 +254,6 @@ impl<'a> Later<'a> {
             true => exceeds(&before),
             false => runs_against(before, 1.0),
         }
-    }
-}
-
-/// Constant offsets of the first and the last joint in all rows. They rotate the base and the reflector, which are placed anew, so that a copy with
-/// such offsets fits as well as the original file.
-struct Offset {
-    first_rad: f64,
-    last_rad: f64,
-}
-
-impl Offset {
-    fn add_to(&self, q_rad: &mut [f64]) {
-        if let [first, .., last] = q_rad {
-            *first += self.first_rad;
-            *last += self.last_rad;
-        }
-    }
-}
-
-/// The most frequent offset of rows of `later` relative to earlier rows that agree in all joints except the first and the last.
-fn constant_offset(earlier: &MeasurementSet, later: &MeasurementSet) -> Option<Offset> {
-    let step = later.points.len().div_ceil(COMPARED_ROWS).max(1);
-    let mut differences: Vec<(f64, f64)> = Vec::new();
-    for point in later.points.iter().step_by(step) {
-        let [_, inner @ .., _] = point.q_rad.as_slice() else {
-            return None;
-        };
-        for known in earlier.points.iter().filter(|p| p.target == point.target) {
-            let [first, known_inner @ .., last] = known.q_rad.as_slice() else {
-                continue;
-            };
-            let mut apart = apart_rad(inner, known_inner).into_iter();
-            if apart.all(|rad| rad <= SAME_POSE_RAD) {
-                let [first_rad, .., last_rad] = point.q_rad.as_slice() else {
-                    continue;
-                };
-                differences.push((
-                    within_half_a_turn(first_rad - first),
-                    within_half_a_turn(last_rad - last),
-                ));
-            }
-        }
-    }
-    let first_rad = most_frequent(differences.iter().map(|(first, _)| *first))?;
-    let of_first = differences
-        .iter()
-        .filter(|(first, _)| (first - first_rad).abs() <= SAME_POSE_RAD);
-    let last_rad = most_frequent(of_first.map(|(_, last)| *last))?;
-    let offset = Offset {
-        first_rad,
-        last_rad,
-    };
-    // without an offset, the poses have already been compared
-    let is_none = first_rad.abs().max(last_rad.abs()) <= SAME_POSE_RAD;
-    (!is_none).then_some(offset)
-}
-
-/// The median of the largest cluster of values that lie within the tolerance of one pose.
-fn most_frequent(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let mut most: &[f64] = &[];
-    for (begin, value) in sorted.iter().enumerate() {
-        let n = sorted[begin..].partition_point(|other| *other <= value + SAME_POSE_RAD);
-        if n > most.len() {
-            most = &sorted[begin..begin + n];
-        }
-    }
-    most.get(most.len() / 2).copied()
-}
-
-fn within_half_a_turn(rad: f64) -> f64 {
-    rad - TAU * (rad / TAU).round()
-}
-
-/// A row, and the earlier row whose pose it repeats.
-struct Pair {
-    row: usize,
-    earlier_row: usize,
-    /// Largest difference of a joint value, rad.
-    reading_rad: f64,
-    /// Displacement of the reflector that the difference of joint values predicts.
-    predicted_mm: Vector3<f64>,
-    /// Measured displacement, without the rigid motion.
-    difference_mm: Vector3<f64>,
-}
-
-/// Position of a reflector, mm, in the frame of the positions, at the controller's joint values.
-fn position(robot: &Robot, model: &KinematicModel, q_rad: &[f64], target: usize) -> Vector3<f64> {
-    model.position(&robot.q_model_rad(q_rad), target)
-}
-
-fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
-    let step = set.points.len().div_ceil(MAX_FITTED).max(1);
-    let observation = |p: &Point| Observation {
-        q_rad: robot.q_model_rad(&p.q_rad),
-        position_mm: p.position_mm,
-        target: p.target,
-        weight: 1.0,
-        whitening: None,
-        rotation: None,
-    };
-    set.points.iter().step_by(step).map(observation).collect()
-}
-
-/// Absolute difference of each joint, without whole turns.
-fn apart_rad(a: &[f64], b: &[f64]) -> Vec<f64> {
-    let apart = |(a, b): (&f64, &f64)| within_half_a_turn(a - b).abs();
-    a.iter().zip(b).map(apart).collect()
-}
-
-/// The rotation and shift that bring the first positions nearest to the second, with the smallest sum of squares [Arun 1987; Kabsch 1978].
-fn rigid_motion(positions: &[(Vector3<f64>, Vector3<f64>)]) -> IsometryMatrix3<f64> {
-    let n = positions.len() as f64;
-    let from = positions.iter().map(|(from, _)| from).sum::<Vector3<f64>>() / n;
-    let to = positions.iter().map(|(_, to)| to).sum::<Vector3<f64>>() / n;
-    let correlation: Matrix3<f64> = positions
-        .iter()
-        .map(|(a, b)| (b - to) * (a - from).transpose())
-        .sum();
-    let svd = correlation.svd(true, true);
-    let rotation = match (svd.u, svd.v_t) {
-        (Some(u), Some(v_t)) => {
-            let signs = Vector3::new(1.0, 1.0, (u * v_t).determinant().signum());
-            Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&signs) * v_t)
-        }
-        _ => Rotation3::identity(),
-    };
-    IsometryMatrix3::from_parts(Translation3::from(to - rotation * from), rotation)
-}
-
-/// Removes from the differences of position what a small motion of the instrument and a reflector that was mounted again explain, in the sense of least
-/// squares: difference = shift + rotation × position + R_flange · δ, with δ of each target in the flange frame.
-fn remove_placement(pairs: &mut [Pair], points: &[Point], rows: &[PlacedRow]) {
-    let n_targets = pairs.iter().map(|pair| points[pair.row].target + 1).max();
-    let n = 6 + 3 * n_targets.unwrap_or(0);
-    let size_mm = rows
-        .iter()
-        .map(|row| row.here_mm.norm())
-        .fold(1.0, f64::max);
-    let effects = |pair: &Pair| {
-        let (row, target) = (&rows[pair.row], points[pair.row].target);
-        let mut effects = Matrix3xX::zeros(n);
-        effects.fixed_columns_mut::<3>(0).fill_with_identity();
-        let turned = -row.here_mm.cross_matrix() / size_mm;
-        effects.fixed_columns_mut::<3>(3).copy_from(&turned);
-        effects
-            .fixed_columns_mut::<3>(6 + 3 * target)
-            .copy_from(&row.r_flange);
-        effects
-    };
-    let (mut normal, mut right) = (DMatrix::zeros(n, n), DVector::zeros(n));
-    for pair in pairs.iter() {
-        let effects = effects(pair);
-        normal += effects.tr_mul(&effects);
-        right += effects.tr_mul(&pair.difference_mm);
-    }
-    // a direction that the poses do not show stays as it is
-    let largest = normal.diagonal().max();
-    let Ok(found) = normal.svd(true, true).solve(&right, ROUNDING * largest) else {
-        return;
-    };
-    for pair in pairs.iter_mut() {
-        let explained = effects(pair) * &found;
-        pair.difference_mm -= Vector3::new(explained[0], explained[1], explained[2]);
     }
 }
 

@@ -149,10 +149,8 @@ pub(super) fn search_with_zeros(
         }
     }
     all.retain(|convention| convention.complexity() > 0);
-    simplest(
-        with_all_zeros(links, observations, frame, fits_mm, all),
-        fits_mm,
-    )
+    let with_zeros = with_all_zeros(links, observations, frame, fits_mm, all);
+    simplest(with_zeros, fits_mm)
 }
 
 /// The conventions that come near with every joint's zero free.
