@@ -75,7 +75,7 @@ function who() {
     location.hash = "#/";
     show(true);
   };
-  fill(session, el("span", { title: "What this key may do" }, `key: ${scopes}`), el("button.plain", { type: "button", click: leave }, "Sign out"));
+  fill(session, el("span", { title: "The key and what it may do" }, `${me.name ?? "key"}: ${scopes}`), el("button.plain", { type: "button", click: leave }, "Sign out"));
 }
 
 function signIn(error) {

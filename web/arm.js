@@ -43,7 +43,7 @@ function upright({ mounting }) {
 
 /**
  * The picture. `points` have a position in the base frame, and where they were compared vectors and errors by stage. `stages` are
- * [name, words]; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
+ * [name, words]; `said` begins the sentence about the arrows, null where there are none; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
  */
 export function armFigure({ title, level = "h3", caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
   const reach = reachOf(robot);
@@ -144,7 +144,7 @@ function legendOf({ stage, top }) {
 }
 
 function arrowsSaid({ stage, factor, share, drawn }, n, stages, said = "Each arrow goes from where the robot was believed to be to where it was measured,") {
-  if (!stage) return "";
+  if (!stage || said === null) return "";
   const some = share > 1 ? ` Of every ${share} neighbouring points only the one with the largest error ${stages.find(([name]) => name === stage).at(-1)} is drawn: ${drawn.filter(Boolean).length.toLocaleString("en-GB")} of ${n.toLocaleString("en-GB")}.` : "";
   return `${said} ${factor.toLocaleString("en-GB")} times as long.${some}`;
 }
@@ -155,7 +155,7 @@ function drawScene(pen, { robot, reach, up, points, placed, state, targets, sele
   const colours = { grid: pen.colour("--grid-3d"), link: rgb(pen.colour("--arm-link")), joint: rgb(pen.colour("--arm-joint")), tool: pen.colour("--accent"),
     x: pen.colour("--axis-x"), y: pen.colour("--axis-y"), z: pen.colour("--axis-z") };
   ground(pen, reach, colours);
-  boxes.forEach((box) => cuboid(pen, box, up, pen.colour("--bad")));
+  boxes.forEach((box) => cuboid(pen, box, up, pen.colour(box.colour ?? "--bad")));
   const chosen = selected.index;
   const q = (chosen === null ? null : postures(chosen)) ?? rest();
   const tools = targets.length > 0 ? [targets[points[chosen]?.target ?? 0] ?? targets[0]] : [];

@@ -11,6 +11,7 @@ import { nextSteps, uselessBy } from "./next.js";
 import { resultPoints } from "./result_points.js";
 import { saveButton, savePoints } from "./save.js";
 import { NO_USE } from "./words.js";
+import { workspaceCard } from "./workspace.js";
 
 /** Points were held out, but they are no evidence. */
 const NO_EVIDENCE = "These points are no evidence: they are too few, or the warnings below say why.";
@@ -32,7 +33,7 @@ export async function result(body, context, { job, robot, set, verified }) {
   const swarm = curve.iteration.length > 1 && convergence(curve);
   fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot"), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
     report.check && checkTables(report), report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
-    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
 }
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);

@@ -143,8 +143,8 @@ function decided(set) {
 /** Who released and withdrew a set, when and why, in this order: a sentence each. */
 export function decisions(set, limit = Infinity) {
   const cut = (reason) => (reason.length > limit ? `${reason.slice(0, limit)} …` : reason);
-  const told = (what, at, by, reason) => at && `${what} ${when(at)}${by ? ` by ${by.replace(/^key_\w+(\w{6})$/, "the key …$1")}` : ""}${reason ? `: ${cut(reason)}` : ""}`;
-  return [told("Released", set.released_at, set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
+  const told = (what, at, by, reason) => at && `${what} ${when(at)}${by ? ` by ${by}` : ""}${reason ? `: ${cut(reason)}` : ""}`;
+  return [told("Released", set.released_at, set.released_by_name ?? set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by_name ?? set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
 }
 
 function parameterSets(entries) {

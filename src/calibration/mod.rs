@@ -22,6 +22,7 @@ mod warnings;
 pub use crate::compensation::tool_differences;
 pub use calibrate::calibrate;
 pub use preparation::check::network_fits;
+pub use preparation::observe::DEFAULT_VERIFY_FRACTION;
 pub use preparation::stated_priors::{PriorFault, prior_faults};
 pub use report::{CalibrationReport, DOES_NOT_FIT, Errors, NO_FIT};
 pub use request::{After, CalibrationRequest, CheckVerdict, Method, Model, Preset};

@@ -11,7 +11,7 @@ use crate::wire::columns::ColumnsBody;
 use crate::wire::issue::Issue;
 use crate::wire::job::Model;
 use crate::wire::measurement::{Frame, Upload, from_file};
-use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
+use crate::wire::pose_plan::{PlanKind, PosePlanAnswer, PosePlanBody};
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Number of configurations, repeats included [default: that of --request, else 50].
     #[arg(short = 'n', long = "configurations", env = "KINCAL_CONFIGURATIONS")]
     n_configurations: Option<usize>,
-    /// A file with the body of POST /v1/robots/{id}/pose-plans: boxes, obstacles, reflector and so on. Options of the command line override it.
+    /// A file with the body of POST /v1/robots/{id}/pose-plans: boxes, set-ups, reflector and so on. Options of the command line override it.
     #[arg(long, env = "KINCAL_REQUEST", value_name = "REQUEST.json")]
     request: Option<PathBuf>,
     /// Sets that were already measured, in the frame given by --frame: files, or with --robot the ids of sets on the server.
@@ -55,6 +55,9 @@ pub struct Arguments {
     /// Frame of the measurement [default: that of --request, else instrument; required with --measured].
     #[arg(long, env = "KINCAL_FRAME", value_enum)]
     frame: Option<Frame>,
+    /// What is measured at each configuration [default: that of --request, else position].
+    #[arg(long, env = "KINCAL_PLAN_KIND", value_enum)]
+    kind: Option<PlanKind>,
     /// The model that will be identified [default: complete].
     #[arg(long, env = "KINCAL_MODEL", value_enum)]
     model: Option<Model>,
@@ -99,6 +102,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(warning) = without_limits(&found) {
         eprintln!("warning: {warning}");
     }
+    for warning in &found.plan.warnings {
+        eprintln!("warning: {}", warning.detail);
+    }
     let plan = found.plan;
     let (planned, random) = (
         plan.predicted_std_mm.mean,
@@ -116,7 +122,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let header: Vec<String> = (1..=found.has_limits.len())
         .map(|joint| format!("q{joint}_deg"))
         .collect();
-    say!("configuration,{}", header.join(","));
+    let has_set_ups = !plan.set_ups.is_empty();
+    let station = if has_set_ups { ",station" } else { "" };
+    say!("configuration{station},{}", header.join(","));
     for (i, configuration) in plan.configurations.iter().enumerate() {
         let values: Vec<String> = configuration
             .q_deg
@@ -124,13 +132,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .map(|q| format!("{q:.4}"))
             .collect();
         // A repeat has the number of the configuration that it repeats, so that no split separates the two.
+        let station = match &configuration.set_up {
+            Some(name) => format!(",{}", quoted(name)),
+            None => String::new(),
+        };
         say!(
-            "{},{}",
+            "{}{station},{}",
             configuration.repeats.unwrap_or(i) + 1,
             values.join(",")
         );
     }
     Ok(())
+}
+
+/// A name as a field of a CSV row.
+fn quoted(name: &str) -> String {
+    if name.contains([',', '"']) {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
 }
 
 /// Plans without a server.
@@ -215,6 +236,7 @@ fn body(arguments: &Arguments) -> anyhow::Result<PosePlanBody> {
     body.seed = arguments.seed.unwrap_or(body.seed);
     body.frame = arguments.frame.or(body.frame);
     body.model = arguments.model.or(body.model);
+    body.kind = arguments.kind.or(body.kind);
     Ok(body)
 }
 

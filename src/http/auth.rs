@@ -26,6 +26,8 @@ const UNKNOWN_KEY: &str =
 pub struct Caller {
     /// The key's id; `anonymous` with `--no-auth`. Idempotency-Keys are scoped to it.
     pub holder: String,
+    /// The key's name; `None` with `--no-auth`.
+    pub name: Option<String>,
     /// What the key may do.
     pub scopes: Vec<Scope>,
     /// The robots that the key is limited to; `None` for all robots.
@@ -44,6 +46,7 @@ impl Caller {
                 .map(serde_json::from_str)
                 .transpose()?,
             holder: row.id,
+            name: Some(row.name),
             class,
         })
     }
@@ -51,6 +54,7 @@ impl Caller {
     fn anonymous(class: RequestClass) -> Self {
         Self {
             holder: "anonymous".into(),
+            name: None,
             scopes: vec![Scope::Admin],
             robots: None,
             class,

@@ -75,6 +75,7 @@ const ASSETS: &[Asset] = assets! {
     "solids.js": JAVASCRIPT,
     "upload.js": JAVASCRIPT,
     "words.js": JAVASCRIPT,
+    "workspace.js": JAVASCRIPT,
 };
 
 /// One tag for all files: they change together, with the binary.

@@ -10,6 +10,7 @@ use axum::Json;
 pub async fn me(caller: Caller) -> Result<Json<KeyAnswer>, Error> {
     Ok(Json(KeyAnswer {
         id: caller.holder,
+        name: caller.name,
         scopes: caller.scopes,
         robots: caller.robots,
     }))

@@ -214,9 +214,11 @@ impl TryFrom<ParameterSetRow> for ParameterSetAnswer {
             released_at: row.released_at_ms.map(rfc3339),
             release_reason: row.release_reason,
             released_by: row.released_by,
+            released_by_name: row.released_by_name,
             withdrawn_at: row.withdrawn_at_ms.map(rfc3339),
             withdraw_reason: row.withdraw_reason,
             withdrawn_by: row.withdrawn_by,
+            withdrawn_by_name: row.withdrawn_by_name,
             release_checks: row
                 .release_checks_json
                 .as_deref()

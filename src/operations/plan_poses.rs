@@ -1,19 +1,26 @@
 //! Pose planning: chooses the poses to measure next.
 
+use crate::calibration::DEFAULT_VERIFY_FRACTION;
 use crate::identification::objective::Observation;
+use crate::identification::pose_rows::MeasuredRotation;
 use crate::kinematics::Robot;
 use crate::measurement::{MeasurementSet, Point};
-use crate::planning::{self, PlanRequest, Room};
+use crate::planning::{self, Noise, Plan, PlanRequest, SetUp, TooLittleRoom};
+use crate::wire::angle::to_degrees;
 use crate::wire::issue::Invalid;
 use crate::wire::job::Model;
 use crate::wire::pose_plan::{
-    DEFAULT_CANDIDATES, PlannedConfiguration, PosePlanAnswer, PosePlanBody,
+    DEFAULT_CANDIDATES, PlanKind, PlannedConfiguration, PlannedSetUp, PosePlanAnswer, PosePlanBody,
 };
 use crate::wire::report_shape::ToolUncertaintyReport;
+use crate::wire::warning::Warning;
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 
 /// Default noise of one coordinate, mm. It includes the tracker and the repeatability of the arm.
 const DEFAULT_NOISE_MM: f64 = 0.05;
+/// Default noise of one component of the rotation vector of a pose, degrees. It includes the instrument and the repeatability of the arm.
+const DEFAULT_NOISE_ROTATION_DEG: f64 = 0.02;
 /// Assumed position of the reflector with `model: complete`: off the flange's axis, so that the position depends on all joints.
 const OFF_AXIS_MM: [f64; 3] = [80.0, 0.0, 100.0];
 /// Assumed position of the reflector with `model: paper`: on the flange's axis.
@@ -35,46 +42,148 @@ pub fn plan_poses(
     } else {
         OFF_AXIS_MM
     });
-    let plan_request = PlanRequest {
+    let rotation_std_deg = request
+        .noise_std_rotation_deg
+        .unwrap_or(DEFAULT_NOISE_ROTATION_DEG);
+    let set_ups: Vec<SetUp> = request
+        .rooms()
+        .into_iter()
+        .zip(request.shares())
+        .map(|(room, n_configurations)| SetUp {
+            n_configurations,
+            n_repeats: request.repeats_of(n_configurations),
+            room,
+        })
+        .collect();
+    let plan = planning::plan(&PlanRequest {
         robot,
         model,
         target_mm: Vector3::from(target_mm),
-        n_configurations: request.n_configurations,
-        n_repeats: request.n_repeats.unwrap_or(match request.n_configurations {
-            0..20 => 0,
-            _ => 3,
-        }),
-        n_candidates: request.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
-        noise_std_mm: request.noise_std_mm.unwrap_or(DEFAULT_NOISE_MM),
+        n_candidates: request.n_candidates.unwrap_or(DEFAULT_CANDIDATES) / set_ups.len(),
+        noise: Noise {
+            position_std_mm: request.noise_std_mm.unwrap_or(DEFAULT_NOISE_MM),
+            rotation_std_rad: rotation_std_deg.to_radians(),
+        },
+        is_of_poses: request.kind.unwrap_or_default() == PlanKind::Pose,
         seed: request.seed,
-        room: Room::from(request),
         measured: measured
             .iter()
-            .map(|set| observations(robot, set))
+            .flat_map(|set| of_each_station(robot, set))
             .collect(),
+        set_ups,
+    })
+    .map_err(|error| too_little_room(request, &error))?;
+    Ok(answer(request, &plan))
+}
+
+fn too_little_room(request: &PosePlanBody, error: &TooLittleRoom) -> Invalid {
+    let Some(set_up) = request.set_ups.get(error.set_up) else {
+        return Invalid::at("/boxes", "too_little_room", error.to_string());
     };
-    let plan = planning::plan(&plan_request)
-        .map_err(|error| Invalid::at("/boxes", "too_little_room", error.to_string()))?;
-    Ok(PosePlanAnswer {
+    let at = format!("/set_ups/{}", error.set_up);
+    Invalid::at(
+        &at,
+        "too_little_room",
+        format!("set-up {:?}: {error}", set_up.name),
+    )
+}
+
+/// Warns of a plan that a job cannot identify from.
+fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
+    let n_rows = match request.kind.unwrap_or_default() {
+        PlanKind::Position => 3,
+        PlanKind::Pose => 6,
+    };
+    let n_configurations = plan.n_equations / n_rows;
+    let n_needed = plan.n_combinations.div_ceil(n_rows);
+    let warning = |code: &str, detail: String| {
+        vec![Warning {
+            code: code.into(),
+            detail,
+            rows: vec![],
+        }]
+    };
+    let given = format!(
+        "{n_configurations} different configurations give {} equations, and the parameters have {} independent combinations",
+        plan.n_equations, plan.n_combinations
+    );
+    if n_configurations < n_needed {
+        let detail = format!("{given}: measure at least {n_needed}, or hold parameters in the job");
+        return warning("under_determined", detail);
+    }
+    let n_identified =
+        n_configurations - (n_configurations as f64 * DEFAULT_VERIFY_FRACTION) as usize;
+    if n_identified < n_needed {
+        let most = 1.0 - n_needed as f64 / n_configurations as f64;
+        let detail = format!(
+            "{given}. A job holds out half of the configurations to verify and could not identify from the rest: measure {} or more, or post the job \
+             with a verify fraction of at most {:.2}",
+            2 * n_needed,
+            (most * 100.0).floor() / 100.0
+        );
+        return warning("half_is_too_few", detail);
+    }
+    vec![]
+}
+
+fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
+    let name = |set_up: usize| Some(request.set_ups.get(set_up)?.name.clone());
+    let worst = (0..plan.predicted.len())
+        .max_by(|a, b| {
+            plan.predicted[*a]
+                .mean_mm
+                .total_cmp(&plan.predicted[*b].mean_mm)
+        })
+        .unwrap_or(0);
+    PosePlanAnswer {
         configurations: plan
             .configurations
             .iter()
-            .map(PlannedConfiguration::from)
+            .map(|planned| PlannedConfiguration {
+                q_deg: planned
+                    .q_controller_rad
+                    .iter()
+                    .map(|rad| to_degrees(*rad))
+                    .collect(),
+                set_up: name(planned.set_up),
+                repeats: planned.repeats,
+            })
             .collect(),
         observability_index_o1: plan.observability_index_o1,
-        predicted_std_mm: ToolUncertaintyReport::from(plan.predicted),
-        predicted_std_mm_random: ToolUncertaintyReport::from(plan.predicted_random),
-    })
+        predicted_std_mm: ToolUncertaintyReport::from(plan.predicted[worst]),
+        predicted_std_mm_random: ToolUncertaintyReport::from(plan.predicted_random[worst]),
+        warnings: warnings(request, plan),
+        set_ups: request
+            .set_ups
+            .iter()
+            .zip(request.shares())
+            .zip(&plan.predicted)
+            .map(|((set_up, n_configurations), predicted)| PlannedSetUp {
+                name: set_up.name.clone(),
+                n_configurations,
+                predicted_std_mm: ToolUncertaintyReport::from(*predicted),
+            })
+            .collect(),
+    }
 }
 
-fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
+/// The points of each station. The base may have been elsewhere in each.
+fn of_each_station(robot: &Robot, set: &MeasurementSet) -> Vec<Vec<Observation>> {
     let observation = |point: &Point| Observation {
         q_rad: robot.q_model_rad(&point.q_rad),
         position_mm: point.position_mm,
         target: point.target,
         weight: 1.0,
         whitening: None,
-        rotation: None,
+        rotation: point.rotation.map(|rotation| MeasuredRotation {
+            rotation,
+            mm_per_rad: 1.0,
+        }),
     };
-    set.points.iter().map(observation).collect()
+    let mut stations: BTreeMap<Option<&str>, Vec<Observation>> = BTreeMap::new();
+    for point in &set.points {
+        let station = stations.entry(point.station.as_deref()).or_default();
+        station.push(observation(point));
+    }
+    stations.into_values().collect()
 }

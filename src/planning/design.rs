@@ -1,6 +1,6 @@
 //! Exchange algorithm: selects candidates that minimise tr(M⁻¹·W), with M the information of the selected ones and W that of the workspace.
 
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, SMatrix};
 
 /// Number of candidates side by side in one or two vector registers.
 const LANES: usize = 8;
@@ -15,40 +15,39 @@ const SPARE_ROWS: usize = 12;
 const GAIN: f64 = 1e-9;
 
 type Lanes = [f64; LANES];
+/// A symmetric matrix of each lane, of which only the lower triangle is used.
+type Symmetric<const ROWS: usize> = [[Lanes; ROWS]; ROWS];
 
-/// Eight candidates: their rows, column by column, and two packed symmetric 3 × 3 matrices each (00, 10, 11, 20, 21, 22).
+/// Eight candidates: their rows, column by column, and two symmetric matrices each.
 #[derive(Clone, Debug)]
-struct Block {
-    /// p entries of 3 rows.
-    rows: Vec<[Lanes; 3]>,
+struct Block<const ROWS: usize> {
+    /// One entry per parameter.
+    rows: Vec<[Lanes; ROWS]>,
     /// J·A·Jᵀ.
-    spread: [Lanes; 6],
+    spread: Symmetric<ROWS>,
     /// J·A·W·A·Jᵀ.
-    worth: [Lanes; 6],
+    worth: Symmetric<ROWS>,
 }
 
-/// The candidates, the selected ones, and A = M⁻¹.
+/// The candidates, the selected ones, and A = M⁻¹. A candidate has `ROWS` rows: three if its position is measured, six if its pose is.
 #[derive(Debug)]
-pub struct Design {
+pub struct Design<const ROWS: usize> {
     candidates: DMatrix<f64>,
     /// Candidate in each lane of the blocks.
     members: Vec<usize>,
-    blocks: Vec<Block>,
+    blocks: Vec<Block<ROWS>>,
     prior: DMatrix<f64>,
     covariance: DMatrix<f64>,
     interest: DMatrix<f64>,
     chosen: Vec<usize>,
 }
 
-/// Indices of the packed symmetric matrices.
-const PACKED: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
-
-impl Design {
-    /// A design with nothing selected. `rows` has three rows per candidate, `prior` is the prior information, `interest` is W.
+impl<const ROWS: usize> Design<ROWS> {
+    /// A design with nothing selected. `rows` has `ROWS` rows per candidate, `prior` is the prior information, `interest` is W.
     pub fn new(rows: DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
         let n = prior.nrows();
         let covariance = inverse(prior.clone()).unwrap_or_else(|| DMatrix::identity(n, n));
-        let members = (0..rows.nrows() / 3).collect();
+        let members = (0..rows.nrows() / ROWS).collect();
         let mut design = Self {
             candidates: rows,
             members,
@@ -65,10 +64,10 @@ impl Design {
     /// Selects `n` candidates and returns their indices. If there are hardly more rows than parameters, more are selected first, and those that are
     /// missed least are then removed. Adding one after the other would spend the first candidates on parameters that only priors determine.
     pub fn choose(mut self, n: usize) -> Vec<usize> {
-        let n = n.min(self.candidates.nrows() / 3);
-        let is_tight = 3 * n < self.covariance.nrows() + SPARE_ROWS;
+        let n = n.min(self.candidates.nrows() / ROWS);
+        let is_tight = ROWS * n < self.covariance.nrows() + SPARE_ROWS;
         let first = if is_tight {
-            (n + SPARE_ROWS / 3).min(self.candidates.nrows() / 3)
+            (n + SPARE_ROWS / ROWS).min(self.candidates.nrows() / ROWS)
         } else {
             n
         };
@@ -150,7 +149,7 @@ impl Design {
     }
 
     fn rows_of(&self, candidate: usize) -> DMatrix<f64> {
-        self.candidates.rows(3 * candidate, 3).into_owned()
+        self.candidates.rows(ROWS * candidate, ROWS).into_owned()
     }
 
     /// The candidate that lowers the criterion most, and the decrease: tr((I + J·A·Jᵀ)⁻¹·J·A·W·A·Jᵀ).
@@ -168,9 +167,9 @@ impl Design {
     fn gains(&self) -> Vec<f64> {
         let gain = |at: usize| {
             let block = &self.blocks[at / LANES];
-            let k = unpacked(&block.spread, at % LANES) + Matrix3::identity();
+            let k = of_lane(&block.spread, at % LANES) + SMatrix::identity();
             k.try_inverse().map_or(0.0, |inverse| {
-                inverse.dot(&unpacked(&block.worth, at % LANES))
+                inverse.dot(&of_lane(&block.worth, at % LANES))
             })
         };
         (0..self.members.len()).map(gain).collect()
@@ -185,11 +184,11 @@ impl Design {
         }
         let rows = self.rows_of(candidate);
         let u = &self.covariance * rows.transpose();
-        let spread = small(&(&rows * &u));
+        let spread: SMatrix<f64, ROWS, ROWS> = small(&(&rows * &u));
         let core = if is_added {
-            Matrix3::identity() + spread
+            SMatrix::identity() + spread
         } else {
-            spread - Matrix3::identity()
+            spread - SMatrix::identity()
         };
         let Some(c) = core.try_inverse() else {
             return self.refresh();
@@ -200,7 +199,7 @@ impl Design {
         for block in &mut self.blocks {
             block.update(&u, &v, &c, &s);
         }
-        let dynamic = DMatrix::from_fn(3, 3, |i, j| c[(i, j)]);
+        let dynamic = DMatrix::from_fn(ROWS, ROWS, |i, j| c[(i, j)]);
         self.covariance -= &u * dynamic * u.transpose();
     }
 
@@ -252,21 +251,21 @@ fn inverse(information: DMatrix<f64>) -> Option<DMatrix<f64>> {
     information.cholesky().map(|root| root.inverse())
 }
 
-fn block(
+fn block<const ROWS: usize>(
     candidates: &DMatrix<f64>,
     members: &[usize],
     p: usize,
     covariance: &DMatrix<f64>,
     worth: &DMatrix<f64>,
-) -> Block {
+) -> Block<ROWS> {
     let lane = |k: usize, row: usize| {
         std::array::from_fn(|lane| {
             members
                 .get(lane)
-                .map_or(0.0, |c| candidates[(3 * c + row, k)])
+                .map_or(0.0, |c| candidates[(ROWS * c + row, k)])
         })
     };
-    let rows: Vec<[Lanes; 3]> = (0..p)
+    let rows: Vec<[Lanes; ROWS]> = (0..p)
         .map(|k| std::array::from_fn(|row| lane(k, row)))
         .collect();
     Block {
@@ -277,69 +276,74 @@ fn block(
 }
 
 /// J·B·Jᵀ of each lane.
-fn quadratic(rows: &[[Lanes; 3]], b: &DMatrix<f64>) -> [Lanes; 6] {
-    let mut sum = [[0.0; LANES]; 6];
+fn quadratic<const ROWS: usize>(rows: &[[Lanes; ROWS]], b: &DMatrix<f64>) -> Symmetric<ROWS> {
+    let mut sum = [[[0.0; LANES]; ROWS]; ROWS];
     for (l, right) in rows.iter().enumerate() {
-        let mut through = [[0.0; LANES]; 3];
+        let mut through = [[0.0; LANES]; ROWS];
         for (k, left) in rows.iter().enumerate() {
             let factor = b[(k, l)];
-            for row in 0..3 {
+            for row in 0..ROWS {
                 for lane in 0..LANES {
                     through[row][lane] += left[row][lane] * factor;
                 }
             }
         }
-        for (packed, (i, j)) in sum.iter_mut().zip(PACKED) {
-            for lane in 0..LANES {
-                packed[lane] += through[i][lane] * right[j][lane];
+        for i in 0..ROWS {
+            for j in 0..=i {
+                for lane in 0..LANES {
+                    sum[i][j][lane] += through[i][lane] * right[j][lane];
+                }
             }
         }
     }
     sum
 }
 
-fn small(m: &DMatrix<f64>) -> Matrix3<f64> {
-    Matrix3::from_fn(|i, j| m[(i, j)])
+fn small<const ROWS: usize>(m: &DMatrix<f64>) -> SMatrix<f64, ROWS, ROWS> {
+    SMatrix::from_fn(|i, j| m[(i, j)])
 }
 
-fn unpacked(packed: &[Lanes; 6], lane: usize) -> Matrix3<f64> {
-    let [a, b, c, d, e, f] = packed.map(|lanes| lanes[lane]);
-    Matrix3::new(a, b, d, b, c, e, d, e, f)
+fn of_lane<const ROWS: usize>(m: &Symmetric<ROWS>, lane: usize) -> SMatrix<f64, ROWS, ROWS> {
+    SMatrix::from_fn(|i, j| m[i.max(j)][i.min(j)][lane])
 }
 
-impl Block {
+impl<const ROWS: usize> Block<ROWS> {
     /// With E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ decreases by E·C·Eᵀ, and J·A·W·A·Jᵀ changes by − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
-    fn update(&mut self, u: &DMatrix<f64>, v: &DMatrix<f64>, c: &Matrix3<f64>, s: &Matrix3<f64>) {
+    fn update(
+        &mut self,
+        u: &DMatrix<f64>,
+        v: &DMatrix<f64>,
+        c: &SMatrix<f64, ROWS, ROWS>,
+        s: &SMatrix<f64, ROWS, ROWS>,
+    ) {
         let (e, f) = (self.times(u), self.times(v));
         let csc = c * s * c;
-        for (packed, (i, j)) in PACKED.iter().enumerate() {
-            for lane in 0..LANES {
-                let (mut spread, mut worth) = (0.0, 0.0);
-                for k in 0..3 {
-                    for l in 0..3 {
-                        let (ei, ej, fi, fj) = (
-                            e[*i][k][lane],
-                            e[*j][l][lane],
-                            f[*i][k][lane],
-                            f[*j][l][lane],
-                        );
-                        spread += ei * c[(k, l)] * ej;
-                        worth += ei * csc[(k, l)] * ej - c[(k, l)] * (ei * fj + fi * ej);
+        for i in 0..ROWS {
+            for j in 0..=i {
+                for lane in 0..LANES {
+                    let (mut spread, mut worth) = (0.0, 0.0);
+                    for k in 0..ROWS {
+                        for l in 0..ROWS {
+                            let (ei, ej) = (e[i][k][lane], e[j][l][lane]);
+                            let (fi, fj) = (f[i][k][lane], f[j][l][lane]);
+                            spread += ei * c[(k, l)] * ej;
+                            worth += ei * csc[(k, l)] * ej - c[(k, l)] * (ei * fj + fi * ej);
+                        }
                     }
+                    self.spread[i][j][lane] -= spread;
+                    self.worth[i][j][lane] += worth;
                 }
-                self.spread[packed][lane] -= spread;
-                self.worth[packed][lane] += worth;
             }
         }
     }
 
-    /// J·B for a p × 3 matrix B.
-    fn times(&self, b: &DMatrix<f64>) -> [[Lanes; 3]; 3] {
-        let mut product = [[[0.0; LANES]; 3]; 3];
+    /// J·B for a p × `ROWS` matrix B.
+    fn times(&self, b: &DMatrix<f64>) -> [[Lanes; ROWS]; ROWS] {
+        let mut product = [[[0.0; LANES]; ROWS]; ROWS];
         for (k, rows) in self.rows.iter().enumerate() {
-            for column in 0..3 {
+            for column in 0..ROWS {
                 let factor = b[(k, column)];
-                for row in 0..3 {
+                for row in 0..ROWS {
                     for lane in 0..LANES {
                         product[row][column][lane] += rows[row][lane] * factor;
                     }

@@ -52,8 +52,12 @@ pub struct ParameterSetRow {
     pub withdraw_reason: Option<String>,
     /// Who last released it.
     pub released_by: Option<String>,
+    /// Name of the key that last released it.
+    pub released_by_name: Option<String>,
     /// Who withdrew it.
     pub withdrawn_by: Option<String>,
+    /// Name of the key that withdrew it.
+    pub withdrawn_by_name: Option<String>,
     /// Strength of the verification behind its last release.
     pub release_evidence: Option<Evidence>,
     /// The tool's largest uncertainty over the workspace at its last release, mm.
@@ -70,7 +74,7 @@ pub struct ParameterSetRow {
     pub joint_map_version: i64,
 }
 
-from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
+from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, released_by_name, withdrawn_by, withdrawn_by_name, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
 
 list_row!(ParameterSetRow);
 
@@ -137,6 +141,8 @@ macro_rules! columns {
         concat!("id, robot_id, job_id, status, body_json, sha256, created_at_ms,
          released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, withdrawn_by,
          release_evidence, release_uncertainty_mm, release_seq, supersedes_id,
+         (select k.name from api_key k where k.id = parameter_set.released_by) as released_by_name,
+         (select k.name from api_key k where k.id = parameter_set.withdrawn_by) as withdrawn_by_name,
          (select a.archived_at_ms from archived a where a.id = parameter_set.id) as archived_at_ms,
          coalesce((select v.version from job_robot_version v where v.job_id = parameter_set.job_id), 1) as robot_version, ", joint_map_version!(), " as joint_map_version")
     };

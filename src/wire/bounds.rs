@@ -13,7 +13,9 @@ use crate::wire::id::MAX_ID;
 use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
 use crate::wire::named_frame::MAX_FIXTURE_MM;
 use crate::wire::options::MAX_COST_MM2;
-use crate::wire::pose_plan::{MAX_MEASURED, MAX_PLANNED, NOISE_MM};
+use crate::wire::pose_plan::{
+    HALF_ANGLE_DEG, MAX_MEASURED, MAX_PLANNED, NOISE_MM, NOISE_ROTATION_DEG,
+};
 use crate::wire::posture::MAX_POSITION_MM;
 use crate::wire::predict::MAX_POSES;
 use crate::wire::prior::{MAX_NAMES, MAX_PARAMETER_NAME, MAX_VALUE, MIN_STD};
@@ -146,6 +148,19 @@ fn bounded() -> Vec<Bounded> {
         ),
         ("PayloadBody", "centre_mm", three(MAX_PAYLOAD_OFFSET_MM)),
         ("PosePlanBody", "target_mm", three(MAX_LENGTH_MM)),
+        ("PosePlanBody", "instrument_mm", three(MAX_LENGTH_MM)),
+        ("SetUpBody", "instrument_mm", three(MAX_LENGTH_MM)),
+        ("PosePlanBody", "target_axis", three(1.0)),
+        (
+            "PosePlanBody",
+            "target_half_angle_deg",
+            vec![Range(HALF_ANGLE_DEG.0, HALF_ANGLE_DEG.1)],
+        ),
+        (
+            "PosePlanBody",
+            "noise_std_rotation_deg",
+            vec![Range(NOISE_ROTATION_DEG.0, NOISE_ROTATION_DEG.1)],
+        ),
         (
             "PosePlanBody",
             "noise_std_mm",

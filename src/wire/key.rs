@@ -36,6 +36,9 @@ impl Scope {
 pub struct KeyAnswer {
     /// Id of the key; `anonymous` if the server needs no key.
     pub id: String,
+    /// Its name; absent if the server needs no key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// `read`, `upload`, `identify`, `release`, `admin`. `admin` includes all others.
     #[schema(value_type = Vec<String>)]
     pub scopes: Vec<Scope>,

@@ -127,6 +127,9 @@ pub struct ParameterSetAnswer {
     /// Id of the key that last released it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub released_by: Option<String>,
+    /// Name of this key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub released_by_name: Option<String>,
     /// RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub withdrawn_at: Option<String>,
@@ -136,6 +139,9 @@ pub struct ParameterSetAnswer {
     /// Id of the key that withdrew it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub withdrawn_by: Option<String>,
+    /// Name of this key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub withdrawn_by_name: Option<String>,
     /// The gates of the last release and their results. A gate with `warning` passed, but a person should look at it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub release_checks: Option<Vec<Gate>>,

@@ -1,14 +1,14 @@
 //! Pose plans: which poses to measure next.
 
-use crate::planning::{BaseCylinder, Planned, Room};
-use crate::wire::angle::to_degrees;
+use crate::planning::{AcceptanceCone, BaseCylinder, Box3, LineOfSight, Room};
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::job::Model;
 use crate::wire::measurement::Frame;
 use crate::wire::report_shape::ToolUncertaintyReport;
-use crate::wire::robot::MAX_LENGTH_MM;
-use nalgebra::Vector3;
+use crate::wire::robot::{MAX_LENGTH_MM, MAX_NAME};
+use crate::wire::warning::Warning;
+use nalgebra::{Unit, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -16,14 +16,39 @@ use utoipa::ToSchema;
 pub const MAX_PLANNED: usize = 300;
 /// Default number of candidates.
 pub const DEFAULT_CANDIDATES: usize = 10_000;
-/// Maximum number of candidates.
+/// Maximum number of candidates for positions. Poses have twice the rows, so half as many are allowed.
 pub const MAX_CANDIDATES: usize = 50_000;
+/// Maximum number of set-ups.
+pub const MAX_SET_UPS: usize = 10;
+/// Minimum number of configurations of a set-up. An identification needs as many to find the base.
+const FEWEST_PER_SET_UP: usize = 6;
 /// Maximum number of boxes.
 pub const MAX_BOXES: usize = 32;
 /// Maximum number of measurement sets in `measured`.
 pub const MAX_MEASURED: usize = 20;
 /// Allowed range of the noise, mm.
 pub(super) const NOISE_MM: (f64, f64) = (1e-4, 10.0);
+/// Allowed range of the noise of rotations, degrees.
+pub(super) const NOISE_ROTATION_DEG: (f64, f64) = (1e-5, 5.0);
+/// Allowed range of an acceptance cone's half angle, degrees.
+pub(super) const HALF_ANGLE_DEG: (f64, f64) = (1.0, 180.0);
+/// Minimum length of a direction.
+const SHORTEST_AXIS: f64 = 1e-6;
+/// Half angle of the acceptance cone, if only its axis is stated: that of most reflectors, degrees.
+const DEFAULT_HALF_ANGLE_DEG: f64 = 30.0;
+
+/// What is measured at each configuration of a plan.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum PlanKind {
+    /// Positions of a reflector.
+    #[default]
+    Position,
+    /// Poses of a 6D target.
+    Pose,
+}
 
 /// Request for a pose plan. Only `n_configurations` is required.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -44,21 +69,47 @@ pub struct PosePlanBody {
     /// Position of the reflector in the flange frame, mm; default: [80, 0, 100], with model paper [0, 0, 100].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_mm: Option<[f64; 3]>,
+    /// What is measured at each configuration; default: positions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<PlanKind>,
     /// Standard deviation of a measured coordinate, mm; default 0.05.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_std_mm: Option<f64>,
-    /// Number of random configurations from which the plan is chosen; default: 10,000.
+    /// Standard deviation of a component of the measured rotation vector, degrees; default 0.02. For poses of the plan and of the sets in `measured`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_std_rotation_deg: Option<f64>,
+    /// Number of random configurations from which the plan is chosen, for all set-ups together; default: 10,000, at most 50,000, for poses 25,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 1, maximum = 50000)]
     pub n_candidates: Option<usize>,
     /// Number of configurations from the beginning of the plan that are repeated at the end, to detect drift. Default: 3; for plans with less than 20
-    /// configurations 0.
+    /// configurations 0. With set-ups it holds for each of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_repeats: Option<usize>,
     /// Boxes in the base frame. The reflector must be inside one of them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 32)]
     pub boxes: Vec<BoxBody>,
+    /// Boxes in the base frame that the arm must stay outside of: the straight lines from the axis of joint 2 over the link origins and the flange to the
+    /// reflector. With `instrument_mm`, the line of sight does not cross them either.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 32)]
+    pub keep_out: Vec<BoxBody>,
+    /// Place of the instrument in the base frame, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument_mm: Option<[f64; 3]>,
+    /// The direction in which the reflector looks, in the flange frame. With it, the plan has only configurations in which the instrument is within the
+    /// reflector's acceptance cone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_axis: Option<[f64; 3]>,
+    /// Half angle of the acceptance cone about `target_axis`, degrees; default 30.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_half_angle_deg: Option<f64>,
+    /// Set-ups of the instrument. The configurations are distributed evenly over them, and each has its own unknown base. Without set-ups the
+    /// instrument stays where it is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 10)]
+    pub set_ups: Vec<SetUpBody>,
     /// Height in the base frame that reflector, flange, wrist and elbow must stay above, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_z_mm: Option<f64>,
@@ -69,6 +120,22 @@ pub struct PosePlanBody {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 20)]
     pub measured: Vec<String>,
+}
+
+/// One set-up of the instrument.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SetUpBody {
+    /// Its name: the `station` of the measured rows.
+    #[schema(min_length = 1, max_length = 200)]
+    pub name: String,
+    /// Place of the instrument in the base frame, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument_mm: Option<[f64; 3]>,
+    /// Boxes in the base frame. The reflector must be inside one of them. Without boxes, those of the request hold.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 32)]
+    pub boxes: Vec<BoxBody>,
 }
 
 /// A box aligned with the axes of the base frame.
@@ -98,10 +165,28 @@ pub struct PosePlanAnswer {
     pub configurations: Vec<PlannedConfiguration>,
     /// Observability index O1 of the planned configurations.
     pub observability_index_o1: f64,
-    /// Predicted standard deviation of the tool position over the workspace, with the sets in `measured` and the plan together.
+    /// Predicted standard deviation of the tool position over the workspace, with the sets in `measured` and the plan together. With several set-ups, in
+    /// the frame of the one in which it is largest.
     pub predicted_std_mm: ToolUncertaintyReport,
     /// Predicted standard deviation with the same number of random configurations instead of the plan.
     pub predicted_std_mm_random: ToolUncertaintyReport,
+    /// Warnings. `under_determined`: no job can identify from so few configurations. `half_is_too_few`: a job that holds out half of them cannot.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+    /// The set-ups of the request.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub set_ups: Vec<PlannedSetUp>,
+}
+
+/// One set-up of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedSetUp {
+    /// Its name.
+    pub name: String,
+    /// Number of its configurations.
+    pub n_configurations: usize,
+    /// Predicted standard deviation of the tool position in its frame, with all set-ups together.
+    pub predicted_std_mm: ToolUncertaintyReport,
 }
 
 /// One configuration of a plan.
@@ -109,6 +194,9 @@ pub struct PosePlanAnswer {
 pub struct PlannedConfiguration {
     /// The controller's joint values, degrees.
     pub q_deg: Vec<f64>,
+    /// Name of the set-up from which it is measured, if the request has set-ups.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub set_up: Option<String>,
     /// Number of the configuration that this one repeats (0-based).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeats: Option<usize>,
@@ -123,13 +211,68 @@ impl PosePlanBody {
             model: None,
             frame: None,
             target_mm: None,
+            kind: None,
             noise_std_mm: None,
+            noise_std_rotation_deg: None,
             n_candidates: None,
             n_repeats: None,
             boxes: vec![],
+            keep_out: vec![],
+            instrument_mm: None,
+            target_axis: None,
+            target_half_angle_deg: None,
+            set_ups: vec![],
             floor_z_mm: None,
             base_cylinder: None,
             measured: vec![],
+        }
+    }
+
+    /// Number of configurations of each set-up: equal shares, with the remainder on the first ones. One number without set-ups.
+    pub fn shares(&self) -> Vec<usize> {
+        let n = self.set_ups.len().max(1);
+        let more = self.n_configurations % n;
+        (0..n)
+            .map(|i| self.n_configurations / n + usize::from(i < more))
+            .collect()
+    }
+
+    /// Number of repeats in a set-up with `n_configurations`.
+    pub fn repeats_of(&self, n_configurations: usize) -> usize {
+        let default = if n_configurations < 20 { 0 } else { 3 };
+        self.n_repeats.unwrap_or(default)
+    }
+
+    /// The space in which the robot may move while it is measured from each set-up. One space without set-ups.
+    pub fn rooms(&self) -> Vec<Room> {
+        if self.set_ups.is_empty() {
+            return vec![self.room(&self.boxes, self.instrument_mm)];
+        }
+        let of_set_up = |set_up: &SetUpBody| {
+            let own = Some(&set_up.boxes).filter(|boxes| !boxes.is_empty());
+            self.room(own.unwrap_or(&self.boxes), set_up.instrument_mm)
+        };
+        self.set_ups.iter().map(of_set_up).collect()
+    }
+
+    fn room(&self, boxes: &[BoxBody], instrument_mm: Option<[f64; 3]>) -> Room {
+        let half_angle_deg = self.target_half_angle_deg.unwrap_or(DEFAULT_HALF_ANGLE_DEG);
+        let cone = self.target_axis.map(|axis| AcceptanceCone {
+            axis: Unit::new_normalize(Vector3::from(axis)).into_inner(),
+            half_angle_rad: half_angle_deg.to_radians(),
+        });
+        Room {
+            boxes_mm: boxes.iter().map(Box3::from).collect(),
+            keep_out_mm: self.keep_out.iter().map(Box3::from).collect(),
+            floor_z_mm: self.floor_z_mm,
+            base_cylinder: self.base_cylinder.map(|c| BaseCylinder {
+                radius_mm: c.radius_mm,
+                height_mm: c.height_mm,
+            }),
+            line_of_sight: instrument_mm.map(|at| LineOfSight {
+                instrument_mm: Vector3::from(at),
+                cone,
+            }),
         }
     }
 
@@ -139,99 +282,21 @@ impl PosePlanBody {
     /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        let mut within = |at: &str, value: usize, most: usize| {
-            if value == 0 || value > most {
-                checker.note(
-                    at,
-                    "out_of_range",
-                    format!("{value}; 1 to {most} are allowed"),
-                );
-            }
-        };
-        within("/n_configurations", self.n_configurations, MAX_PLANNED);
-        within(
-            "/n_candidates",
-            self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
-            MAX_CANDIDATES,
-        );
-        if self
-            .n_repeats
-            .is_some_and(|repeats| repeats > self.n_configurations / 2)
-        {
-            checker.note(
-                "/n_repeats",
-                "out_of_range",
-                "at most half of the configurations can be repeats of the others",
-            );
-        }
-        if self
-            .noise_std_mm
-            .is_some_and(|std| !(NOISE_MM.0..=NOISE_MM.1).contains(&std))
-        {
-            checker.note(
-                "/noise_std_mm",
-                "out_of_range",
-                format!("{} to {} mm are allowed", NOISE_MM.0, NOISE_MM.1),
-            );
-        }
-        for (k, value) in self.target_mm.iter().flatten().enumerate() {
-            checker.magnitude(
-                format!("/target_mm/{k}"),
-                *value,
-                MAX_LENGTH_MM,
-                "lengths are in millimetres",
-            );
-        }
-        if let Some(floor_z_mm) = self.floor_z_mm {
-            checker.magnitude(
-                "/floor_z_mm",
-                floor_z_mm,
-                MAX_LENGTH_MM,
-                "lengths are in millimetres",
-            );
-        }
-        if self.boxes.len() > MAX_BOXES {
-            checker.note(
-                "/boxes",
-                "wrong_length",
-                format!("{} boxes; at most {MAX_BOXES}", self.boxes.len()),
-            );
-        }
-        for (i, b) in self.boxes.iter().take(MAX_BOXES).enumerate() {
-            for k in 0..3 {
-                checker.magnitude(
-                    format!("/boxes/{i}/min_mm/{k}"),
-                    b.min_mm[k],
-                    MAX_LENGTH_MM,
-                    "lengths are in millimetres",
-                );
-                checker.magnitude(
-                    format!("/boxes/{i}/max_mm/{k}"),
-                    b.max_mm[k],
-                    MAX_LENGTH_MM,
-                    "lengths are in millimetres",
-                );
-                if b.min_mm[k] >= b.max_mm[k] {
-                    checker.note(
-                        format!("/boxes/{i}"),
-                        "corners_reversed",
-                        "min_mm is the lowest corner and max_mm the highest",
-                    );
-                }
-            }
-        }
+        self.check_numbers(&mut checker);
+        self.check_sight(&mut checker);
+        self.check_set_ups(&mut checker);
+        check_boxes("/boxes", &self.boxes, &mut checker);
+        check_boxes("/keep_out", &self.keep_out, &mut checker);
         if let Some(cylinder) = &self.base_cylinder {
-            checker.magnitude(
+            check_lengths(
                 "/base_cylinder/radius_mm",
-                cylinder.radius_mm,
-                MAX_LENGTH_MM,
-                "lengths are in millimetres",
+                &[cylinder.radius_mm],
+                &mut checker,
             );
-            checker.magnitude(
+            check_lengths(
                 "/base_cylinder/height_mm",
-                cylinder.height_mm,
-                MAX_LENGTH_MM,
-                "lengths are in millimetres",
+                &[cylinder.height_mm],
+                &mut checker,
             );
         }
         if self.measured.len() > MAX_MEASURED {
@@ -247,29 +312,164 @@ impl PosePlanBody {
             .enumerate()
             .try_for_each(|(i, id)| id::check(&format!("/measured/{i}"), id, "measurement set"))
     }
-}
 
-/// The space in which the robot may move.
-impl From<&PosePlanBody> for Room {
-    fn from(body: &PosePlanBody) -> Self {
-        let corners = |b: &BoxBody| (Vector3::from(b.min_mm), Vector3::from(b.max_mm));
-        Self {
-            boxes_mm: body.boxes.iter().map(corners).collect(),
-            floor_z_mm: body.floor_z_mm,
-            base_cylinder: body.base_cylinder.map(|c| BaseCylinder {
-                radius_mm: c.radius_mm,
-                height_mm: c.height_mm,
-            }),
+    fn check_numbers(&self, checker: &mut Checker) {
+        let is_pose = self.kind.unwrap_or_default() == PlanKind::Pose;
+        let mut within = |at: &str, value: usize, most: usize| {
+            if value == 0 || value > most {
+                checker.note(
+                    at,
+                    "out_of_range",
+                    format!("{value}; 1 to {most} are allowed"),
+                );
+            }
+        };
+        within("/n_configurations", self.n_configurations, MAX_PLANNED);
+        within(
+            "/n_candidates",
+            self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
+            MAX_CANDIDATES / if is_pose { 2 } else { 1 },
+        );
+        let fewest = self.shares().into_iter().min().unwrap_or(0);
+        if self.n_repeats.is_some_and(|repeats| repeats > fewest / 2) {
+            checker.note(
+                "/n_repeats",
+                "out_of_range",
+                "at most half of the configurations can be repeats of the others",
+            );
+        }
+        let mut noise = |at: &str, value: Option<f64>, (low, high): (f64, f64), unit: &str| {
+            if value.is_some_and(|std| !(low..=high).contains(&std)) {
+                checker.note(
+                    at,
+                    "out_of_range",
+                    format!("{low} to {high} {unit} are allowed"),
+                );
+            }
+        };
+        noise("/noise_std_mm", self.noise_std_mm, NOISE_MM, "mm");
+        noise(
+            "/noise_std_rotation_deg",
+            self.noise_std_rotation_deg,
+            NOISE_ROTATION_DEG,
+            "degrees",
+        );
+        if is_pose && self.model == Some(Model::Paper) {
+            let detail = "the paper's model is identified from positions: remove the model, or plan positions";
+            checker.note("/kind", "mixed_kinds", detail);
+        }
+        check_lengths(
+            "/target_mm",
+            self.target_mm.as_slice().as_flattened(),
+            checker,
+        );
+        check_lengths("/floor_z_mm", self.floor_z_mm.as_slice(), checker);
+    }
+
+    fn check_sight(&self, checker: &mut Checker) {
+        check_lengths(
+            "/instrument_mm",
+            self.instrument_mm.as_slice().as_flattened(),
+            checker,
+        );
+        let has_instrument = self.instrument_mm.is_some()
+            || self
+                .set_ups
+                .iter()
+                .any(|set_up| set_up.instrument_mm.is_some());
+        if let Some(axis) = self.target_axis {
+            let hint =
+                "a direction has components from -1 to 1: [0, 0, 1] is along the flange's z axis";
+            for (k, value) in axis.iter().enumerate() {
+                checker.magnitude(format!("/target_axis/{k}"), *value, 1.0, hint);
+            }
+            if Vector3::from(axis).norm() < SHORTEST_AXIS {
+                checker.note("/target_axis", "out_of_range", format!("zero: {hint}"));
+            }
+            if !has_instrument {
+                let detail = "a direction counts only for an instrument whose place is known: add instrument_mm, or remove it";
+                checker.note("/target_axis", "missing", detail);
+            }
+        }
+        let Some(half_angle_deg) = self.target_half_angle_deg else {
+            return;
+        };
+        let (low, high) = HALF_ANGLE_DEG;
+        if !(low..=high).contains(&half_angle_deg) {
+            let detail = format!("{low} to {high} degrees are allowed");
+            checker.note("/target_half_angle_deg", "out_of_range", detail);
+        }
+        if self.target_axis.is_none() {
+            let detail = "the cone needs its axis: add target_axis, or remove the angle";
+            checker.note("/target_half_angle_deg", "missing", detail);
+        }
+    }
+
+    fn check_set_ups(&self, checker: &mut Checker) {
+        let n = self.set_ups.len();
+        if n > MAX_SET_UPS {
+            let detail = format!("{n} set-ups; at most {MAX_SET_UPS}");
+            return checker.note("/set_ups", "wrong_length", detail);
+        }
+        let fewest = self.shares().into_iter().min().unwrap_or(0);
+        if n > 0 && fewest < FEWEST_PER_SET_UP {
+            let detail = format!(
+                "{} configurations for {n} set-ups: they take at least {}, {FEWEST_PER_SET_UP} each, because each of them has a base to find",
+                self.n_configurations,
+                n * FEWEST_PER_SET_UP
+            );
+            checker.note("/set_ups", "too_few_configurations", detail);
+        }
+        if n > 0 && self.instrument_mm.is_some() {
+            let detail = "each set-up has its own instrument_mm: write it there";
+            checker.note("/instrument_mm", "mixed_kinds", detail);
+        }
+        for (i, set_up) in self.set_ups.iter().enumerate() {
+            let at = format!("/set_ups/{i}");
+            checker.text(&format!("{at}/name"), &set_up.name, MAX_NAME);
+            if self.set_ups[..i]
+                .iter()
+                .any(|other| other.name == set_up.name)
+            {
+                let detail = format!("{:?} is the name of two set-ups", set_up.name);
+                checker.note(format!("{at}/name"), "duplicate", detail);
+            }
+            let instrument_mm = set_up.instrument_mm.as_slice().as_flattened();
+            check_lengths(&format!("{at}/instrument_mm"), instrument_mm, checker);
+            check_boxes(&format!("{at}/boxes"), &set_up.boxes, checker);
         }
     }
 }
 
-impl From<&Planned> for PlannedConfiguration {
-    fn from(planned: &Planned) -> Self {
-        let q_deg = planned.q_controller_rad.iter().map(|rad| to_degrees(*rad));
-        Self {
-            q_deg: q_deg.collect(),
-            repeats: planned.repeats,
+/// Checks one length, or each of several.
+fn check_lengths(at: &str, values: &[f64], checker: &mut Checker) {
+    for (k, value) in values.iter().enumerate() {
+        let at = if values.len() > 1 {
+            format!("{at}/{k}")
+        } else {
+            at.to_owned()
+        };
+        checker.magnitude(at, *value, MAX_LENGTH_MM, "lengths are in millimetres");
+    }
+}
+
+fn check_boxes(at: &str, boxes: &[BoxBody], checker: &mut Checker) {
+    if boxes.len() > MAX_BOXES {
+        let detail = format!("{} boxes; at most {MAX_BOXES}", boxes.len());
+        checker.note(at, "wrong_length", detail);
+    }
+    for (i, b) in boxes.iter().take(MAX_BOXES).enumerate() {
+        check_lengths(&format!("{at}/{i}/min_mm"), &b.min_mm, checker);
+        check_lengths(&format!("{at}/{i}/max_mm"), &b.max_mm, checker);
+        if (0..3).any(|k| b.min_mm[k] >= b.max_mm[k]) {
+            let detail = "min_mm is the lowest corner and max_mm the highest";
+            checker.note(format!("{at}/{i}"), "corners_reversed", detail);
         }
+    }
+}
+
+impl From<&BoxBody> for Box3 {
+    fn from(b: &BoxBody) -> Self {
+        (Vector3::from(b.min_mm), Vector3::from(b.max_mm))
     }
 }

@@ -502,7 +502,7 @@ fn a_key_opens_what_it_may_and_names_are_only_names() {
         browser.until("document.activeElement.id === 'key'").await;
         browser.press(key.as_str()).await;
         browser.press(Key::Enter).await;
-        browser.until_it_says("key: read").await;
+        browser.until_it_says("test: read").await;
         for hash in [
             "#/".into(),
             format!("#/robots/{robot}"),

@@ -35,7 +35,7 @@ fn a_key_that_opens_nothing_leads_back_to_the_sign_in() {
         browser.until("document.activeElement.id === 'key'").await;
         browser.press(reader.as_str()).await;
         browser.press(Key::Enter).await;
-        browser.until_it_says("key: read").await;
+        browser.until_it_says("test: read").await;
         browser.assert_quiet(&[403]).await;
     });
 }

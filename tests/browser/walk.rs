@@ -198,3 +198,66 @@ fn a_plan_is_downloaded_with_a_row_for_each_pose() {
         browser.assert_quiet(&[]).await;
     });
 }
+
+/// The boxes used to be sent as those in which the reflector has to be.
+#[test]
+fn a_plan_keeps_out_of_the_boxes_that_were_typed() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 20", "ER20-0140");
+    let key = hall.key(&["admin"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("not calibrated").await;
+        browser.go(&format!("/#/robots/{robot}/plan")).await;
+        browser.button("Add a box").await.click().await.unwrap();
+        browser.button("Add a place").await.click().await.unwrap();
+        browser.button("Add a place").await.click().await.unwrap();
+        browser
+            .run(
+                "const type = (label, values) => document.querySelectorAll(`[aria-label='${label}']`).forEach((input, i) => { input.value = values[i]; });
+                 type('x from, mm', [600]); type('y from, mm', [-3000]); type('z from, mm', [-3000]); type('x to, mm', [3000]); type('y to, mm', [3000]); type('z to, mm', [3000]);
+                 type('x, mm', [-3000, -3000]); type('y, mm', [-2000, 2000]); type('z, mm', [1000, 1000]);
+                 document.querySelector('#plan-kind').value = 'pose';",
+            )
+            .await;
+        browser.button("Plan").await.click().await.unwrap();
+        browser.until_it_says("Joint values").await;
+        browser.until_it_says("place 2").await;
+        let folder = hall.folder.path().join("downloads");
+        browser.download_to(&folder).await;
+        browser
+            .button("Download as CSV")
+            .await
+            .click()
+            .await
+            .unwrap();
+        let file = folder.join("poses.csv");
+        browser.until_there_is(&file).await;
+        let table = std::fs::read_to_string(&file).unwrap();
+        let mut lines = table.lines();
+        let header = lines.next().unwrap();
+        assert_eq!(
+            header,
+            "configuration,station,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,quat_w,quat_x,quat_y,quat_z"
+        );
+        let robot: kincal::wire::robot::RobotBody =
+            serde_json::from_slice(&std::fs::read(data("robot.json")).unwrap()).unwrap();
+        let robot = kincal::kinematics::Robot::try_from(&robot).unwrap();
+        let mut n = 0;
+        for line in lines {
+            let cells: Vec<&str> = line.split(',').collect();
+            let q: Vec<f64> = cells[2..8]
+                .iter()
+                .map(|q| q.parse::<f64>().unwrap().to_radians())
+                .collect();
+            let flange = kincal::kinematics::t_base_flange(&robot.links, &robot.q_model_rad(&q));
+            assert!(flange.translation.vector.x < 600.0, "{line}");
+            n += 1;
+        }
+        assert_eq!(n, 30);
+        browser.assert_quiet(&[]).await;
+    });
+}

@@ -4,11 +4,14 @@ use crate::data::paper_robot;
 use crate::simulation::{Normal, limited, poses};
 use kincal::identification::identifiability::prior_scales;
 use kincal::identification::objective::{Observation, weighted_jacobian};
-use kincal::identification::parameters::complete_parameters;
+use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::identification::pose_rows::MeasuredRotation;
 use kincal::identification::workspace::random_configurations;
 use kincal::identification::{KinematicModel, Model};
 use kincal::kinematics::{Robot, reach_mm, t_base_flange};
-use kincal::planning::{BaseCylinder, Plan, PlanRequest, Room, plan};
+use kincal::planning::{
+    AcceptanceCone, BaseCylinder, LineOfSight, Noise, Plan, PlanRequest, Room, SetUp, plan,
+};
 use nalgebra::{DMatrix, IsometryMatrix3, Vector3};
 
 fn request(robot: &Robot) -> PlanRequest<'_> {
@@ -16,13 +19,23 @@ fn request(robot: &Robot) -> PlanRequest<'_> {
         robot,
         model: Model::Complete,
         target_mm: Vector3::new(80.0, 0.0, 100.0),
-        n_configurations: 30,
-        n_repeats: 3,
+        set_ups: vec![one_set_up(30, 3)],
         n_candidates: 2_000,
-        noise_std_mm: 0.05,
+        noise: Noise {
+            position_std_mm: 0.05,
+            rotation_std_rad: 3e-4,
+        },
+        is_of_poses: false,
         seed: 1,
-        room: Room::default(),
         measured: vec![],
+    }
+}
+
+fn one_set_up(n_configurations: usize, n_repeats: usize) -> SetUp {
+    SetUp {
+        n_configurations,
+        n_repeats,
+        room: Room::default(),
     }
 }
 
@@ -55,7 +68,7 @@ fn mean_std_mm(request: &PlanRequest<'_>, chosen: &[Vec<f64>]) -> f64 {
             &Vector3::zeros(),
         )
     };
-    let measured = rows(chosen) / request.noise_std_mm;
+    let measured = rows(chosen) / request.noise.position_std_mm;
     let prior = DMatrix::from_diagonal(&nalgebra::DVector::from_iterator(
         parameters.len(),
         prior_scales(&parameters, reach_mm(&request.robot.links))
@@ -93,13 +106,13 @@ fn a_plan_knows_the_tool_better_than_random_poses_and_says_how_well() {
     let random_mean = random.iter().sum::<f64>() / 5.0;
     println!(
         "planned {planned:.4} mm (it says {:.4}), random {random_mean:.4} mm: {:.2} times",
-        plan.predicted.mean_mm,
+        plan.predicted[0].mean_mm,
         random_mean / planned
     );
     assert!(
-        (plan.predicted.mean_mm / planned - 1.0).abs() < 0.1,
+        (plan.predicted[0].mean_mm / planned - 1.0).abs() < 0.1,
         "{} {planned}",
-        plan.predicted.mean_mm
+        plan.predicted[0].mean_mm
     );
     assert!(random_mean / planned > 1.2, "{random_mean} {planned}");
 }
@@ -123,9 +136,13 @@ fn limits_boxes_floor_and_foot_are_kept() {
             radius_mm: 250.0,
             height_mm: 700.0,
         }),
+        ..Room::default()
     };
     let request = PlanRequest {
-        room: room.clone(),
+        set_ups: vec![SetUp {
+            room: room.clone(),
+            ..one_set_up(30, 3)
+        }],
         ..request(&robot)
     };
     let plan = plan(&request).unwrap();
@@ -161,7 +178,10 @@ fn limits_boxes_floor_and_foot_are_kept() {
         ..Room::default()
     };
     let error = kincal::planning::plan(&PlanRequest {
-        room: nowhere,
+        set_ups: vec![SetUp {
+            room: nowhere,
+            ..one_set_up(30, 3)
+        }],
         ..request
     })
     .unwrap_err();
@@ -207,23 +227,38 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
         })
         .collect();
     let alone = plan(&PlanRequest {
-        n_configurations: 8,
-        n_repeats: 0,
+        set_ups: vec![one_set_up(8, 0)],
         ..request(&robot)
     })
     .unwrap();
     let after = plan(&PlanRequest {
-        n_configurations: 8,
-        n_repeats: 0,
-        measured: vec![narrow],
+        set_ups: vec![one_set_up(8, 0)],
+        measured: vec![narrow.clone()],
         ..request(&robot)
     })
     .unwrap();
+    let rotated: Vec<Observation> = narrow
+        .iter()
+        .map(|o| Observation {
+            rotation: Some(MeasuredRotation {
+                rotation: nalgebra::Rotation3::from_euler_angles(0.1, 2.0, 0.3),
+                mm_per_rad: 1.0,
+            }),
+            ..o.clone()
+        })
+        .collect();
+    let after_poses = plan(&PlanRequest {
+        set_ups: vec![one_set_up(8, 0)],
+        measured: vec![rotated],
+        ..request(&robot)
+    })
+    .unwrap();
+    assert!(after_poses.predicted[0].mean_mm < 0.99 * after.predicted[0].mean_mm);
     println!(
         "8 poses alone {:.4} mm, after 40 others {:.4} mm",
-        alone.predicted.mean_mm, after.predicted.mean_mm
+        alone.predicted[0].mean_mm, after.predicted[0].mean_mm
     );
-    assert!(after.predicted.mean_mm < 0.8 * alone.predicted.mean_mm);
+    assert!(after.predicted[0].mean_mm < 0.8 * alone.predicted[0].mean_mm);
     assert_ne!(alone.configurations, after.configurations);
 }
 
@@ -240,7 +275,7 @@ fn robots_of_several_kinds_gain_by_planning() {
             ..request(&robot)
         })
         .unwrap();
-        let gain = plan.predicted_random.mean_mm / plan.predicted.mean_mm;
+        let gain = plan.predicted_random[0].mean_mm / plan.predicted[0].mean_mm;
         println!("{name}: {gain:.2} times");
         assert!(gain > 1.1, "{name}: {gain}");
     }
@@ -251,8 +286,7 @@ fn even_as_few_poses_as_there_are_parameters_are_chosen_better_than_at_random() 
     let robot = limited(paper_robot());
     for n_configurations in [9, 10, 11, 12, 14] {
         let request = PlanRequest {
-            n_configurations,
-            n_repeats: 0,
+            set_ups: vec![one_set_up(n_configurations, 0)],
             ..request(&robot)
         };
         let planned = mean_std_mm(&request, &configurations(&plan(&request).unwrap()));
@@ -275,4 +309,235 @@ fn even_as_few_poses_as_there_are_parameters_are_chosen_better_than_at_random() 
             random[4]
         );
     }
+}
+
+#[test]
+fn the_arm_keeps_out_of_boxes_and_the_reflector_faces_the_instrument() {
+    let robot = limited(paper_robot());
+    let keep_out = [
+        (
+            Vector3::new(500.0, -1500.0, -500.0),
+            Vector3::new(900.0, -100.0, 900.0),
+        ),
+        (
+            Vector3::new(600.0, 300.0, 0.0),
+            Vector3::new(700.0, 400.0, 2500.0),
+        ),
+    ];
+    let instrument_mm = Vector3::new(3000.0, 800.0, 1200.0);
+    let cone = AcceptanceCone {
+        axis: Vector3::z(),
+        half_angle_rad: 0.6,
+    };
+    let request = PlanRequest {
+        set_ups: vec![SetUp {
+            room: Room {
+                keep_out_mm: keep_out.to_vec(),
+                line_of_sight: Some(LineOfSight {
+                    instrument_mm,
+                    cone: Some(cone),
+                }),
+                ..Room::default()
+            },
+            ..one_set_up(20, 0)
+        }],
+        ..request(&robot)
+    };
+    let plan = plan(&request).unwrap();
+    assert_eq!(plan.configurations.len(), 20);
+    // densely sampled lines instead of the intersection formula
+    let is_inside = |p: &Vector3<f64>| {
+        keep_out
+            .iter()
+            .any(|(low, high)| (0..3).all(|k| low[k] < p[k] && p[k] < high[k]))
+    };
+    let mut nearest_in_front = f64::MAX;
+    for q in configurations(&plan) {
+        let flange = t_base_flange(&robot.links, &q);
+        let target = (flange * nalgebra::Point3::from(request.target_mm)).coords;
+        let corners: Vec<Vector3<f64>> = (2..=6)
+            .map(|n| t_base_flange(&robot.links[..n], &q[..n]).translation.vector)
+            .chain([target, instrument_mm])
+            .collect();
+        for pair in corners.windows(2) {
+            for step in 0..=1000 {
+                let p = pair[0].lerp(&pair[1], f64::from(step) / 1000.0);
+                assert!(!is_inside(&p), "{p:?} of {q:?}");
+            }
+        }
+        let direction = (instrument_mm - target).normalize();
+        let angle = (flange.rotation * cone.axis).dot(&direction).acos();
+        assert!(angle <= 0.6 + 1e-9, "{angle}");
+        nearest_in_front = nearest_in_front.min(angle);
+    }
+    assert!(nearest_in_front < 0.5);
+    let without = PlanRequest {
+        set_ups: vec![one_set_up(20, 0)],
+        ..request
+    };
+    let crosses = configurations(&kincal::planning::plan(&without).unwrap())
+        .iter()
+        .filter(|q| {
+            let target =
+                (t_base_flange(&robot.links, q) * nalgebra::Point3::from(request.target_mm)).coords;
+            (0..=1000).any(|step| is_inside(&target.lerp(&instrument_mm, f64::from(step) / 1000.0)))
+        })
+        .count();
+    assert!(crosses > 0, "the boxes restrict nothing");
+}
+
+/// Standard deviation of the tool in the frame of each set-up: one normal equation with a base for each set-up and everything else shared, and a
+/// plain inverse. Rotations are differentiated numerically.
+fn mean_std_of_set_ups_mm(request: &PlanRequest<'_>, plan: &Plan) -> Vec<f64> {
+    let n_set_ups = request.set_ups.len();
+    let mut parameters = complete_parameters(request.robot.links.len(), 1);
+    let noise = request.noise;
+    if request.is_of_poses {
+        parameters.extend((0..3).map(|axis| Parameter::TargetRotation(0, axis)));
+    }
+    let (base, others): (Vec<Parameter>, Vec<Parameter>) = parameters.into_iter().partition(|p| {
+        matches!(
+            p,
+            Parameter::BaseTranslation(_) | Parameter::BaseRotation(_)
+        )
+    });
+    let all: Vec<Parameter> = base.iter().chain(&others).copied().collect();
+    let scale = prior_scales(&all, reach_mm(&request.robot.links));
+    let reference = KinematicModel {
+        target_rotations: vec![nalgebra::Rotation3::identity()],
+        ..model_of(request.robot, request.target_mm)
+    };
+    // central differences of position and rotation in units of prior scales
+    let rows = |q: &[f64]| {
+        let q = request.robot.q_model_rad(q);
+        let rotation = reference.rotation(&q, 0).unwrap();
+        let mut rows = DMatrix::zeros(6, all.len());
+        for k in 0..all.len() {
+            let at = |step: f64| {
+                let mut deviation = vec![0.0; all.len()];
+                deviation[k] = step * scale[k];
+                let model = apply(&reference, &all, &deviation);
+                let turn = rotation.inverse() * model.rotation(&q, 0).unwrap();
+                (model.position(&q, 0), turn.scaled_axis())
+            };
+            let (h, (above, below)) = (1e-3, (at(1e-3), at(-1e-3)));
+            rows.view_mut((0, k), (3, 1))
+                .copy_from(&((above.0 - below.0) / (2.0 * h)));
+            rows.view_mut((3, k), (3, 1))
+                .copy_from(&((above.1 - below.1) / (2.0 * h)));
+        }
+        rows
+    };
+    let wide = |rows: &DMatrix<f64>, set_up: usize| {
+        let mut wide = DMatrix::zeros(rows.nrows(), 6 * n_set_ups + others.len());
+        wide.view_mut((0, 6 * set_up), (rows.nrows(), 6))
+            .copy_from(&rows.columns(0, 6));
+        wide.view_mut((0, 6 * n_set_ups), (rows.nrows(), others.len()))
+            .copy_from(&rows.columns(6, others.len()));
+        wide
+    };
+    let n = 6 * n_set_ups + others.len();
+    let mut information = DMatrix::identity(n, n);
+    for planned in &plan.configurations {
+        let rows = wide(&rows(&planned.q_controller_rad), planned.set_up);
+        let position = rows.rows(0, 3) / noise.position_std_mm;
+        information += position.tr_mul(&position);
+        if request.is_of_poses {
+            let rotation = rows.rows(3, 3) / noise.rotation_std_rad;
+            information += rotation.tr_mul(&rotation);
+        }
+    }
+    let covariance = information.try_inverse().unwrap();
+    let workspace = random_configurations(request.robot, 300, 987);
+    let std = |set_up: usize, q: &Vec<f64>| {
+        let rows = wide(&rows(q), set_up);
+        let j = rows.rows(0, 3);
+        (j * &covariance * j.transpose()).trace().sqrt()
+    };
+    (0..n_set_ups)
+        .map(|set_up| workspace.iter().map(|q| std(set_up, q)).sum::<f64>() / 300.0)
+        .collect()
+}
+
+#[test]
+fn poses_and_several_set_ups_are_planned_as_one_problem() {
+    let robot = limited(paper_robot());
+    let half = |sign: f64| Room {
+        boxes_mm: vec![(
+            Vector3::new(-3000.0, f64::min(0.0, sign * 3000.0), -3000.0),
+            Vector3::new(3000.0, f64::max(0.0, sign * 3000.0), 3000.0),
+        )],
+        ..Room::default()
+    };
+    let two = |n: usize| {
+        [1.0, -1.0]
+            .map(|sign| SetUp {
+                room: half(sign),
+                ..one_set_up(n, 2)
+            })
+            .to_vec()
+    };
+    for (name, set_ups, is_of_poses, n_combinations) in [
+        ("poses", vec![one_set_up(12, 2)], true, 30),
+        ("two set-ups", two(20), false, 27 + 6),
+        ("two set-ups, poses", two(11), true, 30 + 6),
+    ] {
+        let request = PlanRequest {
+            set_ups,
+            n_candidates: 800,
+            is_of_poses,
+            ..request(&robot)
+        };
+        let plan = plan(&request).unwrap();
+        assert_eq!(plan.n_combinations, n_combinations, "{name}");
+        let again = kincal::planning::plan(&request).unwrap();
+        assert_eq!(plan, again, "{name}");
+        for (set_up, mean_mm) in mean_std_of_set_ups_mm(&request, &plan).iter().enumerate() {
+            let (stated, random) = (
+                plan.predicted[set_up].mean_mm,
+                plan.predicted_random[set_up].mean_mm,
+            );
+            println!(
+                "{name} {set_up}: stated {stated:.4} mm, {mean_mm:.4} mm, random {random:.4} mm"
+            );
+            assert!((stated / mean_mm - 1.0).abs() < 0.1, "{name}");
+            assert!(stated < 0.85 * random, "{name}");
+        }
+        for planned in &plan.configurations {
+            let flange = t_base_flange(&robot.links, &planned.q_controller_rad);
+            let y = (flange * nalgebra::Point3::from(request.target_mm)).y;
+            if request.set_ups.len() == 2 {
+                assert!(if planned.set_up == 0 {
+                    y >= 0.0
+                } else {
+                    y <= 0.0
+                });
+            }
+            if let Some(repeats) = planned.repeats {
+                let repeated = &plan.configurations[repeats];
+                assert_eq!(repeated.set_up, planned.set_up, "{name}");
+                assert_eq!(repeated.q_controller_rad, planned.q_controller_rad);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pose_tells_more_than_a_position_and_one_set_up_more_than_two() {
+    let robot = limited(paper_robot());
+    let mean = |set_ups: Vec<SetUp>, is_of_poses| {
+        let request = PlanRequest {
+            set_ups,
+            n_candidates: 800,
+            is_of_poses,
+            ..request(&robot)
+        };
+        plan(&request).unwrap().predicted[0].mean_mm
+    };
+    let positions = mean(vec![one_set_up(36, 0)], false);
+    let poses = mean(vec![one_set_up(36, 0)], true);
+    let two = mean(vec![one_set_up(18, 0), one_set_up(18, 0)], false);
+    println!("positions {positions:.4}, poses {poses:.4}, two set-ups {two:.4} mm");
+    assert!(poses < 0.95 * positions);
+    assert!(two > positions);
 }

@@ -8,7 +8,7 @@ use kincal::identification::parameters::{Parameter, complete_parameters};
 use kincal::identification::workspace::random_configurations;
 use kincal::identification::{KinematicModel, Model};
 use kincal::kinematics::{Link, Robot, reach_mm};
-use kincal::planning::{PlanRequest, Room, plan};
+use kincal::planning::{Noise, PlanRequest, Room, SetUp, plan};
 use nalgebra::{DMatrix, Vector3};
 use rand::RngExt;
 use std::f64::consts::FRAC_PI_2;
@@ -181,13 +181,19 @@ fn planned(tool: &Tool<'_>, n: usize, seed: u64) -> (f64, f64) {
         robot: tool.robot,
         model: Model::Complete,
         target_mm: TARGET_MM,
-        n_configurations: n,
-        // as the service does it
-        n_repeats: if n < 20 { 0 } else { 3 },
+        set_ups: vec![SetUp {
+            n_configurations: n,
+            // as the service does it
+            n_repeats: if n < 20 { 0 } else { 3 },
+            room: Room::default(),
+        }],
         n_candidates: 10_000,
-        noise_std_mm: NOISE_MM,
+        noise: Noise {
+            position_std_mm: NOISE_MM,
+            rotation_std_rad: 3e-4,
+        },
+        is_of_poses: false,
         seed,
-        room: Room::default(),
         measured: vec![],
     };
     let since = Instant::now();

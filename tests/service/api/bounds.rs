@@ -226,7 +226,9 @@ async fn examples(app: &TestApp) -> Vec<(Method, String, &'static str, Value)> {
     ];
     let plan = json!({"n_configurations": 300, "seed": 1, "target_mm": [0, 0, 100], "noise_std_mm": 0.05, "n_candidates": 310, "n_repeats": 3,
         "boxes": [{"min_mm": [-2000, -2000, -2000], "max_mm": [2000, 2000, 2000]}], "floor_z_mm": -5000,
-        "base_cylinder": {"radius_mm": 1, "height_mm": 1}, "measured": [measured]});
+        "base_cylinder": {"radius_mm": 1, "height_mm": 1}, "measured": [measured], "kind": "position", "noise_std_rotation_deg": 0.02,
+        "keep_out": [{"min_mm": [-9000, 0, 0], "max_mm": [-8000, 1, 1]}], "target_axis": [0, 0, 1], "target_half_angle_deg": 180,
+        "set_ups": [{"name": "a", "instrument_mm": [3000, 0, 1000], "boxes": [{"min_mm": [-2000, -2000, -2000], "max_mm": [2000, 2000, 2000]}]}]});
     let compensate = json!({"q_deg": [q], "tool": {"translation_mm": [0, 0, 100], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}, "payload": payload});
     let post = |path: String, template, body| (Method::POST, path, template, body);
     let mut all = vec![

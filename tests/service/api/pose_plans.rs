@@ -96,6 +96,61 @@ async fn a_plan_that_cannot_be_is_refused() {
             "/boxes",
         ),
         (
+            json!({"n_configurations": 10, "kind": "pose", "model": "paper"}),
+            "invalid_plan",
+            "/kind",
+        ),
+        (
+            json!({"n_configurations": 10, "kind": "pose", "n_candidates": 25_001}),
+            "invalid_plan",
+            "/n_candidates",
+        ),
+        (
+            json!({"n_configurations": 10, "target_axis": [0, 0, 1]}),
+            "invalid_plan",
+            "/target_axis",
+        ),
+        (
+            json!({"n_configurations": 10, "instrument_mm": [3000, 0, 1000], "target_axis": [0, 0, 0.0]}),
+            "invalid_plan",
+            "/target_axis",
+        ),
+        (
+            json!({"n_configurations": 10, "target_half_angle_deg": 20}),
+            "invalid_plan",
+            "/target_half_angle_deg",
+        ),
+        (
+            json!({"n_configurations": 10, "set_ups": [{"name": "A"}, {"name": "B"}]}),
+            "invalid_plan",
+            "/set_ups",
+        ),
+        (
+            json!({"n_configurations": 12, "set_ups": [{"name": "A"}, {"name": "A"}]}),
+            "invalid_plan",
+            "/set_ups/1/name",
+        ),
+        (
+            json!({"n_configurations": 12, "instrument_mm": [3000, 0, 1000], "set_ups": [{"name": "A"}, {"name": "B"}]}),
+            "invalid_plan",
+            "/instrument_mm",
+        ),
+        (
+            json!({"n_configurations": 12, "keep_out": [{"min_mm": [0, 0, 0], "max_mm": [1, 0, 1]}]}),
+            "invalid_plan",
+            "/keep_out/0",
+        ),
+        (
+            json!({"n_configurations": 12, "n_candidates": 100, "keep_out": [{"min_mm": [-5000, -5000, -5000], "max_mm": [5000, 5000, 5000]}]}),
+            "too_little_room",
+            "/boxes",
+        ),
+        (
+            json!({"n_configurations": 12, "n_candidates": 100, "set_ups": [{"name": "A"}, {"name": "B", "boxes": [{"min_mm": [9000, 0, 0], "max_mm": [9001, 1, 1]}]}]}),
+            "too_little_room",
+            "/set_ups/1",
+        ),
+        (
             json!({"n_configurations": 10, "measured": ["set_1"]}),
             "unknown_reference",
             "/measured/0",
@@ -114,4 +169,62 @@ async fn a_plan_that_cannot_be_is_refused() {
         let problem = app.post_json(&path, &body).await.problem(422, code);
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
     }
+}
+
+#[tokio::test]
+async fn set_ups_share_the_configurations_and_boxes_are_kept_out_of() {
+    let app = TestApp::spawn().await;
+    let path = app.paper_robot().await;
+    let request = json!({
+        "n_configurations": 25, "n_candidates": 1000, "kind": "pose", "floor_z_mm": 0,
+        "keep_out": [{"min_mm": [800, -400, 0], "max_mm": [1200, 400, 1200]}],
+        "target_axis": [0, 0, 1], "target_half_angle_deg": 60,
+        "set_ups": [{"name": "left", "instrument_mm": [2500, 2000, 1000]}, {"name": "right", "instrument_mm": [2500, -2000, 1000]}],
+    });
+    let plan = app
+        .post_json(&format!("{path}/pose-plans"), &request)
+        .await
+        .ok(200);
+    let names: Vec<&str> = plan["configurations"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|configuration| configuration["set_up"].as_str().unwrap())
+        .collect();
+    assert_eq!(names.len(), 25);
+    assert_eq!(names[..13], ["left"; 13]);
+    assert_eq!(names[13..], ["right"; 12]);
+    let set_ups = plan["set_ups"].as_array().unwrap();
+    assert_eq!(
+        (
+            &set_ups[0]["n_configurations"],
+            &set_ups[1]["n_configurations"]
+        ),
+        (&json!(13), &json!(12))
+    );
+    let mean = |of: &Value| of["predicted_std_mm"]["mean"].as_f64().unwrap();
+    assert_eq!(
+        mean(&plan),
+        mean(&set_ups[0]).max(mean(&set_ups[1])),
+        "the larger one counts"
+    );
+    // 17 different positions can be identified from, but not from half of them; 24 poses can.
+    assert!(plan.get("warnings").is_none(), "{}", plan["warnings"]);
+    for (n, code) in [(5, "under_determined"), (14, "half_is_too_few")] {
+        let few = json!({"n_configurations": n, "n_candidates": 500});
+        let few = app
+            .post_json(&format!("{path}/pose-plans"), &few)
+            .await
+            .ok(200);
+        assert_eq!(few["warnings"][0]["code"], code, "{few}");
+    }
+    // A single place is no set-up.
+    let one =
+        json!({"n_configurations": 20, "n_candidates": 500, "instrument_mm": [2500, 0, 1000]});
+    let one = app
+        .post_json(&format!("{path}/pose-plans"), &one)
+        .await
+        .ok(200);
+    assert!(one.get("set_ups").is_none());
+    assert!(one["configurations"][0].get("set_up").is_none());
 }
