@@ -4,11 +4,15 @@
 //! R_measuredᵀ. X and Z are the singular vectors of K's largest singular value, projected onto the rotations [Shah 2013, Journal of Mechanisms and
 //! Robotics 5, 031007]. Three poses whose flanges are rotated about two axes are enough.
 
-use crate::kinematics::rotation::nearest_rotation;
+use crate::kinematics::rotation::{nearest_rotation, rotation_log};
 use nalgebra::{Matrix3, Rotation3, SMatrix};
 
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
+/// One of this many pairs has no influence on a robust fit.
+const LEFT_OUT: usize = 4;
+/// Maximum number of concentration steps; they converge in a few.
+const CONCENTRATIONS: usize = 10;
 
 /// (Z, Xᵀ): base in the measuring frame and target in the flange frame. Each pair is a flange in the base frame and its target in the measuring
 /// frame. `None` if the decomposition fails.
@@ -32,6 +36,31 @@ pub fn base_and_target_rotation(
         nearest_rotation(&(z * sign))?,
     );
     Some((z, x.inverse()))
+}
+
+/// Angle between each measured target and its prediction, rad, with base and target rotated for the best fit. The quarter of the pairs that fits worst
+/// has no influence (concentration steps [Rousseeuw & Van Driessen 2006]). `None` if the decomposition fails.
+pub fn robust_angles_rad(pairs: &[(Rotation3<f64>, Rotation3<f64>)]) -> Option<Vec<f64>> {
+    let n_kept = pairs.len() - pairs.len() / LEFT_OUT;
+    let mut kept: Vec<usize> = (0..pairs.len()).collect();
+    let mut angles_rad = vec![];
+    for _ in 0..CONCENTRATIONS {
+        let some: Vec<_> = kept.iter().map(|i| pairs[*i]).collect();
+        let (base, target) = base_and_target_rotation(&some)?;
+        let angle_rad = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
+            rotation_log(&((base * flange * target).inverse() * measured)).norm()
+        };
+        angles_rad = pairs.iter().map(angle_rad).collect();
+        let mut order: Vec<usize> = (0..pairs.len()).collect();
+        order.sort_by(|a, b| f64::total_cmp(&angles_rad[*a], &angles_rad[*b]));
+        order.truncate(n_kept);
+        order.sort_unstable();
+        if order == kept {
+            break;
+        }
+        kept = order;
+    }
+    Some(angles_rad)
 }
 
 /// Rotation of a target in the flange frame for a given rotation of the base: the mean over its poses.

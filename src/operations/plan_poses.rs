@@ -121,7 +121,7 @@ fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
             2 * n_needed,
             (most * 100.0).floor() / 100.0
         );
-        return warning("half_is_too_few", detail);
+        return warning("under_determined", detail);
     }
     vec![]
 }

@@ -22,10 +22,10 @@ pub fn with_best_convention(mut refusal: Invalid, robot: &Robot, upload: &Upload
     let read = from_file(&with_any, robot.links.len());
     if let Some(best) = read.ok().and_then(|(set, _)| best_convention(robot, &set)) {
         issue.detail = format!(
-            "{}. {} fits this robot best: half of the poses to {:.2}°",
+            "{}. {} fits this robot best: four of five poses to {:.2}°",
             issue.detail,
             best.name,
-            to_degrees(best.median_rad)
+            to_degrees(best.most_rad)
         );
     }
     refusal

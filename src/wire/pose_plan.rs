@@ -170,7 +170,7 @@ pub struct PosePlanAnswer {
     pub predicted_std_mm: ToolUncertaintyReport,
     /// Predicted standard deviation with the same number of random configurations instead of the plan.
     pub predicted_std_mm_random: ToolUncertaintyReport,
-    /// Warnings. `under_determined`: no job can identify from so few configurations. `half_is_too_few`: a job that holds out half of them cannot.
+    /// Warnings. `under_determined`: no job can identify from so few configurations, or none that holds out half of them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
     /// The set-ups of the request.

@@ -250,10 +250,19 @@ fn what_was_measured_already_counts_and_is_not_measured_again() {
     let after_poses = plan(&PlanRequest {
         set_ups: vec![one_set_up(8, 0)],
         measured: vec![rotated],
+        // rotations that are known better than positions
+        noise: Noise {
+            position_std_mm: 0.05,
+            rotation_std_rad: 1e-6,
+        },
         ..request(&robot)
     })
     .unwrap();
-    assert!(after_poses.predicted[0].mean_mm < 0.99 * after.predicted[0].mean_mm);
+    println!(
+        "after 40 positions {:.4} mm, after 40 poses {:.4} mm",
+        after.predicted[0].mean_mm, after_poses.predicted[0].mean_mm
+    );
+    assert!(after_poses.predicted[0].mean_mm < 0.9 * after.predicted[0].mean_mm);
     println!(
         "8 poses alone {:.4} mm, after 40 others {:.4} mm",
         alone.predicted[0].mean_mm, after.predicted[0].mean_mm

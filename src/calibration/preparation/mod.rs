@@ -14,3 +14,4 @@ pub mod prepare;
 pub mod row_weights;
 pub mod screening;
 pub mod stated_priors;
+mod turned_poses;

@@ -11,6 +11,7 @@ use crate::calibration::preparation::gross_errors::{
 };
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::turned_poses::{TurnedPose, turned_poses};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::drift::{Drift, Session};
 use crate::identification::outliers::Outliers;
@@ -19,7 +20,7 @@ use crate::identification::whitening::Whitened;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// If more than this share of all points are outliers, a person has to review them.
 const REVIEW_SHARE: f64 = 0.05;
@@ -38,8 +39,10 @@ const MAX_STEPS: usize = 4;
 pub struct Outlier {
     /// 0-based data row.
     pub row: usize,
-    /// Distance from the position that the other points predict, mm.
+    /// Distance from the position that the other points predict, mm; 0 if only the rotation is off.
     pub size_mm: f64,
+    /// For a pose whose rotation is off: angle to the rotation that the other points predict, rad.
+    pub angle_rad: Option<f64>,
 }
 
 /// The part that moved in a step.
@@ -133,8 +136,15 @@ pub fn screen(
             outliers = again;
         }
         screening.unfitted_rows = arrangement.join_unfitted(observed);
-        if let Some(outliers) = outliers {
-            leave_out(request, observed, &mut screening, &outliers);
+        let turned = turned_poses(&request.robot.links, observed, &arrangement);
+        if outliers.is_some() || !turned.is_empty() {
+            leave_out(
+                request,
+                observed,
+                &mut screening,
+                outliers.as_ref(),
+                &turned,
+            );
         }
     }
     fit_motions(
@@ -387,35 +397,48 @@ fn leave_out(
     request: &CalibrationRequest,
     observed: &mut Observed,
     screening: &mut Screening,
-    outliers: &Outliers,
+    outliers: Option<&Outliers>,
+    turned: &[TurnedPose],
 ) {
-    let size = |(point, size): (&usize, &f64)| Outlier {
-        row: *point,
-        size_mm: size / observed.all[*point].weight.sqrt(),
-    };
-    screening.outliers = outliers
-        .points
-        .iter()
-        .zip(&outliers.sizes_mm)
-        .map(size)
+    let displaced = outliers
+        .into_iter()
+        .flat_map(|found| found.points.iter().zip(&found.sizes_mm))
+        .map(|(point, size)| (*point, size / observed.all[*point].weight.sqrt()));
+    let mut by_row: BTreeMap<usize, Outlier> = displaced
+        .map(|(row, size_mm)| {
+            let angle_rad = None;
+            (
+                row,
+                Outlier {
+                    row,
+                    size_mm,
+                    angle_rad,
+                },
+            )
+        })
         .collect();
-    screening.scale_mm = outliers.scale_mm;
+    for pose in turned {
+        let outlier = by_row.entry(pose.point).or_insert(Outlier {
+            row: pose.point,
+            size_mm: 0.0,
+            angle_rad: None,
+        });
+        outlier.angle_rad = Some(pose.angle_rad);
+    }
+    screening.outliers = by_row.into_values().collect();
+    screening.scale_mm = outliers.map_or(0.0, |found| found.scale_mm);
+    let points: Vec<usize> = screening.outliers.iter().map(|found| found.row).collect();
     let is_more_than =
-        |share: f64| outliers.points.len() > (share * observed.all.len() as f64).ceil() as usize;
+        |share: f64| points.len() > (share * observed.all.len() as f64).ceil() as usize;
     screening.is_for_review = is_more_than(REVIEW_SHARE);
     let to_identify = |point: &&usize| observed.subsets[**point] == Subset::Identify;
     let n_to_identify = observed.of(Subset::Identify).len() as f64;
-    let n_left_out = outliers.points.iter().filter(to_identify).count() as f64;
+    let n_left_out = points.iter().filter(to_identify).count() as f64;
     screening.are_few =
         !is_more_than(LEFT_OUT_SHARE) && n_left_out <= (LEFT_OUT_OF_SUBSET * n_to_identify).ceil();
     screening.is_down_weighted = request.options.loss.is_none() && screening.are_few;
     if screening.is_down_weighted {
-        let down: Vec<usize> = outliers
-            .points
-            .iter()
-            .filter(to_identify)
-            .copied()
-            .collect();
+        let down: Vec<usize> = points.iter().filter(to_identify).copied().collect();
         down.iter()
             .for_each(|point| observed.all[*point].weight = 0.0);
     }

@@ -1,19 +1,24 @@
-//! Checks whether the rotations of poses were read in the right convention. Base and target are rotated for the best fit of the nominal robot, for
-//! the stated convention and for all others.
+//! Checks whether the rotations of poses were read in the right convention and belong to the positions of their rows. The nominal robot is placed by the
+//! positions, and the target is rotated for the best fit, for the stated convention and for all others.
 
-use crate::identification::hand_eye::base_and_target_rotation;
+use crate::calibration::upload_checks::alignment::{base_rotation, links_with_fitted_zeros};
+use crate::identification::hand_eye::{base_and_target_rotation, target_rotation};
 use crate::kinematics::rotation::rotation_log;
-use crate::kinematics::{Robot, t_base_flange};
+use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::measurement::{MeasurementSet, Point, RotationConvention};
-use nalgebra::Rotation3;
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
 /// Maximum number of poses that are used.
 const MAX_POSES: usize = 100;
-/// Minimum number of poses. With three poses, six unknowns would be fitted to nine equations.
-const FEWEST_POSES: usize = 4;
-/// With the right convention and no joint far off, half of the poses fit to this angle, rad (1°).
+/// Minimum number of poses, if the positions determine the base or if they do not. In the first case the target alone is unknown, in the second case
+/// three poses would leave nine equations for six unknowns.
+const FEWEST_POSES: usize = 3;
+const FEWEST_WITHOUT_BASE: usize = 4;
+/// With the right convention and no joint far off, four of five poses fit to this angle, rad (1°).
 const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
+/// A fifth of the poses is off by more than this only if the rotations are wrong, or if a joint is unmastered, rad (5°).
+const OFF_RAD: f64 = 5.0 * FITS_RAD;
 /// Another reading has to fit better by this factor.
 const BETTER: f64 = 5.0;
 
@@ -25,50 +30,143 @@ pub const ROTATION_SUSPECT: &str = "rotation_suspect";
 pub struct Reading {
     /// Its name: a convention, or the operation on the rotations.
     pub name: String,
-    /// Median angle between measured and predicted targets, rad.
-    pub median_rad: f64,
+    /// Angle between measured and predicted targets that four of five poses keep, rad.
+    pub most_rad: f64,
 }
 
-/// Why the rotations of a set seem to be read wrongly; `None` if they fit, or if no other reading fits better.
+/// Why the rotations of a set seem to be wrong; `None` if they fit the robot.
 pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     let poses = poses(set, |p| p.rotation.is_some());
     let stated: Option<Vec<Rotation3<f64>>> = poses.iter().map(|p| p.rotation).collect();
     let stated = stated?;
-    let own_rad = median_rad(robot, &poses, &stated)?;
+    let placed = Placed::nominal(robot, set, &poses);
+    let own_rad = placed.most_rad(&poses, &stated)?;
     if own_rad <= FITS_RAD {
         return None;
     }
     let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
     let inverse = "the inverse rotation (the measuring frame as the target sees it)";
+    let name = if are_angles || placed.base.is_some() {
+        inverse.to_owned()
+    } else {
+        // x, y, z, w read as w, x, y, z gives the inverse rotation between two fixed quarter turns, which an unknown base and the target absorb: the fit
+        // is the same
+        format!("{inverse}, or as quaternions in the order x, y, z, w,")
+    };
     let mut others = vec![(
-        match are_angles {
-            true => inverse.to_owned(),
-            // x, y, z, w read as w, x, y, z gives the inverse rotation between two fixed quarter turns, which base and target absorb: the fit is the
-            // same
-            false => format!("{inverse}, or as quaternions in the order x, y, z, w,"),
-        },
+        name,
         stated.iter().map(Rotation3::inverse).collect::<Vec<_>>(),
     )];
     if are_angles {
         others.extend(by_conventions(&poses));
+    } else {
+        let last_first = |r: &Rotation3<f64>| {
+            let [x, y, z, w]: [f64; 4] = UnitQuaternion::from_rotation_matrix(r).coords.into();
+            // the file's four numbers were read as w, x, y, z
+            UnitQuaternion::new_normalize(Quaternion::new(z, w, x, y)).to_rotation_matrix()
+        };
+        let name = "quaternions in the order x, y, z, w".to_owned();
+        others.push((name, stated.iter().map(last_first).collect()));
     }
-    let best = best(robot, &poses, others)?;
-    if BETTER * best.median_rad > own_rad {
+    let off = format!(
+        "the rotations do not fit this robot as they were read: a fifth of the poses is off by more than {:.2}°",
+        own_rad.to_degrees()
+    );
+    if let Some(best) =
+        best(&placed, &poses, others).filter(|best| BETTER * best.most_rad <= own_rad)
+    {
+        return Some(format!(
+            "{off}. Read as {} four of five fit to {:.2}°: say so, or write them as stated",
+            best.name,
+            best.most_rad.to_degrees()
+        ));
+    }
+    if own_rad <= OFF_RAD || placed.base.is_none() {
+        return None;
+    }
+    // an unmastered joint turns the flange, too
+    let with_zeros = Placed::with_fitted_zeros(robot, set, &poses);
+    let fits = with_zeros.and_then(|placed| placed.most_rad(&poses, &stated));
+    if fits.is_some_and(|most_rad| most_rad <= OFF_RAD) {
         return None;
     }
     Some(format!(
-        "the rotations do not fit this robot as they were read: half of the poses are off by more than {:.2}°. Read as {} they fit to {:.2}°: say so, or \
-         write them as stated",
-        own_rad.to_degrees(),
-        best.name,
-        best.median_rad.to_degrees()
+        "{off}, and no other convention fits them. Do positions and rotations of a row belong together, and are both in the same frame?"
     ))
 }
 
 /// The convention with which the angles of a set fit the robot best; `None` if there are too few poses.
 pub fn best_convention(robot: &Robot, set: &MeasurementSet) -> Option<Reading> {
     let poses = poses(set, |p| p.rotation_angles_rad.is_some());
-    best(robot, &poses, by_conventions(&poses))
+    let placed = Placed::nominal(robot, set, &poses);
+    best(&placed, &poses, by_conventions(&poses))
+}
+
+/// The robot as the positions place it.
+struct Placed<'a> {
+    robot: &'a Robot,
+    links: Vec<Link>,
+    /// Rotation of the base in the measuring frame; `None` if the positions do not determine it.
+    base: Option<Rotation3<f64>>,
+}
+
+impl<'a> Placed<'a> {
+    fn nominal(robot: &'a Robot, set: &MeasurementSet, poses: &[&Point]) -> Self {
+        Self::with_links(robot, robot.links.clone(), set, poses)
+    }
+
+    fn with_fitted_zeros(robot: &'a Robot, set: &MeasurementSet, poses: &[&Point]) -> Option<Self> {
+        let links = links_with_fitted_zeros(robot, &of_station(set, poses), set.frame)?;
+        Some(Self::with_links(robot, links, set, poses))
+    }
+
+    fn with_links(
+        robot: &'a Robot,
+        links: Vec<Link>,
+        set: &MeasurementSet,
+        poses: &[&Point],
+    ) -> Self {
+        let base = base_rotation(robot, &links, &of_station(set, poses), set.frame);
+        Self { robot, links, base }
+    }
+
+    /// Angle that four of five poses keep after the target, and the base if it is unknown, is rotated for the best fit, rad.
+    fn most_rad(&self, poses: &[&Point], rotations: &[Rotation3<f64>]) -> Option<f64> {
+        let fewest = match self.base {
+            Some(_) => FEWEST_POSES,
+            None => FEWEST_WITHOUT_BASE,
+        };
+        if poses.len() < fewest || poses.len() != rotations.len() {
+            return None;
+        }
+        let flange =
+            |p: &&Point| t_base_flange(&self.links, &self.robot.q_model_rad(&p.q_rad)).rotation;
+        let pairs: Vec<_> = poses
+            .iter()
+            .map(flange)
+            .zip(rotations.iter().copied())
+            .collect();
+        let (base, target) = match self.base {
+            Some(base) => (base, target_rotation(&base, &pairs)?),
+            None => base_and_target_rotation(&pairs)?,
+        };
+        let angle = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
+            rotation_log(&((base * flange * target).inverse() * measured)).norm()
+        };
+        let mut angles: Vec<f64> = pairs.iter().map(angle).collect();
+        angles.sort_by(f64::total_cmp);
+        angles.get(angles.len() * 4 / 5).copied()
+    }
+}
+
+/// The points of the poses' station.
+fn of_station(set: &MeasurementSet, poses: &[&Point]) -> Vec<Point> {
+    let station = poses.first().and_then(|p| p.station.as_deref());
+    let points = set.points.iter();
+    points
+        .filter(|p| p.station.as_deref() == station)
+        .cloned()
+        .collect()
 }
 
 /// Poses of the target and station with the most poses, at most [`MAX_POSES`].
@@ -96,34 +194,14 @@ fn by_conventions(poses: &[&Point]) -> Vec<(String, Vec<Rotation3<f64>>)> {
 }
 
 fn best(
-    robot: &Robot,
+    placed: &Placed<'_>,
     poses: &[&Point],
     readings: Vec<(String, Vec<Rotation3<f64>>)>,
 ) -> Option<Reading> {
     let reading = |(name, rotations): (String, Vec<Rotation3<f64>>)| {
-        let median_rad = median_rad(robot, poses, &rotations)?;
-        Some(Reading { name, median_rad })
+        let most_rad = placed.most_rad(poses, &rotations)?;
+        Some(Reading { name, most_rad })
     };
     let fits = readings.into_iter().filter_map(reading);
-    fits.min_by(|a, b| a.median_rad.total_cmp(&b.median_rad))
-}
-
-/// Median angle of the poses after base and target are rotated for the best fit, rad.
-fn median_rad(robot: &Robot, poses: &[&Point], rotations: &[Rotation3<f64>]) -> Option<f64> {
-    if poses.len() < FEWEST_POSES || poses.len() != rotations.len() {
-        return None;
-    }
-    let flange = |p: &&Point| t_base_flange(&robot.links, &robot.q_model_rad(&p.q_rad)).rotation;
-    let pairs: Vec<_> = poses
-        .iter()
-        .map(flange)
-        .zip(rotations.iter().copied())
-        .collect();
-    let (base, target) = base_and_target_rotation(&pairs)?;
-    let angle = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
-        rotation_log(&((base * flange * target).inverse() * measured)).norm()
-    };
-    let mut angles: Vec<f64> = pairs.iter().map(angle).collect();
-    angles.sort_by(f64::total_cmp);
-    angles.get(angles.len() / 2).copied()
+    fits.min_by(|a, b| a.most_rad.total_cmp(&b.most_rad))
 }

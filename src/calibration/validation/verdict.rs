@@ -147,24 +147,41 @@ pub fn no_fit_mm(nominal: &[Link]) -> f64 {
     NO_FIT_PER_REACH * reach_mm(nominal)
 }
 
-/// Warning if the identified robot does not fit its identify points, or those of the same upload that were held out.
+/// Median angle above which the identified robot does not fit measured rotations, rad (2°). It is far above the noise of any instrument that measures
+/// poses.
+const NO_FIT_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+
+/// Warning if the identified robot does not fit its identify points, or those of the same upload that were held out: their positions or, for poses,
+/// their rotations.
 pub fn no_fit(per_point: &[PointErrors], nominal: &[Link]) -> Option<Warning> {
-    let limit_mm = no_fit_mm(nominal);
-    let missed_mm = |subset: Subset| {
+    let median = |subset: Subset, error: &dyn Fn(&PointErrors) -> Option<f64>| {
         let of_subset = per_point.iter().filter(|point| point.subset == subset);
-        let mut after_mm: Vec<f64> = of_subset.map(|point| point.after_mm).collect();
-        after_mm.sort_by(f64::total_cmp);
-        let median_mm = after_mm.get(after_mm.len() / 2).copied();
-        median_mm.filter(|mm| *mm > limit_mm)
+        let mut errors: Vec<f64> = of_subset.filter_map(error).collect();
+        errors.sort_by(f64::total_cmp);
+        errors.get(errors.len() / 2).copied()
     };
-    let (which, median_mm) = match missed_mm(Subset::Identify) {
-        Some(median_mm) => ("the points that it was identified from", median_mm),
-        None => ("the points to verify", missed_mm(Subset::Verify)?),
+    let missed = |error: &dyn Fn(&PointErrors) -> Option<f64>, limit: f64| {
+        let of = |subset| median(subset, error).filter(|median| *median > limit);
+        match of(Subset::Identify) {
+            Some(median) => Some(("the points that it was identified from", median)),
+            None => Some(("the points to verify", of(Subset::Verify)?)),
+        }
     };
-    let detail = format!(
-        "half of {which} are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \
-         row belong together, is it this robot, and is the model large enough? It cannot be released"
-    );
+    let by_position = missed(&|point| Some(point.after_mm), no_fit_mm(nominal));
+    let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), NO_FIT_RAD);
+    let detail = if let Some((which, median_mm)) = by_position {
+        format!(
+            "half of {which} are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \
+             row belong together, is it this robot, and is the model large enough? It cannot be released"
+        )
+    } else {
+        let (which, median_rad) = by_rotation()?;
+        format!(
+            "half of {which} are turned by {:.2}° or more from where the identified robot has them: that is no fit. Do positions and rotations of a row \
+             belong together, are both in the same frame, and is the convention of the rotations right? It cannot be released",
+            median_rad.to_degrees()
+        )
+    };
     Some(Warning {
         code: "no_fit",
         detail,

@@ -240,7 +240,10 @@ fn listed(outliers: &[Outlier]) -> String {
     let mut names: Vec<String> = outliers
         .iter()
         .take(LISTED)
-        .map(|w| format!("row {} by {:.3} mm", w.row, w.size_mm))
+        .map(|w| match w.angle_rad {
+            Some(angle_rad) => format!("row {}, turned by {:.2}°", w.row, angle_rad.to_degrees()),
+            None => format!("row {} by {:.3} mm", w.row, w.size_mm),
+        })
         .collect();
     if outliers.len() > LISTED {
         names.push(format!("and {} more", outliers.len() - LISTED));

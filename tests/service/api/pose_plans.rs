@@ -210,13 +210,18 @@ async fn set_ups_share_the_configurations_and_boxes_are_kept_out_of() {
     );
     // 17 different positions can be identified from, but not from half of them; 24 poses can.
     assert!(plan.get("warnings").is_none(), "{}", plan["warnings"]);
-    for (n, code) in [(5, "under_determined"), (14, "half_is_too_few")] {
+    for (n, remedy) in [
+        (5, "measure at least 9"),
+        (14, "a verify fraction of at most 0.35"),
+    ] {
         let few = json!({"n_configurations": n, "n_candidates": 500});
         let few = app
             .post_json(&format!("{path}/pose-plans"), &few)
             .await
             .ok(200);
-        assert_eq!(few["warnings"][0]["code"], code, "{few}");
+        assert_eq!(few["warnings"][0]["code"], "under_determined", "{few}");
+        let detail = few["warnings"][0]["detail"].as_str().unwrap();
+        assert!(detail.contains(remedy), "{detail}");
     }
     // A single place is no set-up.
     let one =

@@ -343,3 +343,153 @@ async fn what_poses_cannot_be_used_for_yet_is_refused() {
             .problem(422, "poses_not_supported");
     }
 }
+
+/// Angles of Rz·Ry·Rz, degrees.
+fn zyz(r: &Rotation3<f64>) -> Vec<f64> {
+    let m = r.matrix();
+    let (first, last) = (m[(1, 2)].atan2(m[(0, 2)]), m[(2, 1)].atan2(-m[(2, 0)]));
+    [first, m[(2, 2)].acos(), last]
+        .map(f64::to_degrees)
+        .to_vec()
+}
+
+#[tokio::test]
+async fn rotations_that_do_not_belong_to_the_positions_are_refused() {
+    let app = TestApp::with_workers(0).await;
+    let robot = app.paper_robot().await;
+    let poses = measured(60);
+    // xyx and zxz fit as well if the base may turn, too: the positions say how it stands
+    let file = csv(&poses, ANGLES, zyz);
+    let refused = upload(&app, &robot, "", &file)
+        .await
+        .problem(422, "invalid_measurements");
+    let detail = text(&refused["errors"][0]["detail"]);
+    assert!(detail.contains("rotation=intrinsic_zyz"), "{detail}");
+    let refused = upload(&app, &robot, "&rotation=intrinsic_xyx", &file)
+        .await
+        .problem(422, "rotation_suspect");
+    let detail = text(&refused["errors"][0]["detail"]);
+    assert!(detail.contains("rotation=intrinsic_zyz"), "{detail}");
+    upload(&app, &robot, "&rotation=intrinsic_zyz", &file)
+        .await
+        .ok(201);
+    let rotated = |change: &dyn Fn(usize) -> Rotation3<f64>| -> Vec<Pose> {
+        let change = |(i, (q, p, _)): (usize, &Pose)| (q.clone(), *p, change(i));
+        poses.iter().enumerate().map(change).collect()
+    };
+    let quarter = rotation_exp(&Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, 0.0));
+    for (what, wrong) in [
+        (
+            "of the next row",
+            rotated(&|i| poses[(i + 1) % poses.len()].2),
+        ),
+        ("in another frame", rotated(&|i| quarter * poses[i].2)),
+    ] {
+        let refused = upload(&app, &robot, "", &with_quaternions(&wrong))
+            .await
+            .problem(422, "rotation_suspect");
+        let detail = text(&refused["errors"][0]["detail"]);
+        assert!(detail.contains("no other convention"), "{what}: {detail}");
+    }
+    // a joint whose zero is off by 20° turns the flange, and is no reason to refuse
+    let unmastered: Vec<Pose> = poses
+        .iter()
+        .map(|(q, p, r)| {
+            let mut q = q.clone();
+            q[3] -= 20.0;
+            (q, *p, *r)
+        })
+        .collect();
+    upload(&app, &robot, "", &with_quaternions(&unmastered))
+        .await
+        .ok(201);
+}
+
+#[tokio::test]
+async fn a_set_whose_rotations_do_not_fit_is_not_released() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let poses = measured(60);
+    let shifted: Vec<Pose> = (0..poses.len())
+        .map(|i| {
+            (
+                poses[i].0.clone(),
+                poses[i].1,
+                poses[(i + 1) % poses.len()].2,
+            )
+        })
+        .collect();
+    let set = upload(
+        &app,
+        &robot,
+        "&insist=rotation_suspect",
+        &with_quaternions(&shifted),
+    )
+    .await
+    .ok(201);
+    let job = app
+        .run(&robot, &json!({"measurement_set_id": set["id"]}))
+        .await;
+    let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+    let report = app.get(&path).await.ok(200);
+    let no_fit = report["warnings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|warning| warning["code"] == "no_fit")
+        .unwrap();
+    assert!(text(&no_fit["detail"]).contains("turned by"), "{no_fit}");
+    assert_eq!(report["evidence"], "none");
+}
+
+#[tokio::test]
+async fn turned_poses_are_named_and_left_out() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let half = rotation_exp(&Vector3::new(0.0, 0.0, std::f64::consts::PI));
+    let slightly = rotation_exp(&Vector3::new(0.0, 5f64.to_radians(), 0.0));
+    let verify_rms = async |turned: &[(usize, Rotation3<f64>)]| {
+        let mut poses = measured(60);
+        for (row, turn) in turned {
+            poses[*row].2 *= turn;
+        }
+        let set = upload(&app, &robot, "", &with_quaternions(&poses))
+            .await
+            .ok(201);
+        let request = json!({"measurement_set_id": set["id"], "verify": {"source": "fraction", "fraction": 0.3}});
+        let job = app.run(&robot, &request).await;
+        let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+        let report = app.get(&path).await.ok(200);
+        let rows: Vec<usize> = report["warnings"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|warning| text(&warning["code"]).starts_with("outliers"))
+            .flat_map(|warning| {
+                serde_json::from_value::<Vec<usize>>(warning["rows"].clone()).unwrap()
+            })
+            .collect();
+        assert_eq!(rows, turned.iter().map(|(row, _)| *row).collect::<Vec<_>>());
+        let verify = match report["verify_without_outliers"].is_null() {
+            true => &report["verify"],
+            false => &report["verify_without_outliers"],
+        };
+        (
+            verify["after"]["rms_mm"].as_f64().unwrap(),
+            verify["rotation"]["after"]["rms_deg"].as_f64().unwrap(),
+        )
+    };
+    let clean = verify_rms(&[]).await;
+    for turned in [
+        vec![(7, half)],
+        vec![(20, slightly)],
+        vec![(3, half), (19, slightly), (40, half)],
+    ] {
+        let with = verify_rms(&turned).await;
+        println!("{} turned: {with:?}, none: {clean:?}", turned.len());
+        assert!(
+            with.0 < 1.15 * clean.0 && with.1 < 1.15 * clean.1,
+            "{with:?}"
+        );
+    }
+}

@@ -14,10 +14,11 @@ pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTER
 pub use hypotheses::{Hypothesis, hypotheses};
 
 use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
-use crate::kinematics::Robot;
-use crate::measurement::{Frame, MeasurementSet};
+use crate::kinematics::{Link, Robot};
+use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
-use fitting::{placed_thoroughly, quickly_placed, reach_mm};
+use fitting::{placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
+use nalgebra::Rotation3;
 use suspect::Suspect;
 
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
@@ -53,6 +54,35 @@ pub fn align(robot: &Robot, set: &MeasurementSet) -> Alignment {
         Some(found) if found.rms_mm > fits_mm => Alignment::Misses(found.rms_mm),
         _ => Alignment::Fits,
     }
+}
+
+/// Rotation of the base in the measuring frame, from the positions of one station alone. `None` if they do not determine it or do not fit the links.
+pub(super) fn base_rotation(
+    robot: &Robot,
+    links: &[Link],
+    points: &[Point],
+    frame: Frame,
+) -> Option<Rotation3<f64>> {
+    let observations = observations(robot, points);
+    let found = placed(links, &observations, frame)?;
+    let comes_near_mm = COMES_NEAR * reach_mm(links, &observations);
+    (found.rms_mm <= comes_near_mm).then_some(found.model.t_instrument_base.rotation)
+}
+
+/// The links with the joint zeros that fit the positions of one station best.
+pub(super) fn links_with_fitted_zeros(
+    robot: &Robot,
+    points: &[Point],
+    frame: Frame,
+) -> Option<Vec<Link>> {
+    let observations = observations(robot, points);
+    let enough_mm = FITS * reach_mm(&robot.links, &observations);
+    let zeros = with_free_zeros(&robot.links, &observations, frame, enough_mm)?;
+    let mut links = robot.links.clone();
+    for (link, offset_rad) in links.iter_mut().zip(&zeros.offsets_rad) {
+        link.theta_offset_rad += offset_rad;
+    }
+    Some(links)
 }
 
 /// Explains a set that fits only to `off_mm`. `others` are robots that the set may have been measured on instead.
