@@ -47,6 +47,7 @@ export const WARNINGS = {
   set_withdrawn: "The parameter set was withdrawn",
   check_robot: "A session did not fit the robot",
   instrument_scale: "The instrument measures lengths wrongly",
+  noise_overstated: "The stated noise is far above the scatter of the points",
   scale_suspect: "All lengths are off by the same share",
   subsets_differ: "Points to verify do not belong to the others",
   stretch_without_identify_points: "A stretch without points to identify from",
@@ -113,6 +114,7 @@ export const MATTERS = {
   set_withdrawn: "Somebody had a reason to take it out of use.",
   check_robot: "The robot may have changed since this set was identified.",
   instrument_scale: "Every measured position is stretched, and with it the robot.",
+  noise_overstated: "The stated uncertainty is too large, and changes of the robot stay hidden.",
   scale_suspect: "A wrong scale of the instrument stretches every program.",
   subsets_differ: "The two halves were not measured under the same conditions.",
   stretch_without_identify_points: "Base and reflector of that stretch rest on nothing.",
@@ -179,6 +181,7 @@ export const REMEDIES = {
   set_withdrawn: "Use the active set.",
   check_robot: "Look at the robot, then score the set on a new session, or say why the robot is in order.",
   instrument_scale: "Set the temperature and the refraction of the instrument, and measure reference and robot again.",
+  noise_overstated: "State the instrument's noise in mm, or leave it out.",
   scale_suspect: "Check the instrument with a scale bar or a certified length.",
   subsets_differ: "Check the subset column, the tool and the placement of each half.",
   stretch_without_identify_points: "Keep some points to identify in every stretch.",
@@ -235,6 +238,7 @@ export const GATES = {
   archived: "The set and its robot are not archived",
   joint_map_changed: "The robot has the joint map that the set was identified with",
   source_withdrawn: "What it rests on was withdrawn, and another session shows that it is right",
+  instrument_scale: "The instrument's scale was checked by a reference",
   withdrawn: "It was not withdrawn",
 };
 
@@ -260,6 +264,7 @@ export const UNMET = {
   verify_errors_improved: "The errors on points to verify did not become smaller",
   verify_errors_within_tolerance: "Its errors are beyond the robot's tolerance",
   source_withdrawn: "It rests on a set that was withdrawn",
+  instrument_scale: "The instrument measures lengths wrongly, by its reference",
   withdrawn: "It was withdrawn",
 };
 

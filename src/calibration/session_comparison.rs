@@ -11,6 +11,7 @@ use crate::calibration::report::{ChangeKind, Changes, NamedChange, Warning};
 use crate::calibration::request::{CalibrationRequest, PreviousSession};
 use crate::calibration::solve::solution::least_squares_from;
 use crate::calibration::stages::watched;
+use crate::calibration::warnings::overstated_noise::OverstatedNoise;
 use crate::calibration::{Error, Monitor};
 use crate::frames::PreliminaryFrames;
 use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS, compare};
@@ -99,6 +100,14 @@ pub fn estimate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
 ) -> Result<Option<Estimate>, Error> {
+    Ok(estimate_with_noise(request, monitor)?.map(|(estimate, _)| estimate))
+}
+
+/// As [`estimate`], with the session's stated noise if it is overstated.
+pub fn estimate_with_noise(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+) -> Result<Option<(Estimate, Option<OverstatedNoise>)>, Error> {
     let observed = observe(request).map(|mut observed| {
         observed.subsets.fill(Subset::Identify);
         observed
@@ -117,11 +126,15 @@ pub fn estimate(
     let problem = problem.with_tool_of(&found.model);
     let uncertainty = watched(monitor, |watch| stated(&problem, &found.model, watch))?;
     let noise = problem.noise(&found.model);
-    Ok(uncertainty.map(|uncertainty| Estimate {
-        parameters: problem.parameters,
-        model: found.model,
-        uncertainty,
-        noise,
+    let overstated = OverstatedNoise::of(&problem, &found.model);
+    Ok(uncertainty.map(|uncertainty| {
+        let estimate = Estimate {
+            parameters: problem.parameters,
+            model: found.model,
+            uncertainty,
+            noise,
+        };
+        (estimate, overstated)
     }))
 }
 

@@ -9,9 +9,10 @@ use crate::calibration::report::{PointErrors, PooledSession, PooledSessions};
 use crate::calibration::request::{
     CalibrationRequest, Method, Model, ParameterChoice, VerifySource,
 };
-use crate::calibration::session_comparison::{estimate, list, probability_in_words};
+use crate::calibration::session_comparison::{estimate_with_noise, list, probability_in_words};
 use crate::calibration::stages::{quiet, stage};
 use crate::calibration::validation::repeated_rows::is_anew;
+use crate::calibration::warnings::overstated_noise::{NOISE_OVERSTATED, OverstatedNoise};
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::changes::{Change, Estimate, FALSE_ALARMS, Tested, compare};
 use crate::identification::evidence::Noise;
@@ -143,7 +144,7 @@ pub struct Pool {
 /// Compares the sessions of a request; `None` for a single upload.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `session_not_comparable` if a session cannot be compared,
+/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `noise_overstated` if a session states far too much noise to tell, `session_not_comparable` if a session cannot be compared,
 /// [`Error::Cancelled`].
 pub fn compare_sessions(
     request: &CalibrationRequest,
@@ -156,8 +157,12 @@ pub fn compare_sessions(
         check(request)?;
         let mut estimates = Vec::new();
         for (session, set) in request.sessions.iter().enumerate() {
-            let found = estimate(&alone(request, set), &mut quiet(monitor))?;
-            estimates.push(found.ok_or_else(|| not_comparable(session))?);
+            let found = estimate_with_noise(&alone(request, set), &mut quiet(monitor))?;
+            let (estimate, overstated) = found.ok_or_else(|| not_comparable(session))?;
+            if let Some(overstated) = overstated {
+                return Err(too_coarse(session, &overstated));
+            }
+            estimates.push(estimate);
         }
         pooled(&estimates)
     });
@@ -171,6 +176,16 @@ fn not_comparable(session: usize) -> Error {
         name(session)
     );
     unusable("session_not_comparable", detail)
+}
+
+fn too_coarse(session: usize, overstated: &OverstatedNoise) -> Error {
+    let detail = format!(
+        "in {} {}: with such a noise two different robots look the same, so nothing shows that the robot was then as it was in the others. State the \
+         instrument's noise in mm, or leave it out",
+        name(session),
+        overstated.in_words()
+    );
+    unusable(NOISE_OVERSTATED, detail)
 }
 
 fn pooled(estimates: &[Estimate]) -> Result<Pool, Error> {

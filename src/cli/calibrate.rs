@@ -12,8 +12,9 @@ use super::usage::Usage;
 use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::upload_checks::{
     self,
+    alignment::ROTATION_SUSPECT,
     alignment::{self, Alignment},
-    rotations::{self, ROTATION_SUSPECT},
+    rotations,
 };
 use crate::calibration::{CheckVerdict, remedy_of_refusal};
 use crate::jobs::JobFailure;

@@ -102,6 +102,9 @@ struct SetWorkFrame {
     /// The numbers are given in the measuring frame of this measurement set [default: in the robot's base frame].
     #[arg(long, value_name = "SET")]
     measured_with: Option<String>,
+    /// With a measurement set of several stations: the station from which the numbers were measured.
+    #[arg(long, value_name = "STATION", requires = "measured_with")]
+    station: Option<String>,
 }
 
 fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
@@ -132,6 +135,7 @@ pub fn work_frames(arguments: &WorkFrameArguments) -> anyhow::Result<()> {
             let body = WorkFrameBody {
                 reference,
                 measurement_set_id: set.measured_with.clone(),
+                station: set.station.clone(),
                 translation_mm: set.origin_mm,
                 quaternion: set.quaternion,
                 rotation: None,

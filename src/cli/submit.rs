@@ -34,8 +34,9 @@ pub struct Arguments {
     /// The robot's id, name or serial number, as `kincal robots` lists them.
     #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT")]
     robot: String,
-    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. If there are two files, the robot's file.
-    #[arg(value_name = "SET.csv")]
+    /// Measurement set: a table (CSV, xlsx, ods), or JSON; `-` reads the standard input. If there are two files, the robot's file. Instead of a file, the id
+    /// of a set on the server.
+    #[arg(value_name = "SET.csv|ID")]
     set: PathBuf,
     #[command(flatten)]
     table: TableOptions,
@@ -99,15 +100,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Err(Usage(text.into()).into());
     }
     let paths = std::iter::once(&arguments.set).chain(&arguments.sessions.session);
-    let files: Vec<(&PathBuf, Measured)> = paths
-        .map(|path| Ok((path, read_measured(path, &arguments.table)?)))
+    let sources: Vec<Source<'_>> = paths
+        .map(|path| Source::of(path, &arguments.table))
         .collect::<anyhow::Result<_>>()?;
     block_on(async {
         let client = arguments.server.client()?;
         let robot = client.robot_id(&arguments.robot).await?;
         let mut sets = Vec::new();
-        for (path, files) in files {
-            sets.push(upload(&client, arguments, &robot, path, files).await?);
+        for source in sources {
+            sets.push(match source {
+                Source::OnServer(id) => client.get(&format!("/v1/measurement-sets/{id}")).await?,
+                Source::Files(path, files) => {
+                    upload(&client, arguments, &robot, path, files).await?
+                }
+            });
         }
         if arguments.upload_only {
             if arguments.output.json {
@@ -186,6 +192,25 @@ async fn next_step(client: &Client, id: &str, sets: &[Value]) -> anyhow::Result<
     Ok(format!(
         "not releasable yet (kincal params --gates {id}):\n{failed}"
     ))
+}
+
+/// Where a measurement set comes from.
+enum Source<'a> {
+    /// The id of a set that the server has.
+    OnServer(&'a str),
+    /// Files to upload, and the path of the first one.
+    Files(&'a Path, Measured),
+}
+
+impl<'a> Source<'a> {
+    /// An argument that begins like an id and is no file is an id.
+    fn of(path: &'a Path, table: &TableOptions) -> anyhow::Result<Self> {
+        let id = path.to_str().filter(|text| text.starts_with("set_"));
+        match id.filter(|_| !path.exists()) {
+            Some(id) => Ok(Self::OnServer(id)),
+            None => Ok(Self::Files(path, read_measured(path, table)?)),
+        }
+    }
 }
 
 async fn upload(

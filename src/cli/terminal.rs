@@ -74,10 +74,19 @@ pub fn plain(text: &str) -> String {
 }
 
 /// Remedies as the HTTP interface words them, and their replacements with commands and options.
-const COMMANDS: [(&str, &str); 16] = [
+const COMMANDS: [(&str, &str); 19] = [
+    (
+        "post a job of kind verify with measurement_set_id ",
+        "kincal submit --verify --robot ROBOT ",
+    ),
+    (" and parameter_set_id ", " --parameters "),
     (
         "post a job of kind verify with parameter_set_id ",
         "kincal submit --verify --robot ROBOT SET.csv --parameters ",
+    ),
+    (
+        "POST /v1/robots/{robot_id}/checked with the reason",
+        "kincal checked ROBOT --reason TEXT",
     ),
     (
         "POST /v1/robots/{robot_id}/checked",
@@ -165,6 +174,12 @@ mod tests {
                 "archived: restore it first, with POST /v1/robots/rob_1/restore (archived)"
             ),
             "archived: restore it first, with kincal restore rob_1 (archived)"
+        );
+        assert_eq!(
+            in_commands(
+                "post a job of kind verify with measurement_set_id set_1 and parameter_set_id par_1. If not: POST /v1/robots/{robot_id}/checked with the reason"
+            ),
+            "kincal submit --verify --robot ROBOT set_1 --parameters par_1. If not: kincal checked ROBOT --reason TEXT"
         );
     }
 

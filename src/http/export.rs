@@ -9,7 +9,7 @@ use crate::operations::import::import_with;
 use crate::store::ParameterSetRow;
 use crate::wire::export::{BetaChoice, ExportAnswer, ExportFormat};
 use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
-use crate::wire::parameter_set::{ParameterSetContent, Provenance};
+use crate::wire::parameter_set::{ParameterSetContent, ParameterSetStatus, Provenance};
 use crate::wire::robot::{Robot, RobotBody};
 use axum::Json;
 use axum::extract::{Request, State};
@@ -67,7 +67,8 @@ pub struct ImportQuery {
     digits: Option<ImportDigits>,
 }
 
-/// Exports the identified links in a format of other software or of a controller. The text is read back and compared to 1e-9 mm before it is sent.
+/// Exports the identified links in a format of other software or of a controller. The text is read back and compared to 1e-9 mm before it is sent. A
+/// withdrawn set is not exported.
 #[utoipa::path(
     get, path = "/v1/parameter-sets/{id}/export", tag = "parameter sets", operation_id = "exportParameterSet",
     params(("id" = String, Path, description = "The parameter set"), ExportQuery),
@@ -186,6 +187,17 @@ async fn stored(
     id: &str,
 ) -> Result<ExportRows, Error> {
     let row = access::parameter_set(app, caller, id).await?;
+    if row.status == ParameterSetStatus::Withdrawn {
+        let reason = row.withdraw_reason.as_deref().unwrap_or_default();
+        return Err(Error::Conflict {
+            code: "parameter_set_withdrawn",
+            detail: format!(
+                "the parameter set was withdrawn ({reason}), and no controller must get it: export the active set. Its numbers stay readable: GET \
+                 /v1/parameter-sets/{id}"
+            ),
+            errors: vec![],
+        });
+    }
     let body = access::robot_of_set(app, caller, &row).await?;
     let content = parameter_sets::content(&row)?;
     let provenance = parameter_sets::provenance(app, permit, &row).await?;

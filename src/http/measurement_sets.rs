@@ -1,10 +1,11 @@
 //! Measurement sets: uploads, stored byte for byte.
 
 use crate::calibration::upload_checks;
-use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
+use crate::calibration::upload_checks::alignment::ROTATION_SUSPECT;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
+use crate::http::limits::ComputePermit;
 use crate::http::list_query::NamedListQuery;
 use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
@@ -16,7 +17,8 @@ use crate::wire::content_type::{DECIMAL_COMMA, rotation_convention, with_rotatio
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::issue::Checker;
 use crate::wire::measurement::{
-    self, DEFAULT_FRAME, Decimal, Frame, MeasurementSetBody, SetSummary, Warning,
+    self, DEFAULT_FRAME, Decimal, Frame, MeasurementSet, MeasurementSetBody, SetSummary, Warning,
+    from_upload,
 };
 use crate::wire::multipart::{FileBytes, UploadForm};
 use crate::wire::page::Page;
@@ -386,4 +388,19 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             archived_at: row.archived_at_ms.map(rfc3339),
         })
     }
+}
+
+/// The points of a stored set of a robot with `n_joints` joints.
+pub async fn points_of(
+    app: &App,
+    permit: &ComputePermit,
+    set: MeasurementSetRow,
+    n_joints: usize,
+) -> Result<MeasurementSet, Error> {
+    let bytes = measurement_sets::body(&app.store, &set.id).await?;
+    let parse = move || {
+        let reading = set.reading_json.as_deref();
+        from_upload(&set.content_type, reading, &bytes, set.frame, n_joints).map_err(Error::Invalid)
+    };
+    permit.run(parse).await
 }

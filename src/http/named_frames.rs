@@ -4,6 +4,7 @@ use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
 use crate::http::list_query::NewestListQuery;
+use crate::http::measurement_sets::points_of;
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
@@ -64,9 +65,14 @@ pub async fn put_work_frame(
     body.fitting_work_frame("/points")?;
     if let Some(id) = &body.measurement_set_id {
         let set = measurement_sets::get(&app.store, id).await;
-        if !set.is_ok_and(|set| set.robot_id == robot_id) {
+        let Some(set) = set.ok().filter(|set| set.robot_id == robot_id) else {
             return Err(Error::NotFound("measurement set of this robot"));
-        }
+        };
+        let robot = access::robot(&app, &submission.caller, &robot_id).await?;
+        let n_joints = access::robot_body(&robot)?.links.len();
+        let permit = app.limits.compute(submission.caller.class).await?;
+        let points = points_of(&app, &permit, set, n_joints).await?;
+        body.check_station(&points)?;
     }
     named_documents::put::<WorkFrameAnswer>(&app, &robot_id, &name, &submission, body).await
 }

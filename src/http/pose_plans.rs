@@ -3,10 +3,10 @@
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body, parse_small};
 use crate::http::job_sources::require_own;
+use crate::http::measurement_sets::points_of;
 use crate::http::{App, Error, access};
 use crate::operations::plan_poses;
 use crate::store::measurement_sets;
-use crate::wire::measurement::from_upload;
 use crate::wire::pose_plan::{PosePlanAnswer, PosePlanBody};
 use crate::wire::robot::Robot;
 use axum::Json;
@@ -44,13 +44,7 @@ pub async fn create(
     let mut sets = Vec::new();
     for set in measured {
         // One after the other, because the bytes are much larger than the parsed points.
-        let points = measurement_sets::body(&app.store, &set.id).await?;
-        let parse = move || {
-            let reading = set.reading_json.as_deref();
-            from_upload(&set.content_type, reading, &points, set.frame, n_joints)
-                .map_err(Error::Invalid)
-        };
-        sets.push(permit.run(parse).await?);
+        sets.push(points_of(&app, &permit, set, n_joints).await?);
     }
     Ok(Json(
         permit.run(move || plan_poses(&body, &robot, &sets)).await?,

@@ -103,8 +103,8 @@ pub const ROUTES: &[Route] = table! {
     GET    "/v1/parameter-sets/{id}/compare"                    history::compare                         Read     CostlyRead  [422];
     POST   "/v1/parameter-sets/{id}/compensate"                 compensate::compensate                   Read     Calculation;
     GET    "/v1/parameter-sets/{id}/content"                    parameter_sets::get_content              Read     Read;
-    GET    "/v1/parameter-sets/{id}/export"                     export::get                              Read     CostlyRead  [422];
-    POST   "/v1/parameter-sets/{id}/export"                     export::patch_urdf                       Read     Calculation;
+    GET    "/v1/parameter-sets/{id}/export"                     export::get                              Read     CostlyRead  [409 422];
+    POST   "/v1/parameter-sets/{id}/export"                     export::patch_urdf                       Read     Calculation [409];
     GET    "/v1/parameter-sets/{id}/gates"                      release::gates                           Read     CostlyRead;
     POST   "/v1/parameter-sets/{id}/predict"                    predict::predict                         Read     Calculation;
     POST   "/v1/parameter-sets/{id}/release"                    release::release                         Release  Write       key [409];

@@ -1,8 +1,9 @@
 //! Checks whether an upload can have been measured on its robot. An upload that does not fit is refused if the cause is clear, else it gets a
 //! warning.
 
+use crate::calibration::upload_checks::alignment::ROTATION_SUSPECT;
 use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
-use crate::calibration::upload_checks::rotations::{self, ROTATION_SUSPECT};
+use crate::calibration::upload_checks::rotations;
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
 use crate::release::{AcceptedMisfit, accept_misfit};

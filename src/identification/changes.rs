@@ -371,12 +371,18 @@ fn without_superfluous(whitened: &Whitened, mut chosen: Vec<usize>) -> Vec<usize
 
 /// The part of the difference that the chosen parameters do not explain.
 fn left_over(whitened: &Whitened, chosen: &[usize]) -> DVector<f64> {
+    if chosen.is_empty() {
+        return whitened.difference.clone();
+    }
     let span = orthonormal(whitened.effects.select_columns(chosen));
     &whitened.difference - &span * span.tr_mul(&whitened.difference)
 }
 
 /// Fits the chosen parameters together to the whitened difference. The most significant change comes first.
 fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Change> {
+    if chosen.is_empty() {
+        return vec![];
+    }
     let effects = whitened.effects.select_columns(chosen);
     let square = effects.tr_mul(&effects);
     let Some(covariance) = pseudo_inverse(square.clone(), whitened.n_combinations) else {

@@ -8,9 +8,16 @@ const LANES: usize = 8;
 const MAX_PASSES: usize = 6;
 /// After the first selection, exchanges consider only this number of the most useful candidates.
 const N_PROMISING: usize = 2_000;
-/// A selection is tight if it has fewer rows than parameters plus this number. If a pose is then removed, only priors determine some parameters. The
-/// covariance grows by so many orders of magnitude that an update of it is only rounding, and it is computed anew.
-const SPARE_ROWS: usize = 12;
+/// A selection is tight if it has fewer rows than the unknown combinations of parameters plus this number. If a pose is then removed, only priors
+/// determine some of them. The covariance grows by so many orders of magnitude that an update of it is only rounding, and it is computed again from
+/// the start.
+const SPARE_ROWS: usize = 18;
+/// Rows that a tight selection has too many at first.
+const EXTRA_ROWS: usize = 12;
+/// Combinations that move the tool by less than this share of the largest, squared, are not counted.
+const MOVES: f64 = 1e-12;
+/// A combination is known already if its prior information is at least this many times that of a new robot.
+const KNOWN: f64 = 100.0;
 /// Minimum relative decrease of the criterion for an exchange.
 const GAIN: f64 = 1e-9;
 
@@ -65,9 +72,9 @@ impl<const ROWS: usize> Design<ROWS> {
     /// missed least are then removed. Adding one after the other would spend the first candidates on parameters that only priors determine.
     pub fn choose(mut self, n: usize) -> Vec<usize> {
         let n = n.min(self.candidates.nrows() / ROWS);
-        let is_tight = ROWS * n < self.covariance.nrows() + SPARE_ROWS;
+        let is_tight = ROWS * n < self.n_unknown() + SPARE_ROWS;
         let first = if is_tight {
-            (n + SPARE_ROWS / ROWS).min(self.candidates.nrows() / ROWS)
+            (n + EXTRA_ROWS / ROWS).min(self.candidates.nrows() / ROWS)
         } else {
             n
         };
@@ -82,6 +89,16 @@ impl<const ROWS: usize> Design<ROWS> {
             self.exchange(is_tight);
         }
         self.chosen
+    }
+
+    /// Number of combinations that move the tool, without those that are known already.
+    fn n_unknown(&self) -> usize {
+        let moves = self.interest.symmetric_eigenvalues();
+        let least = MOVES * moves.max();
+        let n_moving = moves.iter().filter(|value| **value > least).count();
+        let known = self.prior.symmetric_eigenvalues();
+        let n_known = known.iter().filter(|value| **value > KNOWN).count();
+        n_moving.saturating_sub(n_known)
     }
 
     fn exchange(&mut self, is_tight: bool) {

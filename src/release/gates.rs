@@ -1,6 +1,6 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
-use crate::calibration::TOOL_UNCERTAIN;
+use crate::calibration::{INSTRUMENT_SCALE, TOOL_UNCERTAIN};
 use crate::release::comparison::ComparedRms;
 use crate::release::facts::MIN_VERIFY_POINTS;
 use crate::release::gate_facts::{ArchivedItem, Facts};
@@ -26,6 +26,9 @@ const CHANGED: f64 = 3.0;
 /// Largest ratio of the tool's mean movement by the final fit to the rms error of the verified fit. 62 simulated uploads of 25 and 60 poses had 0.03
 /// to 1.1 (`examples/study/final_fit.rs`). A larger ratio shows that the two halves of the upload do not belong together.
 const MAX_MOVED: f64 = 2.0;
+
+/// Largest ratio of the error of the instrument's scale at the arm's reach to the rms error on the verify points.
+const MAX_SCALE: f64 = 3.0;
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
@@ -53,6 +56,7 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
         second_person(facts),
     ]);
     gates.extend(source_withdrawn(facts));
+    gates.extend(instrument_scale(facts));
     gates
 }
 
@@ -250,6 +254,24 @@ fn fits(facts: &Facts<'_>) -> Gate {
             "the identified robot does not fit the points of its job, or fits them for a wrong reason: see the warnings of its report",
         ),
     }
+}
+
+/// Refuses a set from an instrument whose reference shows an error of its scale that is far above the errors which verification shows: points that were
+/// measured with the same instrument cannot show it.
+fn instrument_scale(facts: &Facts<'_>) -> Option<Gate> {
+    let reference = facts.report.reference.as_ref()?;
+    let name = "instrument_scale";
+    let mut warnings = facts.report.warnings.iter();
+    let Some(told) = warnings.find(|warning| warning.code == INSTRUMENT_SCALE) else {
+        return Some(Gate::new(
+            name,
+            true,
+            "the reference shows no error of the instrument's scale",
+        ));
+    };
+    let found_mm = facts.identification.after_rms_mm.unwrap_or(0.0);
+    let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;
+    Some(Gate::new(name, passes, told.detail.clone()).warned(passes))
 }
 
 fn better_than_active(facts: &Facts<'_>) -> Gate {

@@ -1,6 +1,8 @@
 //! Origin of a parameter set, and the restrictions on its use.
 
-use crate::calibration::{ORIENTATION_NOT_KNOWN, last_joint_zero_remedy, last_joint_zero_unknown};
+use crate::calibration::{
+    INSTRUMENT_SCALE, ORIENTATION_NOT_KNOWN, last_joint_zero_remedy, last_joint_zero_unknown,
+};
 use crate::release::orientation::{Orientation, POSE_NOT_SEEN};
 use crate::release::verdict::WRONG_ROBOT;
 use crate::wire::measurement::Frame;
@@ -12,7 +14,8 @@ pub fn provenance(report: ReportSummary, measuring_frame: Option<Frame>) -> Prov
     let mut warnings = report.warnings;
     warnings.retain(|warning| {
         let code = warning.code.as_str();
-        [POSE_NOT_SEEN, ORIENTATION_NOT_KNOWN].contains(&code) || WRONG_ROBOT.contains(&code)
+        [POSE_NOT_SEEN, ORIENTATION_NOT_KNOWN, INSTRUMENT_SCALE].contains(&code)
+            || WRONG_ROBOT.contains(&code)
     });
     Provenance {
         measuring_frame,

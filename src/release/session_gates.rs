@@ -108,13 +108,17 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
         );
     };
     let (set, job) = (&session.measurement_set_id, &session.job_id);
-    let found = match session.has_changed {
-        true => ", and that job found that the robot has changed",
-        false => "",
+    let (found, or) = match session.has_changed {
+        true => (
+            ", and that job found that the robot has changed",
+            format!(". If that file is no measurement of this robot: {CHECKED} with the reason"),
+        ),
+        false => ("", String::new()),
     };
     let detail = format!(
-        "the session {set} (job {job}) was measured after the points of this set{found}. Score the set on that session: {} and measurement_set_id {set}",
-        verify_request(facts)
+        "the session {set} (job {job}) was measured after the points of this set{found}. Score the set on that session: post a job of kind verify with \
+         measurement_set_id {set} and parameter_set_id {}{or}",
+        facts.parameter_set_id
     );
     let only_warns = facts.is_rollback && !session.has_changed;
     Gate::new(name, only_warns, detail).warned(only_warns)

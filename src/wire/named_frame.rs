@@ -1,6 +1,8 @@
 //! Named work frames and tools of a robot.
 
 use crate::compensation::{FixtureMisfit, FixturePoint, WorkFrame, WorkFrameError};
+use crate::measurement::csv::MAX_LABEL_LENGTH;
+use crate::measurement::{Frame, MeasurementSet};
 use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
@@ -38,6 +40,11 @@ pub struct WorkFrameBody {
     /// were identified from this measurement set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measurement_set_id: Option<String>,
+    /// With a measurement set of several stations: the station from which the numbers were measured. It has to be the one whose frame the identified
+    /// parameters have.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_length = 1, max_length = 100)]
+    pub station: Option<String>,
     /// Origin of the work frame, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub translation_mm: Option<[f64; 3]>,
@@ -148,6 +155,10 @@ impl WorkFrameBody {
     /// As [`Self::work_frame`], and [`Invalid`] for points that do not fit.
     pub fn fitting_work_frame(&self, pointer: &str) -> Result<WorkFrame, Invalid> {
         let frame = self.work_frame()?;
+        if self.points.is_none() && self.std_mm.is_some() {
+            let detail = "std_mm is the uncertainty of measured points, and this frame is typed. Stated uncertainties of targets take a typed frame as exact: remove it";
+            return Err(Invalid::at("/std_mm", "mixed_kinds", detail));
+        }
         let std_mm = self.std_mm.unwrap_or(0.0);
         match FixtureMisfit::of(&self.fixture_points(), &frame, std_mm) {
             Some(misfit) => {
@@ -156,6 +167,42 @@ impl WorkFrameBody {
             }
             None => Ok(frame),
         }
+    }
+
+    /// Checks that the numbers are in the measuring frame of parameters that are identified from the set. If it has several stations, that is the frame
+    /// of the last one, or of the first one in the base frame.
+    ///
+    /// # Errors
+    /// [`Invalid`] if the set has several stations and another one, or none, is stated.
+    pub fn check_station(&self, set: &MeasurementSet) -> Result<(), Invalid> {
+        let mut stations: Vec<(i64, &str)> = vec![];
+        for point in &set.points {
+            let Some(station) = point.station.as_deref() else {
+                continue;
+            };
+            match stations.iter_mut().find(|(_, known)| *known == station) {
+                Some((first, _)) => *first = point.sequence.min(*first),
+                None => stations.push((point.sequence, station)),
+            }
+        }
+        stations.sort_unstable();
+        let of_parameters = match set.frame {
+            Frame::Instrument => stations.last(),
+            Frame::Base => stations.first(),
+        };
+        let (Some((_, of_parameters)), true) = (of_parameters, stations.len() > 1) else {
+            return Ok(());
+        };
+        if self.station.as_deref() == Some(*of_parameters) {
+            return Ok(());
+        }
+        let all: Vec<&str> = stations.iter().map(|(_, station)| *station).collect();
+        let detail = format!(
+            "the set has the stations {}, and parameters identified from it are in the frame of {of_parameters}: measure the work frame from there, and say \
+             so with station: {of_parameters:?}",
+            all.join(", ")
+        );
+        Err(Invalid::at("/station", "other_station", detail))
     }
 
     fn fixture_points(&self) -> Vec<FixturePoint> {
@@ -199,6 +246,9 @@ impl WorkFrameBody {
         }
         if let Some(id) = &self.measurement_set_id {
             checker.text("/measurement_set_id", id, MAX_ID);
+        }
+        if let Some(station) = &self.station {
+            checker.text("/station", station, MAX_LABEL_LENGTH);
         }
         if let Some(origin) = &self.translation_mm {
             check_lengths(&mut checker, "/translation_mm", origin, MAX_FIXTURE_MM);

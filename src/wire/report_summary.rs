@@ -2,6 +2,7 @@
 //! stored in addition to the report, for readers that need only some facts.
 
 use crate::wire::measurement::Warning;
+use crate::wire::reference::ReferenceReport;
 use crate::wire::report_shape::{
     ChangeReport, FinalFitReport, ParameterReport, PointReport, SubsetReport,
 };
@@ -22,6 +23,9 @@ pub struct ReportSummary {
     pub final_fit: Option<FinalFitReport>,
     /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
+    /// The instrument's reference.
+    #[serde(default)]
+    pub reference: Option<ReferenceReport>,
     /// Reason why there is no uncertainty.
     #[serde(default)]
     pub tool_uncertainty_absent_because: Option<String>,

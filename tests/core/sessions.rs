@@ -5,7 +5,8 @@ use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{Campaign, Normal, measure, poses, true_robot, two_sessions};
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{
-    CalibrationReport, CalibrationRequest, Error, Model, SESSIONS_DIFFER, calibrate, check,
+    CalibrationReport, CalibrationRequest, Error, Model, NOISE_OVERSTATED, SESSIONS_DIFFER,
+    calibrate, check,
 };
 use kincal::identification::KinematicModel;
 use kincal::kinematics::Robot;
@@ -263,6 +264,42 @@ fn two_robots_of_one_model_are_never_fitted_together() {
         let sessions = [session(&mut random), session(&mut random)];
         let (code, detail) = refusal(run(&links_alone(&paper_robot(), &sessions)));
         assert_eq!(code, SESSIONS_DIFFER, "{detail}");
+        // a noise that the points contradict does not make them one robot
+        for stated in [[Some(2.0), Some(2.0)], [None, Some(2.0)]] {
+            let mut coarse = sessions.clone();
+            for (set, std_mm) in coarse.iter_mut().zip(stated) {
+                set.points
+                    .iter_mut()
+                    .for_each(|point| point.std_mm = std_mm);
+            }
+            let (code, detail) = refusal(run(&links_alone(&paper_robot(), &coarse)));
+            assert_eq!(code, NOISE_OVERSTATED, "{detail}");
+        }
+    }
+}
+
+#[test]
+fn a_stated_noise_far_above_the_scatter_is_told_and_a_right_one_is_not() {
+    let mut random = Normal::new(7);
+    let truth = true_robot(&paper_robot(), 1, &mut random);
+    let set = measure(
+        &truth,
+        &poses(40, &mut random),
+        &Campaign::PLAIN,
+        &mut random,
+    );
+    let noise_mm = Campaign::PLAIN.noise_mm;
+    for (times, is_told) in [(1.0, false), (2.0, false), (6.0, true), (1000.0, true)] {
+        let mut stated = set.clone();
+        for point in &mut stated.points {
+            point.std_mm = Some(times * noise_mm);
+        }
+        let report = run(&CalibrationRequest::new(paper_robot(), stated)).unwrap();
+        let told = report
+            .warnings
+            .iter()
+            .find(|warning| warning.code == NOISE_OVERSTATED);
+        assert_eq!(told.is_some(), is_told, "{times} times: {told:?}");
     }
 }
 

@@ -306,6 +306,7 @@ fn cartesian_targets_in_a_measured_work_frame_are_met_within_the_stated_uncertai
         let work_frame = WorkFrameBody {
             reference: WorkFrameReference::Measuring,
             measurement_set_id: Some("set".into()),
+            station: None,
             translation_mm: None,
             quaternion: None,
             rotation: None,
@@ -401,6 +402,7 @@ fn a_work_frame_from_another_set_up_is_refused() {
     let work_frame = WorkFrameBody {
         reference: WorkFrameReference::Measuring,
         measurement_set_id: Some("first".into()),
+        station: None,
         translation_mm: Some([0.0; 3]),
         quaternion: None,
         rotation: None,

@@ -24,6 +24,7 @@ use crate::calibration::validation::verification_set::Layout;
 use crate::calibration::validation::verification_set::refits;
 use crate::calibration::warnings::last_joint::{LastJoint, impossible_reflector, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
+use crate::calibration::warnings::overstated_noise::OverstatedNoise;
 use crate::calibration::warnings::plausibility::{
     JOINT_MAP, TOOL_UNCERTAIN, base_frame_off, joint_counted_otherwise,
 };
@@ -413,6 +414,10 @@ pub fn report(
         request.options.loss,
         Some(&problem.arrangement),
     ));
+    let overstated = OverstatedNoise::of(delivered_problem, delivered_model);
+    report
+        .warnings
+        .extend(overstated.map(|overstated| overstated.warning()));
     report.warnings.extend(beyond);
     report.warnings.extend(of_the_verify_set(of_verify_set));
     Ok(report)

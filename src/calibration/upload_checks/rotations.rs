@@ -22,9 +22,6 @@ const OFF_RAD: f64 = 5.0 * FITS_RAD;
 /// Another reading has to fit better by this factor.
 const BETTER: f64 = 5.0;
 
-/// Code of the refusal.
-pub const ROTATION_SUSPECT: &str = "rotation_suspect";
-
 /// One way to read the rotations of a file, and how well the nominal robot then fits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {

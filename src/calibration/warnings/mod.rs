@@ -2,6 +2,7 @@
 
 pub mod last_joint;
 pub mod orientation;
+pub mod overstated_noise;
 pub mod plausibility;
 pub mod refused_upload;
 pub mod screening;

@@ -338,3 +338,27 @@ fn calibrate_takes_what_a_job_takes() {
         );
     }
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_set_of_the_server_is_submitted_by_its_id() {
+    let (app, _dir) = guarded(0).await;
+    let person = Person::new(&app, &["read", "upload", "identify"]).await;
+    let key = person.key.as_str();
+    let robot: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    let robot = person.post("/v1/robots", &robot).await.ok(201);
+    let robot = text(&robot["id"]);
+    let file = data("first.csv");
+    let submit = ["submit", "--robot", robot];
+    let set = json_of(
+        &app,
+        key,
+        &[&submit[..], &["--upload-only", file.as_str()]].concat(),
+    )
+    .await;
+    let id = text(&set["id"]);
+    let job = json_of(&app, key, &[&submit[..], &["--verify", id]].concat()).await;
+    assert_eq!(
+        (&job["kind"], &job["measurement_set_id"]),
+        (&json!("verify"), &set["id"])
+    );
+}

@@ -156,6 +156,14 @@ async fn a_withdrawn_set_does_not_return_with_other_options_or_by_the_sessions_t
     let pose = json!({"q_deg": [[0, 0, 0, 0, 0, 0]]});
     let told = app.post_json(&path, &pose).await.ok(200);
     assert!(codes(&told).contains(&"set_withdrawn"), "{told}");
+    // and no controller gets it
+    let path = format!("/v1/parameter-sets/{}", text(&withdrawn));
+    for format in ["json", "csv", "urdf"] {
+        app.get(&format!("{path}/export?format={format}"))
+            .await
+            .problem(409, "parameter_set_withdrawn");
+    }
+    app.get(&path).await.ok(200);
 }
 
 #[tokio::test]

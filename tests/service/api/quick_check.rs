@@ -1,7 +1,7 @@
 //! Quick checks through the interface: whether the released set still holds, and what that does to the robot.
 
 use crate::api::sessions::{
-    codes, failed_gates, identified_from_noisy_points, rows, set_policy, upload, with_noise,
+    codes, csv, failed_gates, identified_from_noisy_points, rows, set_policy, upload, with_noise,
 };
 use crate::app::{TestApp, text};
 use crate::engines::for_each_engine;
@@ -294,4 +294,21 @@ async fn the_tolerance_counts_the_uncertainty_unless_the_policy_says_otherwise()
         text(&simple["detail"]).contains("simple_acceptance"),
         "{simple}"
     );
+}
+
+#[tokio::test]
+async fn poses_of_a_coarse_instrument_cannot_tell() {
+    let app = TestApp::with_workers(1).await;
+    let mut random = Normal::new(82);
+    let (robot, _) = released(&app).await;
+    let points = csv(&some("followup_unchanged.csv", 10, &mut random));
+    let coarse: String = points
+        .lines()
+        .enumerate()
+        .map(|(i, line)| format!("{line},{}\n", if i == 0 { "std_mm" } else { "2" }))
+        .collect();
+    let path = format!("{robot}/measurement-sets?frame=base");
+    let set = app.post(&path, "text/csv", coarse).await.ok(201);
+    let (_, report) = checked(&app, &robot, text(&set["id"]), json!({})).await;
+    assert_eq!(report["check"]["verdict"], "cannot_tell", "{report}");
 }

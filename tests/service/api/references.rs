@@ -1,6 +1,6 @@
 //! References: lengths with a certificate that the instrument measured.
 
-use crate::api::sessions::{codes, csv, rows, with_noise};
+use crate::api::sessions::{codes, csv, failed_gates, rows, with_noise};
 use crate::app::{TestApp, text};
 use crate::simulation::Normal;
 use serde_json::{Value, json};
@@ -63,9 +63,34 @@ async fn a_reference_states_the_scale_of_the_instrument_and_counts_in_the_budget
     assert_eq!((&off["is_off"], &off["version"]), (&json!(true), &json!(2)));
     let report = report_with(&app, &robot, "&reference=bar").await;
     assert!(codes(&report).contains(&"instrument_scale"), "{report}");
+    // 2 mm at the arm's reach: such a set is not released, and whoever uses it is told
+    app.post_json(&path, &scale_bar(1000e-6)).await.ok(201);
+    let report = report_with(&app, &robot, "&reference=bar").await;
+    let job = app
+        .get(&format!("/v1/jobs/{}", text(&report["job_id"])))
+        .await
+        .ok(200);
+    let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+    app.post_json(&format!("{set}/release"), &json!({"reason": "it fits"}))
+        .await
+        .problem(409, "release_refused");
+    let (failed, _) = failed_gates(&app, &job["parameter_set_id"]).await;
+    assert_eq!(failed, ["instrument_scale"]);
+    let corrected = app
+        .post_json(
+            &format!("{set}/compensate"),
+            &json!({"q_deg": [[10.0, -30.0, 20.0, 15.0, 40.0, 5.0]], "mode": "position"}),
+        )
+        .await
+        .ok(200);
+    assert!(
+        codes(&corrected).contains(&"instrument_scale"),
+        "{corrected}"
+    );
     // lists have the newest version; each version stays under its id
     let listed = app.get(&path).await.ok(200);
-    assert_eq!(listed["items"], json!([off]));
+    assert_eq!(listed["items"].as_array().unwrap().len(), 1);
+    assert_eq!(listed["items"][0]["version"], 3);
     let first = format!("{path}/{}", text(&stored["id"]));
     assert_eq!(app.get(&first).await.ok(200), stored);
 }

@@ -301,3 +301,50 @@ async fn faults_of_frames_tools_and_cartesian_targets_are_told_with_their_place(
             .problem(status, code);
     }
 }
+
+#[tokio::test]
+async fn a_work_frame_is_measured_from_the_station_of_the_parameters() {
+    let app = TestApp::with_workers(0).await;
+    let robot = app.paper_robot().await;
+    let table = String::from_utf8(crate::app::paper("first.csv")).unwrap();
+    let stations = |n: usize| {
+        let mut lines = table.lines().enumerate();
+        let (_, header) = lines.next().unwrap();
+        lines.fold(format!("{header},station\n"), |text, (i, line)| {
+            format!("{text}{line},{}\n", ["left", "right"][usize::from(i > n)])
+        })
+    };
+    let path = format!("{robot}/measurement-sets?frame=instrument");
+    let set = app.post(&path, "text/csv", stations(60)).await.ok(201);
+    let path = format!("{robot}/work-frames/table");
+    let typed = |more: Value| {
+        let mut body = json!({"reference": "measuring", "measurement_set_id": set["id"], "translation_mm": [1.0, 2.0, 3.0]});
+        for (field, value) in more.as_object().unwrap() {
+            body[field] = value.clone();
+        }
+        body
+    };
+    for station in [json!({}), json!({"station": "left"})] {
+        let refused = put(&app, &path, &typed(station))
+            .await
+            .problem(422, "other_station");
+        let issue = &refused["errors"][0];
+        assert_eq!(issue["pointer"], "/station");
+        assert!(
+            text(&issue["detail"]).contains("station: \"right\""),
+            "{issue}"
+        );
+    }
+    put(&app, &path, &typed(json!({"station": "right"})))
+        .await
+        .ok(200);
+    // the uncertainty of a typed frame would be passed over in silence
+    let refused = put(
+        &app,
+        &path,
+        &json!({"translation_mm": [1.0, 2.0, 3.0], "std_mm": 0.5}),
+    )
+    .await
+    .problem(422, "mixed_kinds");
+    assert_eq!(refused["errors"][0]["pointer"], "/std_mm");
+}

@@ -13,7 +13,6 @@ mod suspect;
 pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD};
 pub use hypotheses::{Hypothesis, hypotheses};
 
-use crate::calibration::upload_checks::rotations::ROTATION_SUSPECT;
 use crate::kinematics::{Link, Robot};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
@@ -29,6 +28,9 @@ pub enum Alignment {
     /// It does not fit: rms, mm.
     Misses(f64),
 }
+
+/// Code of the refusal of rotations that do not fit.
+pub const ROTATION_SUSPECT: &str = "rotation_suspect";
 
 /// Codes of refusals by suspicion. A caller may insist on the upload.
 pub const SUSPICIONS: [&str; 7] = [
