@@ -28,10 +28,19 @@ const READS_NOTHING = { title: "This key may not read", detail: "Without the sco
 let leaving = new AbortController();
 let me = null;
 
-/** What pages need: where to draw, what the user may do, and the signal that ends their requests when they are left. */
-function context(signal) {
+/** What pages need: where to draw, what the user may do, the signal that ends their requests when they are left, and the query of the address. */
+function context(signal, query) {
   const may = (scope) => me.scopes.includes(scope) || me.scopes.includes("admin");
-  return { main, signal, may, me, why: (scope, what) => may(scope) ? false : why(scope, what) };
+  return { main, signal, may, me, why: (scope, what) => may(scope) ? false : why(scope, what), query: new URLSearchParams(query), keep };
+}
+
+/** Keeps the choices of a page in its address, so that Back and a bookmark return to them. Empty ones are left out. */
+function keep(choices) {
+  const query = new URLSearchParams(Object.entries(choices).filter(([, value]) => value));
+  const [path] = location.hash.split("?");
+  // the link that skips to the content stands in the place of a page
+  if (path === "#main") return;
+  history.replaceState(null, "", `${path || "#/"}${query.size > 0 ? `?${query}` : ""}`);
 }
 
 /** What is missing where somebody may not do something: a page without a button explains nothing. */
@@ -47,9 +56,10 @@ async function show(moveFocus) {
   try {
     me ??= await get("/v1/me", signal);
     who();
-    const [match, page] = PAGES.map(([pattern, page]) => [pattern.exec(location.hash), page]).find(([match]) => match) ?? [];
+    const [path, query] = location.hash.split("?");
+    const [match, page] = PAGES.map(([pattern, page]) => [pattern.exec(path), page]).find(([match]) => match) ?? [];
     if (!page) fill(main, el("h1", {}, "There is no such page"), el("p", {}, el("a", { href: "#/" }, "All robots")));
-    else await page(context(signal), ...match.slice(1));
+    else await page(context(signal, query), ...match.slice(1));
   } catch (error) {
     if (error.name === "AbortError") return;
     if (error.status === 401) return signIn(error);

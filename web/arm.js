@@ -49,17 +49,19 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
   const reach = reachOf(robot);
   const up = upright(robot);
   const placed = points.map((p) => (p.position ? apply(up, p.position) : null));
-  const state = { stage: stages.at(-1)?.[0] ?? null, own: false, drawn: [], factor: 1, top: 1 };
+  // the errors of the headline, which are those without corrections
+  const state = { stage: (stages.find(([name]) => name === "after") ?? stages.at(-1))?.[0] ?? null, own: false, drawn: [], factor: 1, top: 1 };
   const panel = el("div.picked", { "aria-live": "polite" });
   const key = el("p.legend", {});
   const lead = el("span", {});
   const shown = el("div.actions", {});
+  let isPosed = postures(0) !== null;
   const scene = view({
     label: `${title}. Arrow keys turn it, plus and minus zoom, N and P go to the next and the previous point, Home shows all.`,
     draw: (pen) => drawScene(pen, { robot, reach, up, points, placed, state, targets, selected, postures, rest, boxes }),
-    points: () => state.drawn, picked: (i) => selected.set(i), step: (by) => selected.step(by),
+    ends: () => endsOf(placed, robot, up, reach, boxes, postures, rest()), points: () => state.drawn, picked: (i) => selected.set(i), step: (by) => selected.step(by),
   });
-  frame(scene.eye, placed, robot, up, reach, boxes, postures);
+  frame(scene.eye, endsOf(placed, robot, up, reach, boxes, postures, rest()), reach);
   const rescale = () => {
     Object.assign(state, scaleOf(points, placed, stages, state, scene.eye.size));
     fill(key, legendOf(state));
@@ -69,13 +71,18 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
     scene.redraw();
   };
   const refresh = () => {
+    // the joints of the points may come later than the points
+    if (!isPosed && points.length > 0 && postures(0) !== null) {
+      isPosed = true;
+      scene.fit();
+    }
     fill(panel, selected.index === null ? hint(points.length) : [describe(selected.index), actions?.(selected.index)]);
     scene.redraw();
   };
   selected.listen(refresh);
   const button = (text, label, click) => el("button", { type: "button", click, "aria-label": label, title: label }, text);
   fill(shown, VIEWS.map(([name, [more, word]]) => el("button", { type: "button", "aria-label": `${more}${word}`, click: () => scene.look(name) }, el("span.wide", {}, more), el("span", {}, word))),
-    button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3)));
+    el("span.together", {}, button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3))));
   const node = el("figure.arm", {}, el("figcaption", {}, el(level, {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
     el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel), shown);
   rescale();
@@ -101,12 +108,30 @@ const hint = (n) => [el("p.note", {}, n > 0 ? "Click, tap or press N to pick a p
 /** Postures whose joints are within the first picture. */
 const FRAMED = 40;
 
-function frame(eye, placed, robot, up, reach, boxes, postures) {
+/** Points that are all looked at to frame them. */
+const FEW_ENDS = 300;
+
+/** What has to be in the first picture: points, boxes, and the arm at rest and in the postures of points. */
+function endsOf(placed, robot, up, reach, boxes, postures, rest) {
   const every = Math.max(1, Math.ceil(placed.length / FRAMED));
   const known = placed.map((_, i) => (i % every === 0 ? postures(i) : null)).filter(Boolean);
-  const ends = [...placed.filter(Boolean), ...boxes.flatMap((b) => [b.min_mm, b.max_mm]).map((p) => apply(up, p)), ...[restOf(robot), ...known].flatMap((q) => framesOf(robot, q)).map((t) => apply(up, origin(t)))];
+  const corners = boxes.flatMap((b) => Array.from({ length: 8 }, (_, i) => [0, 1, 2].map((k) => (i & (1 << k) ? b.max_mm[k] : b.min_mm[k]))));
+  const ends = [[0, 0, 0], ...outermost(placed.filter(Boolean)), ...corners.map((p) => apply(up, p)), ...[rest, ...known].flatMap((q) => framesOf(robot, q)).map((t) => apply(up, origin(t)))];
   // without points the arm may be moved by hand
   if (placed.length === 0) ends.push([-0.55 * reach, -0.55 * reach, 0], [0.55 * reach, 0.55 * reach, 0.85 * reach]);
+  return ends;
+}
+
+/** Of many points those that lie outermost in one of 26 directions. */
+function outermost(points) {
+  if (points.length <= FEW_ENDS) return points;
+  const steps = [-1, 0, 1];
+  const directions = steps.flatMap((x) => steps.flatMap((y) => steps.map((z) => [x, y, z])));
+  const along = (p, d) => p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
+  return directions.map((d) => points.reduce((best, p) => (along(p, d) > along(best, d) ? p : best)));
+}
+
+function frame(eye, ends, reach) {
   const [low, high] = [0, 1, 2].map((k) => [Infinity, -Infinity].map((start, side) => ends.reduce((best, p) => (side === 0 ? Math.min(best, p[k]) : Math.max(best, p[k])), start)))
     .reduce(([a, b], [l, h]) => [[...a, l], [...b, h]], [[], []]);
   eye.centre = low.map((v, k) => (v + high[k]) / 2);

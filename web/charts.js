@@ -5,8 +5,11 @@ import { number, powerOfTen } from "./format.js";
 
 /** A figure with a heading and a sentence that says what it shows; `draw(width)` gives its SVG children for that width. */
 export function figure(title, caption, height, draw, ...extras) {
-  const image = svg("svg", { role: "img", "aria-label": `${title}. ${caption}`, height });
+  const words = () => `${title}. ${caption instanceof Node ? caption.textContent : caption}`;
+  const image = svg("svg", { role: "img", "aria-label": words(), height });
   const redraw = () => {
+    // a caption that is a node changes with what is drawn
+    image.setAttribute("aria-label", words());
     const width = Math.floor(image.parentNode?.clientWidth ?? 0);
     if (width < 50) return;
     image.setAttribute("viewBox", `0 0 ${width} ${height}`);

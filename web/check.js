@@ -1,7 +1,7 @@
 // The answer of a quick check, in plain words: does the released set still hold, what could these poses have seen, what to measure next.
 
 import { el, table } from "./dom.js";
-import { mm, number, parameter } from "./format.js";
+import { mm, number, parameter, plain } from "./format.js";
 
 const VERDICTS = {
   holds: ["div.done", "The released set still holds."],
@@ -25,7 +25,7 @@ const withUnit = (value, unit) => (unit === "deg" ? `${number(value)}°` : mm(va
 export function checkVerdict({ check }) {
   const [box, said] = VERDICTS[check.verdict] ?? ["div.warning", check.verdict];
   const before = AFTER[check.after] ? ` Checked ${AFTER[check.after]}.` : "";
-  return el(box, check.verdict === "changed" ? { role: "alert" } : {}, el("p", {}, el("strong", {}, said), ` ${check.reason}.${before}`), el("p", {}, el("strong", {}, "Next: "), `${check.next}.`));
+  return el(box, check.verdict === "changed" ? { role: "alert" } : {}, el("p", {}, el("strong", {}, said), ` ${plain(check.reason)}.${before}`), el("p", {}, el("strong", {}, "Next: "), `${plain(check.next)}.`));
 }
 
 /** What the poses could have seen, and the figures of the test. */

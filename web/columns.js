@@ -69,13 +69,21 @@ export async function askColumns(robot, body, contentType, out, read) {
   fill(out, el("form.columns", { submit },
     el("h3", {}, "Say once what the columns are"),
     el("p.note", {}, "Nothing was stored yet. Choose a meaning above each column; what is proposed may be wrong."),
-    preview.errors.length > 0 && el("ul", {}, preview.errors.slice(0, 12).map((issue) => el("li", {}, capital(plain(issue.detail))))),
+    preview.errors.length > 0 && el("ul", {}, remarks(preview.errors).slice(0, 12).map((text) => el("li", {}, text))),
     asked.map(({ node }) => node),
     by && el("div", {}, el("label", { for: "columns-join" }, "Rows of the two files belong together by"), by),
     el("label.choice", {}, keep, "Remember this for the robot"),
     wrong,
     el("button.primary", { type: "submit" }, "Read it so")));
   return true;
+}
+
+/** What is to be said of the columns; what many of them lack is said once. */
+function remarks(issues) {
+  const isWithout = (issue) => issue.code === "missing_unit" && issue.column;
+  const without = [...new Set(issues.filter(isWithout).map((issue) => issue.column))];
+  const some = without.length > 1 ? `${without.slice(0, -1).join(", ")} and ${without.at(-1)} have no unit: choose it for each of them` : `${without[0]} has no unit: choose it`;
+  return [...without.length > 0 ? [`${some} in the list above its column`] : [], ...new Set(issues.filter((issue) => !isWithout(issue)).map((issue) => capital(plain(issue.detail))))];
 }
 
 /** The choices as a mapping. A file with a header is mapped by names, so that a column more in the next file does no harm. */

@@ -18,7 +18,7 @@ const DEG = 180 / Math.PI;
 export async function correctPage({ main, signal, may }, id) {
   const [robot, sets, measured, cell] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal), list(`/v1/robots/${id}/measurement-sets`, 50, signal), cellOf(id, signal)]);
   document.title = `kincal: correct a program of ${robot.name}`;
-  const usable = [...sets.filter((set) => set.status === "released"), ...sets.filter((set) => !["released", "withdrawn"].includes(set.status))];
+  const usable = sets.filter((set) => set.status !== "withdrawn");
   const out = el("div", { "aria-live": "polite" });
   const place = el("div", {});
   const { node, offer } = form(robot, usable, out);
@@ -45,8 +45,9 @@ function form(robot, sets, out) {
     const select = el("select", { id: name }, options.map(([value, words]) => el("option", { value }, words)));
     return [select, el("div", {}, el("label", { for: name }, label), select)];
   };
-  const [set, setField] = pick("correct-set", "Parameters", sets.map((s) => [s.id, `${s.status === "released" ? "active set" : s.status}, identified ${when(s.created_at)}`]));
-  const [mode, modeField] = pick("correct-mode", "What is corrected", [["pose", "position and orientation of the tool"], ["position", "its position only"]]);
+  const set = el("select", { id: "correct-set" }, setOptions(sets));
+  const setField = el("div", {}, el("label", { for: "correct-set" }, "Parameters, identified"), set);
+  const [mode, modeField] = pick("correct-mode", "What of the tool is corrected", [["pose", "position and orientation"], ["position", "position only"]]);
   const [frame, frameField] = pick("correct-frame", "Frame of Cartesian targets", []);
   const [named, namedField] = pick("correct-tool", "Tool", []);
   const options = (select, all) => {
@@ -55,7 +56,7 @@ function form(robot, sets, out) {
   };
   const offer = (cell) => {
     options(frame, [["base", "robot's base"], ["measuring", "measuring frame"], ...cell.frames.map(({ name }) => [name, `work frame ${name}`])]);
-    options(named, [["", "the measured reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
+    options(named, [["", "reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
   };
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
   const file = el("input", { id: "correct-file", type: "file", accept: ".csv,text/csv", required: true });
@@ -69,14 +70,31 @@ function form(robot, sets, out) {
       const typed = at.some((v) => v !== "") && { tool: { translation_mm: at.map(Number) } };
       const request = { mode: mode.value, ...typed, ...named.value && { tool_name: named.value }, ...program.targets && { frame: frame.value } };
       const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
-      fill(out, corrected(program, await compensate(set.value, program, request), file.files[0].name, posesIn));
+      const chosen = sets.find((one) => one.id === set.value);
+      fill(out, corrected(program, await compensate(set.value, program, request), { name: file.files[0].name, posesIn, set: chosen }));
     } catch (error) {
       fill(out, problem(error));
     }
   };
-  const node = el("form.card", { submit }, el("div.fields", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
+  const node = el("form.card", { submit }, el("div.fields.wide", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
     el("label", { for: "correct-file" }, `A CSV with q1_deg … q${robot.links.length}_deg (or _rad). With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
   return { node, offer };
+}
+
+/** The active set first; every other one is in a group of its own, because no cell should run with it. */
+function setOptions(sets) {
+  const option = (set, words) => el("option", { value: set.id }, `${words}, ${when(set.created_at)}`);
+  const [active, others] = [sets.filter(isActive), sets.filter((set) => !isActive(set))];
+  return [active.map((set) => option(set, "active set")), others.length > 0 && el("optgroup", { label: "not released, for trial only" }, others.map((set) => option(set, set.status)))];
+}
+
+const isActive = (set) => set.status === "released";
+
+/** Why a program that was corrected with another set than the active one must not run in the cell. */
+function trialOnly(set) {
+  if (isActive(set)) return false;
+  const why = set.status === "superseded" ? "This set is not in force any more: another one took its place." : "This set was never released: nobody has decided that a robot may move by it.";
+  return el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "For trial only. "), why, " Do not run this program in the cell before a set is released and the program corrected with it. ", el("a", { href: `#/jobs/${set.job_id}` }, "To that parameter set")));
 }
 
 /** The targets of a file, and what is needed to write it again. */
@@ -131,24 +149,57 @@ const FINE = ["ok"];
 const STATES = { ok: "corrected", near_singular: "near a singularity", not_reached: "not reached", joint_limit: "at a joint limit" };
 const stateOf = (status) => STATES[status] ?? status.replaceAll("_", " ");
 
-function corrected(program, answer, name, posesIn) {
-  const odd = answer.status.map((status, i) => [status, i]).filter(([status]) => !FINE.includes(status));
+/** Whether a target is corrected by less than what is not known of it: the correction may be in any direction. */
+const isUncertain = ({ position_std_mm: std, position_error_before_mm: before }, i) => std[i] > before[i];
+
+/** What is to be looked at, one entry for each target. */
+const toLookAt = (answer) => answer.status.map((status, i) => [!FINE.includes(status) && stateOf(status), isUncertain(answer, i) && "uncertain"].filter(Boolean));
+
+/** The error that is left by the identified robot, with how well that robot is known: the first alone says nothing of the real tool. */
+const left = (mm, std) => `${error(mm)} ± ${std === undefined ? "?" : error(std)}`;
+
+function corrected(program, answer, { name, posesIn, set }) {
+  const remarks = toLookAt(answer);
+  const odd = remarks.map((remark, i) => [remark, i]).filter(([remark]) => remark.length > 0);
   const outside = answer.extrapolated.filter(Boolean).length;
   // what needs somebody is listed first, and named
-  const order = [...odd.map(([, i]) => i), ...answer.status.map((_, i) => i).filter((i) => FINE.includes(answer.status[i]))];
+  const order = [...odd.map(([, i]) => i), ...remarks.map((_, i) => i).filter((i) => remarks[i].length === 0)];
   const shown = order.slice(0, SHOWN);
-  const rows = odd.slice(0, 12).map(([, i]) => i).join(", ") + (odd.length > 12 ? ` and ${odd.length - 12} more` : "");
+  const sum = (i) => answer.position_error_after_mm[i] + (answer.position_std_mm[i] ?? 0);
+  const last = answer.status.reduce((best, _, i) => (sum(i) > sum(best) ? i : best), 0);
   const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
-  return [facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))], ["Largest error after", mm(worst(answer.position_error_after_mm)), `by the identified robot, in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`],
+  const frame = `in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`;
+  return [trialOnly(set), facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))],
+    ["Largest error after", `${left(answer.position_error_after_mm[last], answer.position_std_mm[last])} mm`, `by the identified robot, ${frame}; ± ${answer.position_std_mm.length > 0 ? "its standard uncertainty there" : "is not known for these parameters"}`],
     answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), "standard uncertainty of the tool's position at the least certain target"],
-    ["To look at", odd.length, odd.length > 0 ? [...new Set(odd.map(([status]) => stateOf(status)))].join(", ") : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
-  answer.warnings.map(warning),
-  odd.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, odd.length === 1 ? "One target is not fully corrected. " : `${odd.length} targets are not fully corrected. `), `The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. Rows ${rows}.`)),
-  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name) }, "Download as CSV"))),
-    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}Rows are counted from 0 without the header row.`, [["Row", (i) => i, "n"], ["State", (i) => stateOf(answer.status[i]), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => error(answer.position_error_after_mm[i]), "n"], ...joints], shown, ""))];
+    ["To look at", odd.length, odd.length > 0 ? counted(remarks) : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
+  answer.warnings.map(warning), notCorrected(answer), uncertain(answer),
+  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name, set) }, "Download as CSV"))),
+    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}After: what is left by the identified robot ± the standard uncertainty of the tool's position. Rows are counted from 0 without the header row.`,
+      [["Row", (i) => i, "n"], ["State", (i) => (remarks[i].length > 0 ? remarks[i].join(", ") : stateOf(answer.status[i])), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => left(answer.position_error_after_mm[i], answer.position_std_mm[i]), "n"], ...joints], shown, ""))];
 }
 
-function save({ header, rows, places, separator, position, quaternion }, answer, name) {
+/** How many targets have which remark. */
+function counted(remarks) {
+  const all = new Map();
+  for (const remark of remarks.flat()) all.set(remark, (all.get(remark) ?? 0) + 1);
+  return [...all].map(([remark, n]) => `${n} ${remark}`).join(", ");
+}
+
+/** The first of some rows, named. */
+const rowsNamed = (rows) => `Rows ${rows.slice(0, 12).join(", ")}${rows.length > 12 ? ` and ${rows.length - 12} more` : ""}.`;
+
+function notCorrected({ status }) {
+  const rows = status.map((_, i) => i).filter((i) => !FINE.includes(status[i]));
+  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is not fully corrected. " : `${rows.length} targets are not fully corrected. `), "The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. ", rowsNamed(rows)));
+}
+
+function uncertain(answer) {
+  const rows = answer.status.map((_, i) => i).filter((i) => isUncertain(answer, i));
+  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is uncertain. " : `${rows.length} targets are uncertain. `), "There the tool is known less well than it is corrected by, so the correction may make it worse. Measure poses near these targets, and calibrate again. ", rowsNamed(rows)));
+}
+
+function save({ header, rows, places, separator, position, quaternion }, answer, name, set) {
   const quoted = (cell) => (/["\n\r]/.test(cell) || cell.includes(separator) ? `"${cell.replaceAll("\"", "\"\"")}"` : cell);
   const number = (value) => (separator === "," ? String(value) : String(value).replace(".", separator === ";" ? "," : "."));
   const lines = rows.map((cells, i) => cells.map((cell, at) => {
@@ -159,5 +210,5 @@ function save({ header, rows, places, separator, position, quaternion }, answer,
     const k = places.findIndex((place) => place.at === at);
     return k < 0 ? quoted(cell) : number(Number((answer.q_deg[i][k] / places[k].factor).toFixed(8)));
   }).join(separator));
-  saveText(`${header.map(quoted).join(separator)}\n${lines.join("\n")}\n`, name.replace(/(\.\w+)?$/, "-corrected.csv"), "text/csv");
+  saveText(`${header.map(quoted).join(separator)}\n${lines.join("\n")}\n`, name.replace(/(\.\w+)?$/, isActive(set) ? "-corrected.csv" : "-corrected-for-trial.csv"), "text/csv");
 }

@@ -1,6 +1,6 @@
 // Elements from data. Text always becomes a text node, so that no name can become markup.
 
-import { capital, plain, warningTitle } from "./format.js";
+import { capital, gateDetail, gateTitle, plain, warningTitle } from "./format.js";
 import { MATTERS, REMEDIES, WARNINGS } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -74,6 +74,14 @@ export function problem(error) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, WARNINGS[error.code] ?? error.title ?? "It did not work"), ". ", plain(error.detail ?? String(error.message ?? error))),
     reasons.length > 0 && el("ul", {}, reasons));
 }
+
+/** A sentence with links in place of the ids of jobs. */
+export function linked(text) {
+  return text.split(/\bjob (job_\w+)/).map((part, i) => (i % 2 === 0 ? part : el("a", { href: `#/jobs/${part}` }, "this job")));
+}
+
+/** What gates found, a list item each. */
+export const gateItems = (gates) => el("ul", {}, gates.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate)), ": ", linked(gateDetail(gate.detail)))));
 
 /** A sentence with long lists of names cut, and the whole sentence below it, folded. */
 export function brief(whole) {

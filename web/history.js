@@ -9,20 +9,35 @@ import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
 const MAX_SETS = 30;
 /** Most parameter sets that are listed. */
 const MAX_LISTED = 200;
+/** Most verifications, and most checks, that are drawn. */
+const MAX_SESSIONS = 30;
 
-/** State of a robot: its sets, newest first, the active one, the last job, and the error. */
+/** State of a robot: its sets, newest first, the active one, the last job, the error, and the sessions that scored sets. */
 export async function state(robot, signal) {
-  const [sets, jobs] = await Promise.all([
+  const [sets, jobs, sessions] = await Promise.all([
     list(`/v1/robots/${robot.id}/parameter-sets`, MAX_LISTED, signal),
     get(`/v1/robots/${robot.id}/jobs?limit=1`, signal),
+    sessionsOf(robot, signal),
   ]);
   const active = sets.find((set) => set.status === "released") ?? (sets.length < MAX_LISTED ? null : await olderActive(robot, sets, signal));
   const newest = sets.find((set) => set.status !== "withdrawn") ?? null;
   const measured = active ?? newest;
   const report = measured && (await get(`/v1/jobs/${measured.job_id}/report`, signal));
   const since = active && newest && newest.id !== active.id && newest.created_at > active.created_at ? newest : null;
-  return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, drift: since && (await drift(active, since, signal)) };
+  const scored = sessions.filter(({ job }) => measured && job.parameter_set_from === measured.id);
+  return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, sessions, lastSession: scored.find(({ report: of }) => counts(of)) ?? null, isDoubted: scored.length > 0 && !counts(scored[0].report), drift: since && (await drift(active, since, signal)) };
 }
+
+/** Verifications and checks of parameter sets with their reports, newest first. */
+async function sessionsOf(robot, signal) {
+  const kinds = await Promise.all(["verify", "check"].map((kind) => list(`/v1/robots/${robot.id}/jobs?kind=${kind}&status=succeeded`, MAX_SESSIONS, signal)));
+  const jobs = kinds.flat().filter((job) => job.parameter_set_from).sort((a, b) => Date.parse(b.created_at) - Date.parse(a.created_at)).slice(0, MAX_SESSIONS);
+  const reports = await each(jobs, (job) => get(`/v1/jobs/${job.id}/report`, signal));
+  return jobs.map((job, i) => ({ job, report: reports[i] }));
+}
+
+/** Whether a session says how large the error of a set is: a file that does not fit the robot says nothing, as in the list of robots. */
+const counts = (report) => best(report).n_points > 0 && !report.warnings.some(({ code }) => code === "session_does_not_fit");
 
 /** The active set if it is older than all listed sets; it is added after them. */
 async function olderActive(robot, sets, signal) {
@@ -66,18 +81,19 @@ function scaled(entries) {
   return shown.length > 0 ? shown : entries;
 }
 
-/** Error over time: nominal robot and each set on its own points. */
-export function errorHistory(entries) {
+/** Error over time: nominal robot and each set on its own points, and the sessions that scored a set later. */
+export function errorHistory(entries, sessions) {
   const shown = scaled(entries);
   const beyond = entries.length - shown.length;
-  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}`;
+  const later = sessions.filter(({ report }) => counts(report)).map(({ job, report }) => ({ at: Date.parse(job.created_at), rms: best(report).after.rms_mm, words: verifiedWords(job, report, entries) }));
+  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? " A round mark is a later session that a set was scored on." : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}`;
   let told = [];
   const chart = figure("Error over time", caption, 260, (width, height) => {
-    const values = shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]);
+    const values = [...shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]), ...later.map(({ rms }) => Math.max(SMALLEST_MM, rms))];
     const log = Math.max(...values) > 40 * Math.min(...values);
-    const frame = axes(width, height, times(entries), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
+    const frame = axes(width, height, times([...entries.map(({ set }) => Date.parse(set.created_at)), ...later.map(({ at }) => at)]), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
     const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(Math.max(v, SMALLEST_MM))));
-    told = entries.map(({ set, report }) => [frame.x(Date.parse(set.created_at)), [el("strong", {}, when(set.created_at)), `: ${mm(best(report).before.rms_mm)} before, ${mm(best(report).after.rms_mm)} after, ${set.status}`]]);
+    told = [...entries.map(({ set, report }) => [frame.x(Date.parse(set.created_at)), [el("strong", {}, when(set.created_at)), `: ${errorWords(set, report)}`]]), ...later.map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
     const marks = entries.map(({ set, report }) => {
       const { before, after } = best(report);
       const x = frame.x(Date.parse(set.created_at));
@@ -85,11 +101,19 @@ export function errorHistory(entries) {
       return svg(isBeyond ? "g.beyond" : "g", {}, svg("line.before-line", { x1: x, x2: x, y1: within(before.rms_mm), y2: within(after.rms_mm) }),
         svg("circle.before", { cx: x, cy: within(before.rms_mm), r: 4 }),
         square(x, within(after.rms_mm), set.status),
-        svg("title", {}, `${when(set.created_at)}: ${mm(before.rms_mm)} before, ${mm(after.rms_mm)} after, ${set.status}`));
+        svg("title", {}, `${when(set.created_at)}: ${errorWords(set, report)}`));
     });
-    return [frame.nodes, marks];
-  }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"]]));
+    return [frame.nodes, marks, later.map(({ at, rms, words }) => svg("g", {}, svg("circle.scored", { cx: frame.x(at), cy: within(rms), r: 4.5 }), svg("title", {}, `${when(at)}: ${words}`)))];
+  }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"], ...later.length > 0 ? [["scored", "on a later session"]] : []]));
   return answering(chart, () => told);
+}
+
+const errorWords = (set, report) => `${mm(best(report).before.rms_mm)} before, ${mm(best(report).after.rms_mm)} after, ${set.status}${report.verify ? "" : ", on the points of the fit itself"}`;
+
+/** What a session found, for the figure. */
+function verifiedWords(job, report, entries) {
+  const scored = entries.find(({ set }) => set.id === job.parameter_set_from);
+  return `${mm(best(report).after.rms_mm)} on a later session, with ${scored ? `the ${scored.set.status === "released" ? "active set" : `${scored.set.status} set`} of ${when(scored.set.created_at)}` : "an older set"}`;
 }
 
 function square(x, y, status) {
@@ -97,9 +121,8 @@ function square(x, y, status) {
   return svg(`rect.${released ? "released" : "candidate"}`, { x: x - 4, y: y - 4, width: 8, height: 8 });
 }
 
-/** The distance between two sets is the time between them. */
-function times(entries) {
-  const all = entries.map(({ set }) => Date.parse(set.created_at));
+/** The distance between two marks is the time between them. */
+function times(all) {
   const [from, to] = [Math.min(...all), Math.max(...all)];
   const pad = Math.max(1000, (to - from) * 0.05);
   return timeAxis(from - pad, to + pad);
@@ -137,7 +160,7 @@ function drawParameter(width, height, entries, name, told) {
   const y = range(ends, { zero: true, pad: 0.1 });
   const at = (i) => Date.parse(entries[i].set.created_at);
   const decimals = decimalsOf(ticks(y, 4));
-  const frame = axes(width, height, times(entries), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
+  const frame = axes(width, height, times(entries.map(({ set }) => Date.parse(set.created_at))), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
   const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(v)));
   told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(entries[i].set.created_at)), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean));
   const marks = rows.map((p, i) => p && svg("g", {},

@@ -50,7 +50,7 @@ function head(job, robot, set, verified) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
     el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}) · begun ${when(job.created_at)} · `, asked(job, verified))),
-    el("div.actions", {}, statusBadge(job.status)));
+    el("div.actions", { "data-state": job.id }, statusBadge(job.status)));
 }
 
 /** Why there is no result, and what to do about it. */

@@ -14,7 +14,7 @@ export function jobOptions(robot) {
     const select = el("select", { id: id(name) }, options.map(([value, words]) => el("option", { value }, words)));
     return [select, el("div", {}, el("label", { for: id(name) }, label), select)];
   };
-  const [model, modelField] = pick("model", "Model", [["", "by default"], ["complete", "complete: five numbers of every link, base, reflectors"], ["paper", "the paper's 24 link parameters"]]);
+  const [model, modelField] = pick("model", "Model", [["", "by default"], ["complete", "complete: links, base, reflectors"], ["paper", "the paper's 24 parameters"]]);
   const [corrections, correctionsField] = pick("corrections", "Corrections (compliance, harmonics, network)", [["", "where they help"], ["off", "none"]]);
   const [finalFit, finalField] = pick("final", "Delivered parameters are fitted to", [["", "all points, after the verification"], ["identify_subset", "the identify half only"]]);
   const [choice, choiceField] = pick("choice", "Parameters", [["", "identify all of the model"], ["hold", "hold some at nominal"], ["identify", "identify only some"]]);

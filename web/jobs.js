@@ -4,6 +4,7 @@ import { get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
 import { method, plain, ran, span, when } from "./format.js";
 import { statusBadge } from "./robot.js";
+import { findings } from "./verdicts.js";
 
 /** Jobs that are shown at first, and with each click. */
 const PAGE = 50;
@@ -13,36 +14,39 @@ const CHOICES = [["", "all jobs"], ["queued", "queued"], ["running", "running"],
 const KINDS = [["", "calibrations, verifications and checks"], ["identify", "calibrations"], ["verify", "verifications"], ["check", "quick checks"]];
 
 /** The page. The service filters and counts. */
-export async function jobsPage({ main, signal }) {
+export async function jobsPage({ main, signal, query, keep }) {
   document.title = "kincal: jobs";
   const robots = await list("/v1/overview?archived=all", MAX_ROBOTS, signal);
   const names = new Map(robots.map((r) => [r.robot_id, r.name]));
-  const state = { status: "", kind: "", robot: "", jobs: [], cursor: null, asked: 0 };
+  const known = (name, values) => (values.includes(query.get(name)) ? query.get(name) : "");
+  const state = { status: known("status", CHOICES.map(([value]) => value)), kind: known("kind", KINDS.map(([value]) => value)), robot: known("robot", [...names.keys()]), jobs: [], cursor: null, asked: 0 };
   const [rows, more] = [el("div", {}), el("div.actions", {})];
   const load = async (isMore) => {
     const turn = (state.asked += 1);
-    const query = new URLSearchParams(Object.entries({ limit: PAGE, status: state.status, kind: state.kind, robot_id: state.robot, cursor: isMore ? state.cursor : "" }).filter(([, value]) => value));
+    keep({ status: state.status, kind: state.kind, robot: state.robot });
+    const asked = new URLSearchParams(Object.entries({ limit: PAGE, status: state.status, kind: state.kind, robot_id: state.robot, cursor: isMore ? state.cursor : "" }).filter(([, value]) => value));
     try {
-      const page = await get(`/v1/jobs?${query}`, signal);
+      const page = await get(`/v1/jobs?${asked}`, signal);
       // a later choice is on its way
       if (turn !== state.asked) return;
       Object.assign(state, { jobs: isMore ? [...state.jobs, ...page.items] : page.items, cursor: page.next_cursor });
-      fill(rows, jobTable(state.jobs, names));
+      fill(rows, jobTable(state.jobs, names, state.status || state.kind || state.robot ? "No such job. Choose all jobs to see the others." : "There is no job yet."));
       fill(more, state.jobs.length > 0 && el("span.note", { role: "status" }, `${state.jobs.length} of ${page.total} jobs`), page.next_cursor && el("button", { type: "button", click: () => load(true) }, "Show more"));
+      findings(page.items, rows, signal);
     } catch (error) {
       if (error.name === "AbortError") return;
       if (!isMore && rows.childNodes.length === 0) throw error;
       fill(more, problem(error));
     }
   };
-  const pick = (id, label, key, options) => el("span.pair", {}, el("label.inline", { for: id }, label), el("select", { id, change: (event) => { state[key] = event.target.value; load(false); } }, options.map(([value, words]) => el("option", { value }, words))));
+  const pick = (id, label, key, options) => el("span.pair", {}, el("label.inline", { for: id }, label), el("select", { id, change: (event) => { state[key] = event.target.value; load(false); } }, options.map(([value, words]) => el("option", { value, selected: value === state[key] }, words))));
   const byName = robots.map((r) => [r.robot_id, r.name]).sort(([, a], [, b]) => a.localeCompare(b, "en", { numeric: true }));
   await load(false);
   fill(main, el("div.head", {}, el("h1", {}, "Jobs")), el("section.card", {}, el("div.controls", {}, pick("job-status", "Show", "status", CHOICES), pick("job-kind", "of", "kind", KINDS), byName.length > 1 && pick("job-robot", "Robot", "robot", [["", "all robots"], ...byName])), rows, more));
 }
 
-const jobTable = (jobs, names) => table("Calibrations and verifications of all robots, newest first.", [
+const jobTable = (jobs, names, empty) => table("Calibrations and verifications of all robots, newest first.", [
   ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))], ["Robot", (job) => el("a", { href: `#/robots/${job.robot_id}` }, names.get(job.robot_id) ?? "another robot"), "name"],
-  ["State", (job) => statusBadge(job.status)], ["What", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "quick check" : job.method ? method(job.method) : "calibration")],
+  ["State", (job) => el("span", { "data-state": job.id }, statusBadge(job.status))], ["What", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "quick check" : job.method ? method(job.method) : "calibration")],
   ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"], ["Remark", (job) => plain(job.error?.detail ?? ""), "name"],
-], jobs, "No such job.");
+], jobs, empty);

@@ -50,7 +50,7 @@ function editForm(robot) {
 }
 
 /** The decision rules of ILAC-G8 and JCGM 106. */
-const RULES = [["guarded_acceptance", "guarded acceptance: rms plus its uncertainty (95 %) within the tolerance"], ["simple_acceptance", "simple acceptance: rms alone within the tolerance"]];
+const RULES = [["guarded_acceptance", "guarded: rms plus its uncertainty"], ["simple_acceptance", "simple: rms alone"]];
 
 function policyForm(robot, policy, may) {
   const out = el("div", {});
@@ -71,7 +71,7 @@ function policyForm(robot, policy, may) {
   };
   return el("form", { submit }, el("h3.below", {}, "Policy"), el("p.note", {}, "What a parameter set must fulfil before this robot uses it, beside what always holds."),
     el("div.fields", {}, el("div", {}, el("label", { for: "policy-tolerance" }, "Tolerance, mm (rms on verify points, and uncertainty at the tool)"), tolerance),
-      el("div", {}, el("label", { for: "policy-rule" }, "Decision rule for the rms on verify points"), rule)),
+      el("div", {}, el("label", { for: "policy-rule" }, "What must be within the tolerance (95 %)"), rule)),
     el("label.choice", {}, session, "another measuring session must have verified it"), el("label.choice", {}, person, "who releases must not be who uploaded"),
     out, locked ? el("p.note", {}, "Changing the policy takes a key with the scope admin.") : el("p", {}, el("button", { type: "submit" }, "Store the policy")));
 }

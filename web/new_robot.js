@@ -21,6 +21,9 @@ export function newRobot() {
     library(show, failed), fileForm(show, failed), el("details", {}, el("summary", {}, "Or fill in a table of the links"), tableForm(show)), out);
 }
 
+/** A type as it is compared: however it is spaced, "KR 10 R1100" is "kr10r1100". */
+const squeezed = (text) => text.toLowerCase().replace(/[^\p{L}\p{N}]/gu, "");
+
 /** Ready arms, where this server has a library of them. */
 function library(show, failed) {
   const place = el("div", {});
@@ -31,15 +34,18 @@ function library(show, failed) {
       const count = el("span.note", { role: "status" });
       const search = el("input", { id: "robot-model-search", type: "search", placeholder: "maker or type", autocomplete: "off", input: () => draw() });
       const draw = () => {
-        const words = search.value.toLowerCase().split(/[\s-]+/).filter(Boolean);
-        const found = items.filter((model) => words.every((word) => `${model.maker} ${model.name}`.toLowerCase().replace(/-/g, " ").includes(word)));
-        const makers = [...new Set(found.map((model) => model.maker))];
-        fill(select, makers.map((maker) => el("optgroup", { label: maker }, found.filter((model) => model.maker === maker).map((model) => el("option", { value: model.id }, `${model.name}${model.n_joints === 6 ? "" : `, ${model.n_joints} joints`}`)))));
-        fill(count, found.length === items.length ? `${items.length} arms` : `${found.length} of ${items.length} arms`);
+        const words = search.value.split(/\s+/).map(squeezed).filter(Boolean);
+        const found = items.filter((model) => words.every((word) => squeezed(`${model.maker} ${model.name}`).includes(word)));
+        // "kr 10" as it stands comes before a type that has its parts elsewhere
+        const isWhole = (model) => squeezed(`${model.maker} ${model.name}`).includes(squeezed(search.value));
+        fill(select, [...found.filter(isWhole), ...found.filter((model) => !isWhole(model))].map((model) => el("option", { value: model.id }, `${model.maker} ${model.name}${model.n_joints === 6 ? "" : `, ${model.n_joints} joints`}`)));
+        select.disabled = look.disabled = found.length === 0;
+        fill(count, found.length === items.length ? `${items.length} arms` : found.length === 0 ? `No arm matches "${search.value.trim()}". Try the maker or a part of the type, or add it by its file below.` : `${found.length} of ${items.length} arms`);
       };
       const use = async () => { if (!select.value) return; try { const found = await get(`/v1/robot-models/${select.value}`); show(found.robot ?? found); } catch (error) { failed(error); } };
+      const look = el("button", { type: "button", click: use }, "Look at it");
       draw();
-      fill(place, el("div.controls", {}, el("span.pair", {}, el("label.inline", { for: "robot-model-search" }, "Find"), search), el("span.pair", {}, el("label.inline", { for: "robot-model" }, "Ready arms"), select), el("button", { type: "button", click: use }, "Look at it"), count));
+      fill(place, el("div.controls", {}, el("span.pair", {}, el("label.inline", { for: "robot-model-search" }, "Find"), search), el("span.pair", {}, el("label.inline", { for: "robot-model" }, "Ready arms"), select), look, count));
     } catch (error) {
       fill(place, error.status === 404 ? el("p.note", {}, "This server has no library of ready arms.") : problem(error));
     }

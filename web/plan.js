@@ -3,7 +3,7 @@
 import { get, list, post } from "./api.js";
 import { armFigure, jointFacts, pointFacts } from "./arm.js";
 import { el, fill, problem, table } from "./dom.js";
-import { fixed, mm } from "./format.js";
+import { capital, fixed, mm, plain } from "./format.js";
 import { positionOf } from "./kinematics.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
@@ -11,6 +11,8 @@ import { selection } from "./selection.js";
 
 /** Sets that were measured already and are taken into account. */
 const MAX_MEASURED = 20;
+/** Range that the service plans for a joint without limits, degrees. */
+const WITHOUT_LIMITS = [-90, 90];
 
 /** The page. */
 export async function planPage({ main, signal }, id) {
@@ -45,7 +47,10 @@ function form(robot, sets, out) {
       ...shown.places.length > 1 ? { set_ups: shown.places } : shown.places.length === 1 ? { instrument_mm: shown.places[0].instrument_mm } : {}, ...axis.value === "" ? {} : { target_axis: axis.value.split(",").map(Number) },
       ...before.checked && sets.length > 0 ? { measured: sets.map((set) => set.id) } : {} };
     try {
-      fill(out, planned(robot, await post(`/v1/robots/${robot.id}/pose-plans`, request), shown, kind.value));
+      const plan = await post(`/v1/robots/${robot.id}/pose-plans`, request);
+      const heading = el("h2", { tabindex: -1 }, `The plan: ${plan.configurations.length} poses`);
+      fill(out, heading, planned(robot, plan, shown, kind.value));
+      heading.focus();
     } catch (error) {
       fill(out, problem(error));
     }
@@ -60,11 +65,11 @@ function rowsOfNumbers({ note, add: text, named, labels, required }) {
   const rows = [];
   const place = el("div", {});
   const add = () => {
-    const name = named && el("input", { type: "text", "aria-label": named, placeholder: "name", required, value: `place ${rows.length + 1}`, maxlength: 100 });
-    const inputs = labels.map((label) => el("input", { type: "number", step: "any", "aria-label": `${label}, mm`, placeholder: label, required }));
+    const name = named && el("input", { type: "text", "aria-label": named, required, value: `place ${rows.length + 1}`, maxlength: 100 });
+    const inputs = labels.map((label) => el("input", { type: "number", step: "any", "aria-label": `${label}, mm`, required }));
     const row = { name, inputs };
     const drop = el("button.plain", { type: "button", click: () => { rows.splice(rows.indexOf(row), 1); node.remove(); } }, "Remove");
-    const node = el("div.controls", {}, name, inputs, drop);
+    const node = el("div.controls.numbers", {}, name && el("span.numbered", {}, el("small", { "aria-hidden": "true" }, "name"), name), inputs.map((input, i) => el("span.numbered", {}, el("small", { "aria-hidden": "true" }, `${labels[i]}, mm`), input)), drop);
     rows.push(row);
     place.append(node);
     (name ?? inputs[0]).focus();
@@ -86,10 +91,18 @@ function planned(robot, plan, { keepOut, places }, kind) {
   selected.set(0);
   const { mean, max } = plan.predicted_std_mm;
   const joints = robot.links.map((_, k) => [`Joint ${k + 1}, °`, (i) => fixed(poses[i].q_deg[k], 2), "n"]);
-  return [(plan.warnings ?? []).map((w) => el("div.warning", { role: "alert" }, el("p", {}, w.detail))), facts([["Poses", poses.length], ["Uncertainty to expect", mm(mean), `at worst ${mm(max)}, at the tool over the workspace${plan.set_ups?.length > 0 ? ", seen from the place where it is largest" : ""}`],
+  return [withoutLimits(robot), (plan.warnings ?? []).map((w) => el("div.warning", { role: "alert" }, el("p", {}, capital(plain(w.detail))))), facts([["Poses", poses.length], ["Uncertainty to expect", mm(mean), `at worst ${mm(max)}, at the tool over the workspace${plan.set_ups?.length > 0 ? ", seen from the place where it is largest" : ""}`],
     ["With random poses", mm(plan.predicted_std_mm_random.mean), `at worst ${mm(plan.predicted_std_mm_random.max)}`]]), cell.node,
   el("section.card", {}, el("div.head", {}, el("h2", {}, "Joint values"), el("div.actions", {}, el("button", { type: "button", click: () => save(poses, robot, kind) }, "Download as CSV"))),
     table(`Measure them in this order.${again ? " The last ones repeat the first: what has moved between shows a drift of base or instrument." : ""} The downloaded table has empty columns for the measured positions.`, [["Pose", (i) => i + 1, "n"], ...plan.set_ups?.length > 0 ? [["Measured from", (i) => poses[i].set_up]] : [], ...again ? [["Repeats", (i) => (isRepeat(i) ? `pose ${poses[i].repeats + 1}` : "")]] : [], ...joints], poses.map((_, i) => i), ""))];
+}
+
+/** The joints for which the robot states no limits: the plan takes a range for them that the arm may not have, or may exceed. */
+function withoutLimits({ links }) {
+  const open = links.map((link, i) => [link, i + 1]).filter(([link]) => !link.joint_limits_deg).map(([, number]) => number);
+  if (open.length === 0) return false;
+  const joints = open.length === 1 ? `Joint ${open[0]} has` : `Joints ${open.slice(0, -1).join(", ")} and ${open.at(-1)} have`;
+  return el("div.warning", {}, el("p", {}, el("strong", {}, `${joints} no stated limits. `), `The plan takes ${WITHOUT_LIMITS.map((limit) => fixed(limit, 0)).join("° to ")}° for ${open.length === 1 ? "it" : "each of them"}: check that the robot can go there. Poses beyond that range are not planned before the robot's limits are stated.`));
 }
 
 /** A cube of 200 mm where the instrument stands. */

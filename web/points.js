@@ -33,7 +33,7 @@ export function pointsFigure(points, names, selected, name) {
   const whole = el("button", { type: "button", hidden: true, click: () => { state.span = null; changed(); } }, "Show all points");
   const closer = (by) => () => { state.span = zoomed(state, points, selected.index, by); changed(); };
   const controls = el("div.controls", {}, el("label.inline", { for: "error-against" }, "Against"), choice, toAfter,
-    el("button", { type: "button", "aria-label": "Zoom in on the points", click: closer(0.5) }, "+"), el("button", { type: "button", "aria-label": "Zoom out of the points", click: closer(2) }, "\u2212"), whole);
+    el("span.together", {}, el("button", { type: "button", "aria-label": "Zoom in on the points", click: closer(0.5) }, "+"), el("button", { type: "button", "aria-label": "Zoom out of the points", click: closer(2) }, "\u2212")), whole);
   const options = () => fill(choice, [["order", "order of the file"], ...state.joints ? state.joints[0].map((_, i) => [`q${i}`, `joint ${i + 1}`]) : [], ...state.times ? [["time", "time"]] : []]
     .map(([v, words]) => el("option", { value: v, selected: v === state.against }, words)));
   const note = el("span", {});

@@ -110,10 +110,10 @@ function download(points, name, { order, joints }) {
  * Points to leave out, and the calibration without them: the file is uploaded once more without their rows, under a name that says which and
  * why, so that both files are kept and nothing is hidden.
  */
-export function leavingOut({ job, set, robot, may, name, changed }) {
+export function leavingOut({ job, set, points, robot, may, name, changed }) {
   if (job.kind !== "identify" || !may("identify") || !may("upload")) return null;
-  // rows of two files or of a workbook cannot be taken out here
-  if (set.joined || ["xlsx", "ods", "robot program"].includes(set.understood?.encoding)) return null;
+  // rows of several sessions, of two files or of a workbook cannot be taken out here
+  if (job.request?.measurement_set_ids || set.joined || ["xlsx", "ods", "robot program"].includes(set.understood?.encoding)) return null;
   const excluded = new Set();
   const out = el("div", {});
   const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });
@@ -125,7 +125,7 @@ export function leavingOut({ job, set, robot, may, name, changed }) {
     fill(out, el("p.quiet", {}, "Uploading the file without them …"));
     try {
       const rows = [...excluded].sort((a, b) => a - b);
-      const reduced = await uploadWithout(robot, set, rows, reason.value);
+      const reduced = await uploadWithout(robot, set, rows, nameWithout(set, rows, points, reason.value));
       const { request } = await get(`/v1/jobs/${job.id}`);
       const next = await post(`/v1/robots/${robot.id}/jobs`, { ...request, measurement_set_id: reduced.id });
       location.hash = `#/jobs/${next.id}`;
@@ -147,13 +147,34 @@ export function leavingOut({ job, set, robot, may, name, changed }) {
 /** Longest name of a set. */
 const MAX_NAME = 200;
 
-async function uploadWithout(robot, set, rows, reason) {
+/** The name of a set without some rows: which, how many of the points to verify were among them, and why. The reason stays whole, the rows may not. */
+function nameWithout(set, rows, points, reason) {
+  const own = points.slice(0, set.n_points).filter((p) => p.subset === "verify").length;
+  const left = rows.filter((i) => points[i].subset === "verify").length;
+  const half = left > 0 ? ` (${left} of ${own} verify points)` : "";
+  const before = set.name ?? set.id;
+  const named = (which) => `${before} without ${which}${half}: ${reason}`;
+  const whole = named(`${rows.length === 1 ? "row" : "rows"} ${rows.join(", ")}`);
+  if (whole.length <= MAX_NAME) return whole;
+  const short = named(`${rows.length} points`);
+  return short.length <= MAX_NAME ? short : `… ${short.slice(short.length - MAX_NAME + 2)}`;
+}
+
+/** How many points of a set were left out by hand, as its name says: {points, verify, of}; null if none were. */
+export function leftOut(set) {
+  const all = [...(set?.name ?? "").matchAll(/ without (?:rows? ([\d, ]+\d|\d)|(\d+) points)(?: \((\d+) of (\d+) verify points\))?:/g)];
+  if (all.length === 0) return null;
+  const sum = (values) => values.reduce((a, b) => a + b, 0);
+  const marked = all.filter(([, , , verify]) => verify !== undefined);
+  return { points: sum(all.map(([, rows, n]) => (rows ? rows.split(",").length : Number(n)))), verify: sum(marked.map(([, , , verify]) => Number(verify))), of: marked.length > 0 ? Number(marked[0][4]) : null };
+}
+
+async function uploadWithout(robot, set, rows, name) {
   const file = await blob(`/v1/measurement-sets/${set.id}/points`);
   const text = await file.text();
   const isJson = file.type.startsWith("application/json");
   const without = isJson ? JSON.stringify({ ...JSON.parse(text), points: JSON.parse(text).points.filter((_, i) => !rows.includes(i)) }) : withoutLines(text, rows, linesOfPoints(text, robot.links.length, set));
-  const named = `${set.name ?? set.id} without ${rows.length === 1 ? "row" : "rows"} ${rows.join(", ")}: ${reason}`;
-  const query = new URLSearchParams({ frame: set.frame, ...mappingOf(set), name: named.length > MAX_NAME ? `${named.slice(0, MAX_NAME - 2)} …` : named });
+  const query = new URLSearchParams({ frame: set.frame, ...mappingOf(set), name });
   return post(`/v1/robots/${robot.id}/measurement-sets?${query}`, without, isJson ? "application/json" : "text/csv");
 }
 

@@ -3,13 +3,15 @@
 import { get, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
-import { el, fill, problem, say, table, warning } from "./dom.js";
-import { capital, correctionTitle, error, EVIDENCE, fixed, gateDetail, gateTitle, method, mm, number, parameter, ran, signed, span, when } from "./format.js";
+import { el, fill, gateItems, problem, say, table, warning } from "./dom.js";
+import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, ran, signed, span, when } from "./format.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
-import { nextSteps, uselessBy } from "./next.js";
+import { endedEarly, nextSteps, uselessBy } from "./next.js";
+import { leftOut } from "./residuals.js";
 import { resultPoints } from "./result_points.js";
 import { saveButton, savePoints } from "./save.js";
+import { foundBadge } from "./verdicts.js";
 import { NO_USE } from "./words.js";
 import { workspaceCard } from "./workspace.js";
 
@@ -20,18 +22,21 @@ const BASE_HIDDEN = "Checked on another upload, whose base was placed anew: a wr
 /** Draws a finished job. */
 export async function result(body, context, { job, robot, set, verified }) {
   const { signal } = context;
-  const [report, curve, parameterSet] = await Promise.all([
+  const verifySet = job.request?.verify?.measurement_set_id;
+  const [report, curve, parameterSet, other] = await Promise.all([
     get(`/v1/jobs/${job.id}/report`, signal), get(`/v1/jobs/${job.id}/convergence`, signal),
-    job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null,
+    job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null, verifySet ? get(`/v1/measurement-sets/${verifySet}`, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
+  const against = job.kind !== "identify" && foundBadge(report);
+  if (against) fill(document.querySelector(`[data-state="${job.id}"]`) ?? el("div"), against);
   const names = job.kind !== "identify" ? VERIFIED : isPartial(job) ? RECALIBRATED : IDENTIFIED;
   const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
   const next = el("div", {});
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot"), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified, leftOut(set)) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", leftOut(other ?? set)), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
     report.check && checkTables(report), report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
     parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
 }
@@ -43,28 +48,36 @@ const isCorrected = (half) => half.corrected && half.corrected.rms_mm !== half.a
 
 /** Reason why the result cannot be used, in words; undefined if it can. */
 function noUse(report) {
-  return NO_USE[uselessBy(report)];
+  const code = uselessBy(report);
+  return code && endedEarly(report) ? "The search ended at its limit of iterations before it had settled, and nothing that was found is of use" : NO_USE[code];
 }
 
 /** Whether a job began with an earlier parameter set, of which it identified a part anew. */
 const isPartial = (job) => job.kind === "identify" && job.request?.parameters?.rest === "parameter_set";
 
 function useless(report, half, before) {
-  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${noUse(report)}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the ${before}. The warnings below say more.`));
+  return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${plain(noUse(report))}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the ${before}. The warnings below say more.`));
 }
 
-function verdict(report, half, before) {
+function verdict(report, half, before, left) {
   if (noUse(report)) return useless(report, half, before);
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
-  const where = report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`;
+  const where = `${report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`}${byHand(left)}`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
   const isBaseHidden = report.evidence === "same_upload" && report.warnings.some((remark) => remark.code === "base_not_checked");
   const why = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : EVIDENCE[report.evidence]?.[1] ?? "";
-  return el(share > 0.001 && report.evidence !== "none" ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
+  const isGood = share > 0.001 && report.evidence !== "none" && !left?.verify;
+  return el(isGood ? "div.verdict.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
+}
+
+/** Points that somebody left out: an error without the points that do not fit looks better than the robot is. */
+function byHand(left) {
+  if (!left) return "";
+  return left.verify > 0 ? ` (${left.verify} of ${left.of} verify points left out by hand)` : ` (${left.points === 1 ? "one point" : `${left.points} points`} of the file left out by hand)`;
 }
 
 /** Result of a verification. If no set was scored, the nominal robot was. */
-function score(report, half, verified) {
+function score(report, half, verified, left) {
   if (noUse(report)) return useless(report, half, "nominal robot");
   if (!verified && !half.corrected) return el(report.evidence === "none" ? "div.warning" : "div.done", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the nominal robot has a mean position error of ${mm(half.after.mean_mm)}.`), " No identified parameters were verified."));
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
@@ -74,7 +87,7 @@ function score(report, half, verified) {
   // what the words for an upload's own verify points say is not true here: these poses are those of the fit
   const same = "These poses repeat those that the parameters were identified from, and nothing in their noise shows that they were measured anew: that they fit proves little. Measure other poses.";
   const why = { independent_session: EVIDENCE.independent_session[1], same_upload: same, none: NO_EVIDENCE }[report.evidence] ?? "";
-  return el(share > 0.001 && isAnew ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
+  return el(share > 0.001 && isAnew && !left ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points${byHand(left)}, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
 }
 
 function summary(report, half, job, verified) {
@@ -92,7 +105,7 @@ function summary(report, half, job, verified) {
     ["Largest error", mm(half.after.max_mm), `${before} ${mm(half.before.max_mm)}`],
     report.tool_uncertainty_mm && ["Uncertainty at the tool", mm(report.tool_uncertainty_mm.mean), `at worst ${mm(report.tool_uncertainty_mm.max)}; one standard deviation, by the links alone${report.reference ? " and the scale of the instrument" : ""}`],
     report.reference && ["Instrument, by its reference", `${report.reference.scale_error_ppm.toFixed(1)} ppm`, `standard uncertainty ${report.reference.scale_std_ppm.toFixed(1)} ppm; ${mm(report.reference.at_reach_std_mm)} at the arm's reach`],
-    report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", report.tool_uncertainty_absent_because],
+    report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", capital(plain(report.tool_uncertainty_absent_because))],
     report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation; corrected poses are refused, positions of a measured reflector are not" : `one standard deviation${report.last_joint_zero_std_deg == null ? "" : `; ${number(report.last_joint_zero_std_deg)}° by the zero of the last joint, which positions never show`}`],
     !report.check && ["Evidence", evidence, `${half.n_points} points`],
     n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
@@ -106,14 +119,14 @@ function decision(parameterSet, context, steps, robot) {
   const draw = (current, said) => {
     const again = (action, title) => () => ask(action, title, current, draw, robot);
     const buttons = [];
-    if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
+    if (context.may("release") && ["candidate", "superseded"].includes(current.status)) buttons.push(el("button.primary.release", { type: "button", click: again("release", "Release this parameter set") }, current.status === "candidate" ? "Release …" : "Release again …"));
     if (context.may("release") && ["released", "candidate"].includes(current.status)) buttons.push(el("button.danger", { type: "button", click: again("withdraw", "Withdraw this parameter set") }, "Withdraw …"));
     buttons.push(saveButton("Download parameters", `/v1/parameter-sets/${current.id}`, current.id, ".json"), el("button", { type: "button", click: () => document.getElementById("exports").scrollIntoView() }, "Export …"));
     const history = decisions(current).map((sentence) => el("p.quiet.reason", {}, sentence));
     fill(node, said && el("div.done", {}, el("p", {}, said)), el("div.head", {}, el("div", {}, el("h2", {}, "Parameter set ", statusBadge(current.status)), el("p.quiet", {}, MEANING[current.status] ?? ""), history), el("div.actions", {}, buttons)));
     const remarks = (current.release_checks ?? []).filter((gate) => gate.warning);
     if (!context.may("release")) node.append(context.why("release", "decide about it"));
-    if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at:")), el("ul", {}, remarks.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate)), ": ", gateDetail(gate.detail))))));
+    if (remarks.length > 0) node.append(el("div.warning", {}, el("p", {}, el("strong", {}, "Released, but look at:")), gateItems(remarks)));
     if (!said) return;
     // the button that had the focus is gone
     node.focus({ preventScroll: true });
@@ -173,7 +186,7 @@ function ask(action, title, set, draw, robot) {
 function gates(id) {
   const node = el("div", { "aria-live": "polite" }, el("p.quiet", {}, "Checking what a release asks for …"));
   get(`/v1/parameter-sets/${id}/gates`).then((found) => {
-    const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), el("ul", {}, some.map((gate) => el("li", {}, el("strong", {}, gateTitle(gate.gate, !gate.passed)), ": ", gateDetail(gate.detail)))));
+    const told = (title, kind, some) => some.length > 0 && el(kind, {}, el("p", {}, el("strong", {}, title)), gateItems(some));
     fill(node, told("A release would be refused:", "div.problem", found.gates.filter((gate) => !gate.passed)),
       told(found.releasable ? "It may be released. Worth a look:" : "Worth a look, too:", "div.warning", found.gates.filter((gate) => gate.passed && gate.warning)));
   }, () => fill(node));
@@ -182,7 +195,7 @@ function gates(id) {
 
 function refusal({ errors, detail }) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, "It was not released. "), errors.length > 0 ? "What was not fulfilled:" : detail),
-    errors.length > 0 && el("ul", {}, errors.map((issue) => el("li", {}, el("strong", {}, gateTitle(issue.code, true)), ": ", gateDetail(issue.detail)))));
+    errors.length > 0 && gateItems(errors.map(({ code, detail: found }) => ({ gate: code, passed: false, detail: found }))));
 }
 
 function errorTable(report, job) {
@@ -239,7 +252,7 @@ function comparison(report) {
     ["Iterations", (r) => r.n_iterations, "n"], ["Time", (r) => span(r.duration_ms / 1000), "n"], ["F, mm²", (r) => number(r.cost_mm2), "n"],
     ["Verify rms", (r) => mm(r.verify_after?.rms_mm), "n"],
   ];
-  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(`${capital(method(report.method))}: ${report.method_reason}.`, columns, rows, ""));
+  return el("section.card", {}, el("h2", {}, "Methods on the same points"), table(`${capital(method(report.method))}: ${plain(report.method_reason)}.`, columns, rows, ""));
 }
 
 function corrections(report) {

@@ -15,7 +15,7 @@ export function resultPoints({ report, job, set, robot, parameterSet, names }, {
   const selected = selection(points.length);
   const name = (i) => (i < set.n_points ? `row ${i}` : `row ${i - set.n_points} of the verify set`);
   const rows = { joints: null };
-  const leave = leavingOut({ job, set, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
+  const leave = leavingOut({ job, set, points, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
   const stages = [["before", names.before], ["after", names.after, names.remains], ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "with corrections"]] : []];
   const describe = (i) => {
     const p = points[i];

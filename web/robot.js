@@ -5,15 +5,16 @@ import { brief, el, fill, problem, table } from "./dom.js";
 import { age, capital, error, EVIDENCE, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
-import { SOON_JUDGED } from "./next.js";
+import { verifyPage } from "./next.js";
 import { facts, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { uploadCard } from "./upload.js";
+import { foundAgainst, foundBadge } from "./verdicts.js";
 
 const SHOWN = 20;
 
 /** The page of one robot. */
-export async function robotPage({ main, signal, may, why }, id, part) {
+export async function robotPage({ main, signal, may, why, query }, id, part) {
   const robot = await get(`/v1/robots/${id}`, signal);
   document.title = `kincal: ${robot.name}`;
   const [stand, sets, jobs, networks] = await Promise.all([
@@ -30,12 +31,21 @@ export async function robotPage({ main, signal, may, why }, id, part) {
     uploads.closest("section").hidden = false;
   };
   const isNew = sets.length + jobs.length === 0;
-  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may, why), known(robot, stand, trend, isNew, signal), uploadCard(robot, sets, stand.sets, may, uploaded, networks.length > 0), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries),
-    section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets), isNew), section("Measurement sets", uploads, isNew),
+  const verifying = await toVerify(query.get("verify"), { stand, jobs, sets }, signal);
+  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may, why), known(robot, stand, trend, isNew), guide(robot, stand), uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries, stand.sessions),
+    section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets, stand.sessions), isNew), section("Measurement sets", uploads, isNew),
     networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
   if (part !== "upload") return;
   document.getElementById("calibrate")?.scrollIntoView();
   document.getElementById("set-file")?.focus({ preventScroll: true });
+}
+
+/** The parameter set that somebody came here to verify, and the set of points that it was identified from; null if none is named. */
+async function toVerify(id, { stand, jobs, sets }, signal) {
+  const set = id && stand.sets.find((one) => one.id === id);
+  if (!set) return null;
+  const { measurement_set_id: from } = jobs.find((job) => job.id === set.job_id) ?? await get(`/v1/jobs/${set.job_id}`, signal);
+  return { set, identified: sets.find((one) => one.id === from) ?? await get(`/v1/measurement-sets/${from}`, signal) };
 }
 
 /** An archived robot is in no list; somebody who has its address sees why. */
@@ -86,32 +96,48 @@ function beyondChance(sessions) {
   return sessions.probability < FALSE_ALARMS ? "; more than chance" : "; may be chance";
 }
 
-/** The evidence, and what later sessions added to it. */
-function evidenceOf(set, report, signal) {
-  const node = el("span", {}, EVIDENCE[report.evidence]?.[0] ?? report.evidence, el("small", {}, `${best(report).n_points} points checked`));
-  if (report.evidence === "independent_session" || report.per_point.length > SOON_JUDGED) return node;
-  get(`/v1/parameter-sets/${set.id}/gates`, signal).then(({ evidence }) => {
-    if (!signal.aborted && evidence !== report.evidence) fill(node, EVIDENCE[evidence]?.[0] ?? evidence, el("small", {}, "a later session verified it"));
-  }, () => { /* what the report says stays */ });
-  return node;
+/** The newest error that is known of a set, and where it comes from: the figures, their evidence and their points belong together. */
+function errorFacts({ active, report, lastSession, isDoubted }) {
+  const which = active ? "active set" : "newest result";
+  const source = lastSession?.report ?? report;
+  const { before, after, n_points: n } = best(source);
+  const [evidence] = EVIDENCE[source.evidence] ?? [source.evidence];
+  if (lastSession) return [[`${isDoubted ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${isDoubted ? ". A newer session does not fit the robot" : ""}`]],
+    ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`], ["Evidence", evidence, `a later session verified it: ${n} points`]];
+  if (!source.verify || source.evidence === "none") return [[`Error at identification (${which})`, "not verified", source.verify ? "the points that were kept aside are no evidence" : `no point was kept aside; ${mm(after.rms_mm)} on the points of the fit itself`], ["Evidence", evidence]];
+  return [[`Error at identification (${which})`, mm(after.rms_mm), `rms; nominal robot ${mm(before.rms_mm)}${isDoubted ? ". A newer session does not fit the robot" : ""}`], ["Largest error", mm(after.max_mm), `nominal robot ${mm(before.max_mm)}`], ["Evidence", evidence, `${n} points checked`]];
 }
 
-function known(robot, { active, newest, report, drift }, trend, isNew, signal) {
+function known(robot, stand, trend, isNew) {
+  const { active, newest, drift } = stand;
   if (!newest) return isNew ? firstSteps(robot) : el("p", {}, "This robot has not been calibrated yet. Start a calibration below with a set that is here, or upload measured points.");
-  const now = best(report);
   return facts([
     ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
-    [`Error now (${active ? "active set" : "newest result"})`, mm(now.after.rms_mm), `rms; nominal robot ${mm(now.before.rms_mm)}`],
-    ["Largest error", mm(now.after.max_mm), `nominal robot ${mm(now.before.max_mm)}`],
-    ["Evidence", evidenceOf(active ?? newest, report, signal)],
+    ...errorFacts(stand),
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
     active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, capital(plain(trend.detail))],
   ]);
 }
 
-function history(entries) {
+/** What to do next with a robot that has a result. */
+function guide(robot, stand) {
+  if (robot.archived_at || robot.state === "check_robot" || !stand.newest) return [];
+  const { active, newest, since, lastJob, lastSession } = stand;
+  const link = (kind, href, words) => el(kind, { href }, words);
+  const card = (said, ...links) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, said), el("div.actions", {}, links));
+  const verify = (set, kind = "a.button") => link(kind, verifyPage(robot, set), "Verify with another session");
+  if (lastJob && ["queued", "running"].includes(lastJob.status)) return card("A job of this robot is running.", link("a.button.primary", `#/jobs/${lastJob.id}`, "Watch it"));
+  const review = since ?? (active ? null : newest);
+  if (review) return card(active ? "A newer result waits for a review: release it, or keep the active set." : "The newest result waits for a review. Its page says what a release still asks for.", link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
+  if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
+  const against = foundAgainst(lastSession.report);
+  if (against) return card(`The newest session speaks against the active set: ${against}. Its page says what to do.`, link("a.button.primary", `#/jobs/${lastSession.job.id}`, "Look at that session"));
+  return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
+}
+
+function history(entries, sessions) {
   if (entries.length === 0) return [];
-  return el("div.two", {}, errorHistory(entries), parameterHistory(entries));
+  return el("div.two", {}, errorHistory(entries, sessions), parameterHistory(entries));
 }
 
 /** A part of the page; an empty one is not shown. */
@@ -152,18 +178,24 @@ function parameterSets(entries) {
     ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
     ["State", ({ set }) => [statusBadge(set.status), decided(set)]],
     ["Moved", ({ report }) => moved(report), "name"],
-    ["Error, rms", ({ report }) => [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)], "n"],
+    ["Error, rms", ({ report }) => (report.verify && report.evidence !== "none" ? [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${error(best(report).after.rms_mm)}`)]), "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
     ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${when(set.created_at)}`)],
   ];
-  return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance. Errors are those on the verify points.", columns, [...entries].reverse(), "None yet.");
+  return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance. Errors and evidence are those at identification, on the verify points.", columns, [...entries].reverse(), "None yet.");
 }
 
-function jobTable(jobs, sets) {
+/** What a verification or check found against its set or file. */
+function foundOf(job, sessions) {
+  const known = sessions.find((session) => session.job.id === job.id);
+  return known && foundBadge(known.report);
+}
+
+function jobTable(jobs, sets, sessions) {
   const name = (job) => sets.find((set) => set.id === job.measurement_set_id)?.name ?? "without a name";
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
-    ["State", (job) => statusBadge(job.status)],
+    ["State", (job) => foundOf(job, sessions) ?? statusBadge(job.status)],
     ["Method", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : method(job.method))],
     ["Measurement set", name, "name"],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],

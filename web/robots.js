@@ -2,7 +2,7 @@
 
 import { each, get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
-import { age, capital, error, mm, when } from "./format.js";
+import { age, capital, error, EVIDENCE, mm, when } from "./format.js";
 import { newRobot } from "./new_robot.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
@@ -25,29 +25,44 @@ const isUrgent = (robot) => !["nothing", "calibrate"].includes(robot.need);
 const isRunning = (job) => job !== undefined && ["queued", "running"].includes(job.status);
 const measured = (robot) => robot.active ?? robot.newest;
 
+/** The error that is known of a robot: of the newest session that the active set was scored on, else at its identification; null where nothing verified it. */
+function errorOf(robot) {
+  const set = measured(robot);
+  if (!set) return undefined;
+  const doubt = robot.need === "check_robot" ? "; a newer session does not fit" : "";
+  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.created_at)}${doubt}` };
+  const [words] = EVIDENCE[set.evidence] ?? [];
+  return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${error(set.before_rms_mm)}${doubt}` };
+}
+
 /** Ways to sort: the key, the words, and the value of a robot. */
 const SORTS = [
   ["need", "what needs you first", (r) => URGENCY.indexOf(r.need)],
   ["name", "name", (r) => r.name.toLowerCase()],
-  ["error", "error, largest first", (r) => -(measured(r)?.after_rms_mm ?? -1)],
+  ["error", "error, largest first", (r) => -(errorOf(r)?.mm ?? -1)],
   ["released", "release, oldest first", (r) => r.active?.released_at ?? "9"],
   ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
 ];
 
 /** The front page. */
-export async function robotsPage({ main, signal, may, why }) {
+export async function robotsPage({ main, signal, may, why, query, keep }) {
   document.title = "kincal: robots";
   const [inUse, { total: nArchived }] = await Promise.all([list("/v1/overview", MAX_ROBOTS, signal), get("/v1/overview?archived=true&limit=1", signal)]);
-  let robots = inUse;
-  const state = { search: "", filter: "all", sort: "need", shown: FIRST, drifts: new Map() };
+  const known = (name, values, usual) => (values.includes(query.get(name)) ? query.get(name) : usual);
+  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, drifts: new Map() };
+  const isOfArchive = query.get("show") === "archived" && nArchived > 0;
+  let robots = isOfArchive ? await list("/v1/overview?archived=true", MAX_ROBOTS, signal) : inUse;
+  const count = el("p.quiet", {});
   const [rows, chips, more] = [el("div", {}), el("div.chips", { role: "group", "aria-label": "Show" }), el("div.actions", {})];
   const draw = () => {
     const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
     const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
     fill(chips, robots === inUse && filters(found, state, draw), nArchived > 0 && el("button.chip", { type: "button", "aria-pressed": String(robots !== inUse), click: swap }, "Archived", el("b", {}, nArchived)));
     const kept = sorted(found.filter((r) => passes(r, state.filter)), state.sort);
+    keep({ find: state.search, show: robots === inUse ? state.filter !== "all" && state.filter : "archived", sort: state.sort !== "need" && state.sort });
+    fill(count, counted(kept, robots));
     const page = kept.slice(0, state.shown);
-    fill(rows, robotTable(page, state, robots.length > 0 ? "No robot matches." : nArchived > 0 ? "Every robot is archived." : "There is no robot yet."));
+    fill(rows, robotTable(page, state, robots.length > 0 ? noneOf(state) : nArchived > 0 ? "Every robot is archived." : "There is no robot yet."));
     fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}${robots === inUse ? "" : ", archived"}`),
       kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
     drifts(page, state, signal, rows);
@@ -63,11 +78,11 @@ export async function robotsPage({ main, signal, may, why }) {
       if (error.name !== "AbortError") fill(rows, problem(error));
     }
   };
-  const search = el("input", { id: "robot-search", type: "search", placeholder: "name or serial number", autocomplete: "off", input: () => { Object.assign(state, { search: search.value, shown: FIRST }); draw(); } });
-  const sort = el("select", { id: "robot-sort", change: () => { state.sort = sort.value; draw(); } }, SORTS.map(([key, words]) => el("option", { value: key }, words)));
+  const search = el("input", { id: "robot-search", type: "search", placeholder: "name or serial number", autocomplete: "off", value: state.search, input: () => { Object.assign(state, { search: search.value, shown: FIRST }); draw(); } });
+  const sort = el("select", { id: "robot-sort", change: () => { state.sort = sort.value; draw(); } }, SORTS.map(([key, words]) => el("option", { value: key, selected: key === state.sort }, words)));
   const tools = inUse.length + nArchived > 1 && el("div.controls", {}, el("label.inline", { for: "robot-search" }, "Find"), search, el("label.inline", { for: "robot-sort" }, "Sort by"), sort);
   draw();
-  fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"), robots.length > 0 && el("p.quiet", {}, counted(robots)))),
+  fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"), inUse.length + nArchived > 0 && count)),
     inUse.length + nArchived === 0 ? welcome() : el("section.card", {}, tools, inUse.length + nArchived > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
 }
 
@@ -76,11 +91,16 @@ const welcome = () => el("section.card", {}, el("h2", {}, "There is no robot yet
   el("ol.path", {}, [["Add the robot", "From the library or its file, below. Compare the arm on the page with the one in the cell."], ["Measure and upload", "30 or more poses with a tracker. The page plans them, and checks your file before it stores anything."], ["Calibrate, verify, release", "See what the arm gains, check it on a second session, release it, and correct your programs."]]
     .map(([name, said], i) => el(i === 0 ? "li.now" : "li", {}, el("strong", {}, name), el("span", {}, said)))));
 
-function counted(robots) {
-  const urgent = robots.filter(isUrgent).length;
-  const all = robots.length === 1 ? "One robot" : `${robots.length} robots`;
-  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${robots.length === 1 ? "it needs" : urgent === 1 ? "one needs" : `${urgent} need`} you.`;
+/** How many robots are shown, and how many of them need somebody. */
+function counted(shown, robots) {
+  const urgent = shown.filter(isUrgent).length;
+  const all = shown.length < robots.length ? `${shown.length} of ${robots.length} robots` : robots.length === 1 ? "One robot" : `${robots.length} robots`;
+  if (shown.length === 0) return `${all}.`;
+  return urgent === 0 ? `${all}; none needs you.` : `${all}; ${shown.length === 1 ? "it needs" : urgent === 1 ? "one needs" : `${urgent} need`} you.`;
 }
+
+/** Why the list is empty. */
+const noneOf = ({ search, filter }) => `No robot matches${search.trim() ? ` "${search.trim()}"` : ""}${filter === "all" ? "" : " with this filter: choose All to see the others"}.`;
 
 const passes = (robot, filter) => filter === "all" || (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter);
 
@@ -124,10 +144,10 @@ function driftCell(robot, { drifts: known }) {
 /** State of a robot, as a badge. */
 export function standing({ robot, active, since, newest, lastJob }) {
   if (robot.state === "check_robot") return el("span.badge.bad", {}, "check this robot");
-  if (lastJob && ["queued", "running"].includes(lastJob.status)) return el("span.badge.wait", {}, "calibrating");
-  if (since) return el("span.badge.wait", {}, "newer result to review");
+  if (lastJob && ["queued", "running"].includes(lastJob.status)) return el("a.badge.wait", { href: `#/jobs/${lastJob.id}` }, "calibrating");
+  if (since) return el("a.badge.wait", { href: `#/jobs/${since.job_id}` }, "newer result to review");
   if (active) return el("span.badge.good", {}, "released");
-  if (newest) return el("span.badge.wait", {}, "result to review");
+  if (newest) return el("a.badge.wait", { href: `#/jobs/${newest.job_id}` }, "result to review");
   return el("span.badge", {}, "not calibrated");
 }
 
@@ -140,20 +160,30 @@ function badges(robot) {
     robot.need_job_id && isUrgent(robot) ? el("small", {}, el("a", { href: `#/jobs/${robot.need_job_id}` }, capital(robot.reason))) : robot.reason && !runs && el("small.quiet", {}, capital(robot.reason))];
 }
 
+function errorCell(robot) {
+  const found = errorOf(robot);
+  if (found === undefined) return "–";
+  return found === null ? ["not verified", el("small.quiet", {}, "no point was held out that counts")] : [mm(found.mm), el("small.quiet", {}, found.said)];
+}
+
 function robotTable(robots, state, empty) {
   const columns = [
     ["Robot", (r) => [el("a", { href: `#/robots/${r.robot_id}` }, r.name), r.serial_number && el("small.quiet", {}, r.serial_number)], "name"],
     ["State", badges, "name"],
     ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
-    ["Error, rms", (r) => (measured(r) ? [mm(measured(r).after_rms_mm), el("small.quiet", {}, `nominal ${error(measured(r).before_rms_mm)}`)] : "–"), "n"],
+    ["Error, rms", errorCell, "n"],
     ["Drift", (r) => el("span", { "data-drift": r.robot_id }, driftCell(r, state)), "n"],
-    ["Last job", ({ last_job: job }) => (job ? [el("a", { href: `#/jobs/${job.id}` }, job.status), el("small.quiet", {}, age(job.finished_at ?? job.created_at))] : "–")],
+    ["Last job", ({ last_job: job, need, need_job_id: doubted }) => (job ? [el("a", { href: `#/jobs/${job.id}` }, need === "check_robot" && job.id === doubted ? "does not fit" : job.status), el("small.quiet", {}, age(job.finished_at ?? job.created_at))] : "–")],
   ];
-  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it that of the nominal robot. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
+  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it where these points come from. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
   return table(caption, columns, robots, empty);
 }
 
+/** Longest remark that stands in its card; a longer one is folded, so that the cards stay alike. */
+const MAX_REMARK = 150;
+
 /** Facts as large numbers: [name, value, remark]. */
 export function facts(entries) {
-  return el("dl.facts", {}, entries.filter(Boolean).map(([name, value, remark]) => el("div.fact", {}, el("dt", {}, name), el("dd", {}, value, remark && el("small", {}, remark)))));
+  const small = (remark) => (typeof remark === "string" && remark.length > MAX_REMARK ? el("details", {}, el("summary", {}, "Why"), el("small", {}, remark)) : el("small", {}, remark));
+  return el("dl.facts", {}, entries.filter(Boolean).map(([name, value, remark]) => el("div.fact", {}, el("dt", {}, name), el("dd", {}, value, remark && small(remark)))));
 }

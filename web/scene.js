@@ -12,6 +12,10 @@ const ZOOM = 1.15;
 const STEEPEST = Math.PI / 2 - 1e-4;
 /** Zoom relative to the whole scene. */
 const [NEAREST, FARTHEST] = [0.02, 6];
+/** What is framed stays this far from the edges, as a share of the smaller side: joints are drawn thicker than their axes. */
+const MARGIN = 0.1;
+/** Steps of the search for the zoom that frames everything. */
+const FIT_STEPS = 24;
 /** A pointer that moved less than this did not drag, px. */
 const STILL_PX = 4;
 /** Distances at which a point is hit, px: a mouse, a finger. */
@@ -21,13 +25,14 @@ const [HIT_PX, TOUCH_PX] = [14, 28];
 export const VIEWS = [["perspective", ["In ", "perspective"], -0.75, 0.38], ["above", ["Seen from ", "above"], -Math.PI / 2, STEEPEST], ["side", ["Seen from the ", "side"], -Math.PI / 2, 0], ["front", ["Seen from the ", "front"], 0, 0]];
 
 /**
- * A view. `draw(pen)` draws the scene whenever it is needed; `points()` are those that can be picked: [x, y, z] each, or null;
+ * A view. `draw(pen)` draws the scene whenever it is needed; `ends()` are the places that have to be in the picture until somebody moves it;
+ * `points()` are those that can be picked: [x, y, z] each, or null;
  * `picked(index)` is told which. `step(by)` goes to the next point. `label` names the picture for screen readers.
  */
-export function view({ label, draw, points, picked, step }) {
+export function view({ label, draw, ends, points, picked, step }) {
   const canvas = el("canvas.scene", { tabindex: 0, role: "application", "aria-label": label, "aria-roledescription": "3-D view" });
   const eye = { centre: [0, 0, 0], size: 1000, azimuth: VIEWS[0][2], elevation: VIEWS[0][3], zoom: 1, pan: [0, 0] };
-  let waiting = false;
+  let [waiting, isMoved] = [false, false];
   const redraw = () => {
     if (waiting) return;
     waiting = true;
@@ -36,17 +41,23 @@ export function view({ label, draw, points, picked, step }) {
       paint(canvas, eye, draw);
     });
   };
-  const look = (name) => {
-    const [, , azimuth, elevation] = VIEWS.find(([known]) => known === name);
-    Object.assign(eye, { azimuth, elevation, zoom: 1, pan: [0, 0] });
+  const fit = () => {
+    if (!isMoved) fitted(canvas, eye, ends());
     redraw();
   };
+  const look = (name) => {
+    const [, , azimuth, elevation] = VIEWS.find(([known]) => known === name);
+    Object.assign(eye, { azimuth, elevation });
+    isMoved = false;
+    fit();
+  };
   const zoom = (by) => {
+    isMoved = true;
     eye.zoom = Math.min(FARTHEST, Math.max(NEAREST, eye.zoom / by));
     redraw();
   };
-  const move = { turn: (right, up) => { eye.azimuth -= right; eye.elevation = Math.max(-STEEPEST, Math.min(STEEPEST, eye.elevation + up)); redraw(); },
-    pan: (x, y) => { eye.pan = [eye.pan[0] + x, eye.pan[1] + y]; redraw(); }, zoom };
+  const move = { turn: (right, up) => { isMoved = true; eye.azimuth -= right; eye.elevation = Math.max(-STEEPEST, Math.min(STEEPEST, eye.elevation + up)); redraw(); },
+    pan: (x, y) => { isMoved = true; eye.pan = [eye.pan[0] + x, eye.pan[1] + y]; redraw(); }, zoom };
   const hit = (event, reach) => {
     const box = canvas.getBoundingClientRect();
     const found = nearest(projector(canvas, eye), points(), [event.clientX - box.left, event.clientY - box.top], reach);
@@ -55,9 +66,9 @@ export function view({ label, draw, points, picked, step }) {
   };
   byPointer(canvas, move, hit);
   byKeyboard(canvas, move, { look, step, clear: () => picked(null) });
-  new ResizeObserver(redraw).observe(canvas);
+  new ResizeObserver(fit).observe(canvas);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  return { canvas, eye, redraw, look, zoom, place: (point) => projector(canvas, eye)(point) };
+  return { canvas, eye, redraw, fit, look, zoom, place: (point) => projector(canvas, eye)(point) };
 }
 
 function byPointer(canvas, move, hit) {
@@ -148,6 +159,28 @@ function projector(canvas, eye) {
     const scale = focal / depth;
     return [width / 2 + eye.pan[0] + scale * dot(from, right), height / 2 + eye.pan[1] - scale * dot(from, up), depth, scale];
   };
+}
+
+/** Sets zoom and place of the picture so that these places fill it and none is cut. */
+function fitted(canvas, eye, ends) {
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const margin = MARGIN * Math.min(width, height);
+  if (margin < 1 || ends.length === 0) return;
+  const boundsAt = (zoom) => {
+    Object.assign(eye, { zoom, pan: [0, 0] });
+    const at = ends.map(projector(canvas, eye));
+    if (at.includes(null)) return null;
+    return [0, 1].map((k) => [at.reduce((low, p) => Math.min(low, p[k]), Infinity), at.reduce((high, p) => Math.max(high, p[k]), -Infinity)]);
+  };
+  const holds = (bounds) => bounds !== null && [width, height].every((size, k) => bounds[k][1] - bounds[k][0] <= size - 2 * margin);
+  let [near, far] = [NEAREST, FARTHEST];
+  for (let i = 0; i < FIT_STEPS; i += 1) {
+    const middle = Math.sqrt(near * far);
+    if (holds(boundsAt(middle))) far = middle;
+    else near = middle;
+  }
+  const bounds = boundsAt(far);
+  if (bounds) eye.pan = [width, height].map((size, k) => size / 2 - (bounds[k][0] + bounds[k][1]) / 2);
 }
 
 function paint(canvas, eye, draw) {

@@ -12,14 +12,14 @@ import { SUSPICIONS } from "./words.js";
 /** Rows of the file that are shown around its faults. */
 const MAX_SHOWN = 25;
 
-/** Upload by drag and drop or by choice, then the request; also for sets that are there already. `uploaded` is told of a new one. */
-export function uploadCard(robot, sets, parameterSets, may, uploaded, hasNetwork) {
+/** Upload by drag and drop or by choice, then the request; also for sets that are there already. `uploaded` is told of a new one; `verifying` is the parameter set that somebody came to verify, and the points that it was identified from. */
+export function uploadCard(robot, { sets, parameterSets, may, uploaded, hasNetwork, verifying }) {
   const known = [...sets];
   const again = el("div", {});
   const here = el("details", {}, el("summary", {}, "Use a set that is here already"), again);
   const offer = () => {
     here.hidden = known.length === 0;
-    if (known.length > 0) fill(again, jobForm(robot, known, parameterSets, hasNetwork));
+    if (known.length > 0) fill(again, jobForm(robot, known, { parameterSets, hasNetwork, verifying }));
   };
   const came = (set) => {
     known.unshift(set);
@@ -28,19 +28,21 @@ export function uploadCard(robot, sets, parameterSets, may, uploaded, hasNetwork
   };
   offer();
   const parts = [];
-  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came, sets, hasNetwork }));
+  if (may("upload")) parts.push(uploadForm({ robot, parameterSets, may, came, sets, hasNetwork, verifying }));
   if (may("identify")) parts.push(here);
-  return parts.length > 0 && el("section.card", { id: "calibrate" }, el("h2", {}, "Calibrate"), parts);
+  const title = verifying ? [el("h2", {}, "Verify with another session"), el("p.note", {}, `Upload a session of other poses, in the frame of the first. It scores the parameters identified ${when(verifying.set.created_at)} (${verifying.set.status === "released" ? "active set" : verifying.set.status}); nothing is identified anew. `, el("a", { href: `#/robots/${robot.id}/upload` }, "Calibrate anew instead"))] : el("h2", {}, "Calibrate");
+  return parts.length > 0 && el("section.card", { id: "calibrate" }, title, parts);
 }
 
 function uploadForm(context) {
-  const { sets } = context;
+  const usual = (context.verifying?.identified ?? context.sets[0])?.frame;
   const out = el("div", { "aria-live": "polite", tabindex: -1 });
   const file = el("input", { id: "set-file", type: "file", multiple: true, accept: ".csv,.txt,.tsv,.xlsx,.ods,.json,.dat,.mod,.ls,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
-  const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", sets[0]?.frame !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", sets[0]?.frame === "instrument"));
+  const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", usual !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", usual === "instrument"));
   const instrument = instrumentForm(frames);
-  const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read() });
+  const stated = statedForm(context.robot);
+  const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read(), ...stated.read() });
   // the next file is most likely of the same frame
   context.framed = (frame) => { frames.querySelector(`[value=${frame}]`).checked = true; };
   const take = async (chosen) => {
@@ -59,7 +61,25 @@ function uploadForm(context) {
     over(false)(event);
     take(event.dataTransfer.files);
   });
-  return el("div", {}, frames, instrument.node, drop, out);
+  return el("div", {}, frames, instrument.node, stated.node, drop, out);
+}
+
+/** How angles of a measured rotation are written: the convention of the columns, and the words. */
+const ROTATIONS = [["", "not stated"], ["rotation_vector", "rotation vector (UR)"], ["extrinsic_xyz", "fixed x, y, z (FANUC W P R)"], ["intrinsic_xyz", "x, then the new y and z"], ["intrinsic_zyz", "z, then the new y and z"]];
+/** How numbers are written in a table. */
+const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["comma", "12,5, with a comma"]];
+
+/** What is known of the measurement beside the file. */
+function statedForm(robot) {
+  const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate" });
+  const pick = (id, options) => el("select", { id }, options.map(([value, words]) => el("option", { value }, words)));
+  const [rotation, decimal] = [pick("stated-rotation", ROTATIONS), pick("stated-decimal", DECIMALS)];
+  const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
+  const why = robot.serial_number ? "A file of another robot is refused by it, and a release knows that it is the same robot." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
+  const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
+    el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table"))));
+  const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value]].filter(([, value]) => value !== ""));
+  return { node, read };
 }
 
 /** What the instrument states; only where positions are in its own frame. */
@@ -105,18 +125,19 @@ function twoFiles(context, [one, other], query, out) {
 
 /** Sends what was chosen. */
 async function upload(context, file, query, out, isTried = false) {
-  const { robot, parameterSets, may, came } = context;
+  const { robot, may, came } = context;
   const { isJson } = file;
   const name = file.name.replace(/\.\w+$/, "").slice(0, 200) || "set";
   fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
-    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...query, name }).filter(([, value]) => value !== ""))}`;
+    const stated = isJson ? { ...query, decimal: "" } : query;
+    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...stated, name }).filter(([, value]) => value !== ""))}`;
     const set = await post(path, file.body, file.type);
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
       set.insisted_on && el("div.warning", {}, el("p", {}, el("strong", {}, "It was refused and kept because you insisted."), " No release will rest on it.")),
       set.warnings.map(warning), understoodDetails(set), posesOf(robot, set),
-      may("identify") && jobForm(robot, [set], parameterSets, context.hasNetwork));
+      may("identify") && jobForm(robot, [set], context));
     came(set);
   } catch (error) {
     if (!isJson && !isTried && isAboutColumns(error)) {
@@ -215,20 +236,24 @@ function verifiable(parameterSets) {
 
 let forms = 0;
 
-function jobForm(robot, sets, parameterSets, hasNetwork) {
+/** The job that is posted with a set. Whoever came to verify finds that chosen, with the parameters to score and the newest other session. */
+function jobForm(robot, sets, { parameterSets, hasNetwork, verifying }) {
   forms += 1;
   const n = forms;
   const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
   const [method, methodField] = choice(`job-method-${n}`, "Method", [
-    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm started by the robot's network"]] : []]);
+    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm from the network"]] : []]);
   const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
     ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
   const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
   const candidates = verifiable(parameterSets);
+  const other = verifying && sets.find((s) => s.id !== verifying.identified.id);
+  if (other) set.value = other.id;
   const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to score", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
   const [after, afterField] = choice(`job-after-${n}`, "What happened before", AFTER);
   const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
     KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
+  if (verifying && candidates.some((p) => p.id === verifying.set.id)) scored.value = verifying.set.id;
   const options = jobOptions(robot);
   const out = el("div", {});
   const button = el("button.primary", { type: "submit" });
@@ -242,7 +267,7 @@ function jobForm(robot, sets, parameterSets, hasNetwork) {
   };
   const preselect = () => {
     const chosen = sets.find((s) => s.id === set.value);
-    kinds.querySelector(`[value=${candidates.length > 0 && onlyVerifies(chosen) ? "verify" : "identify"}]`).checked = true;
+    kinds.querySelector(`[value=${candidates.length > 0 && (verifying || onlyVerifies(chosen)) ? "verify" : "identify"}]`).checked = true;
     shape();
   };
   set.addEventListener("change", preselect);

@@ -242,30 +242,59 @@ export const GATES = {
   withdrawn: "It was not withdrawn",
 };
 
-// The same where a gate refuses; a gate that is not here refuses in the words above.
+// The same where a gate refuses: a title that says what was found.
 export const UNMET = {
   all_finite: "Not every number is finite",
-  archived: "The set or its robot is archived",
+  fits: "The identified robot does not fit the points",
   change_plausible: "The parameters changed by more than is plausible",
+  orientation_known: "How the flange is turned is not known",
   check_robot: "A session did not fit the robot",
   evidence: "The verification is not strong enough",
-  final_fit_near_verified: "The delivered parameters are far from the verified ones",
-  fits: "The identified robot does not fit the points",
   identity: "It may be another robot",
+  measured_since_check: "Nothing shows that it holds since a session did not fit the robot",
   improved_on_active: "It is worse than what is active now",
-  joint_map_changed: "The robot's joint map has changed since",
-  orientation_known: "How the flange is turned is not known",
   second_person: "Who releases must not be who uploaded",
-  sessions_better_than_nominal: "A session shows it to be no better than nominal",
   sessions_fit: "It misses a session by far",
-  uncertainty_within_tolerance: "Its uncertainty is beyond the robot's tolerance",
+  scored_on_later_sessions: "It was not scored on a session that came after it",
+  sessions_better_than_nominal: "A session shows it to be no better than nominal",
   upload_not_insisted: "An upload that it rests on was insisted on",
-  verified: "No points were held out to verify",
+  uncertainty_within_tolerance: "Its uncertainty is beyond the robot's tolerance",
+  verified: "It is not verified",
   verify_errors_improved: "The errors on points to verify did not become smaller",
+  final_fit_near_verified: "The delivered parameters are far from the verified ones",
   verify_errors_within_tolerance: "Its errors are beyond the robot's tolerance",
+  archived: "The set or its robot is archived",
+  joint_map_changed: "The robot's joint map has changed since",
   source_withdrawn: "It rests on a set that was withdrawn",
   instrument_scale: "The instrument measures lengths wrongly, by its reference",
   withdrawn: "It was withdrawn",
+};
+
+// The same where a gate passed, but somebody should look at what it found.
+export const REMARKED = {
+  all_finite: "Look at its numbers",
+  fits: "The file to verify on does not fit the robot",
+  change_plausible: "The parameters changed much, and a reason was given",
+  orientation_known: "How the flange is turned is in doubt",
+  check_robot: "A session was in doubt",
+  evidence: "The verification has gaps",
+  identity: "No serial number says that it is the same robot",
+  measured_since_check: "A session did not fit the robot before",
+  improved_on_active: "The robot may have changed since the active set, or the two were not compared",
+  second_person: "Who releases may be who uploaded",
+  sessions_fit: "A session does not fit the set well",
+  scored_on_later_sessions: "A later session was not scored on it",
+  sessions_better_than_nominal: "A session shows little beside nominal",
+  upload_not_insisted: "Look at its uploads",
+  uncertainty_within_tolerance: "Its uncertainty is not stated",
+  verified: "The points to verify are in doubt",
+  verify_errors_improved: "The errors on points to verify are in doubt",
+  final_fit_near_verified: "The delivered parameters are not those that were verified",
+  verify_errors_within_tolerance: "Its errors are near the robot's tolerance",
+  archived: "The set or its robot was archived",
+  joint_map_changed: "The robot's joint map was changed",
+  source_withdrawn: "It rests on a set that was withdrawn, and a session shows that it is right",
+  withdrawn: "It was withdrawn before",
 };
 
 export const CORRECTIONS = {

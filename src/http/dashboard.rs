@@ -74,6 +74,7 @@ const ASSETS: &[Asset] = assets! {
     "selection.js": JAVASCRIPT,
     "solids.js": JAVASCRIPT,
     "upload.js": JAVASCRIPT,
+    "verdicts.js": JAVASCRIPT,
     "words.js": JAVASCRIPT,
     "workspace.js": JAVASCRIPT,
 };

@@ -631,6 +631,18 @@ fn every_warning_says_why_it_matters_and_what_to_do_in_a_short_sentence() {
 }
 
 #[test]
+fn every_gate_has_a_title_for_a_refusal_and_for_a_remark() {
+    let gates = words::worded("GATES");
+    for table in ["UNMET", "REMARKED"] {
+        assert_eq!(
+            words::worded(table),
+            gates,
+            "{table}: the gates of GATES, in their order"
+        );
+    }
+}
+
+#[test]
 fn a_warning_without_words_is_found_however_it_is_written() {
     for line in [
         "Warning { code: \"not_thought_of\", detail, rows: vec![] }",

@@ -111,7 +111,9 @@ fn the_active_set_is_found_however_many_came_after_it() {
         browser
             .run(&format!("location.hash = '#/robots/{robot}'"))
             .await;
-        browser.until_it_says("Error now (active set)").await;
+        browser
+            .until_it_says("Error at identification (active set)")
+            .await;
         let path = format!("a[href='#/jobs/{}']", first["id"].as_str().unwrap());
         let row = browser
             .run(&format!(
