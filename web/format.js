@@ -109,7 +109,7 @@ const FOR_PROGRAMS = [
   [/ (?:in|by) \?columns=(?:\{[^}]*\})?(?: \(--columns\))?/g, " below"],
   [/[;,]? (?:or )?read them with \?frame=instrument/g, ""],
   [/the session set_\w+ \(job (job_\w+)\)/g, "the session of job $1"],
-  [/: post a job of kind verify with parameter_set_id \w+(?: and measurement_set_id \w+)?/g, ""],
+  [/: post a job of kind verify with (?:measurement_set_id \w+ and )?parameter_set_id \w+/g, ""], [/POST \/v1\/robots\/\{robot_id\}\/checked with the reason/g, "say so on the robot's page, with the reason"],
   [/ \(a job of kind verify\)/g, ""],
   [/[,;]? and post a job of kind verify/g, ", and verify with it"],
   [/ with jobs of kind verify/g, " by verifications"],

@@ -294,6 +294,7 @@ export const REMARKED = {
   archived: "The set or its robot was archived",
   joint_map_changed: "The robot's joint map was changed",
   source_withdrawn: "It rests on a set that was withdrawn, and a session shows that it is right",
+  instrument_scale: "The instrument measures lengths slightly wrongly, by its reference",
   withdrawn: "It was withdrawn before",
 };
 

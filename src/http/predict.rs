@@ -1,5 +1,6 @@
 //! Predicted positions of a target on an identified robot.
 
+use crate::calibration::INSTRUMENT_SCALE;
 use crate::http::auth::Caller;
 use crate::http::extract::{Id, json_body};
 use crate::http::{App, Error, access, parameter_sets};
@@ -34,13 +35,8 @@ pub async fn predict(
     let provenance = parameter_sets::provenance(&app, &permit, &row).await?;
     let is_wrong =
         |warning: &Warning| wrong_robot(&provenance).is_some_and(|(code, _)| code == warning.code);
-    warnings.extend(
-        provenance
-            .warnings
-            .iter()
-            .filter(|warning| is_wrong(warning))
-            .cloned(),
-    );
+    let is_told = |warning: &&Warning| is_wrong(warning) || warning.code == INSTRUMENT_SCALE;
+    warnings.extend(provenance.warnings.iter().filter(is_told).cloned());
     let answer = permit.run(move || {
         let body: PredictBody = json::parse(&bytes)?;
         let robot = Robot::try_from(&robot)?;

@@ -1,6 +1,6 @@
 //! Compensation: computes corrected targets for an identified robot.
 
-use crate::calibration::ORIENTATION_NOT_KNOWN;
+use crate::calibration::{INSTRUMENT_SCALE, ORIENTATION_NOT_KNOWN};
 use crate::compensation::{
     Anchor, Base, Compensation, Corrected, HeldReflector, Mode, Tool, ToolError, ToolGoal,
     ToolPoint, WorkFrame,
@@ -264,6 +264,10 @@ fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -
     if has_tool(request) || request.mode == Mode::Pose {
         return provenance.warnings.clone();
     }
+    let scale = provenance
+        .warnings
+        .iter()
+        .filter(|warning| warning.code == INSTRUMENT_SCALE);
     let told = orientation_unknown(provenance, n_links).map(|_| Warning {
         code: ORIENTATION_NOT_KNOWN.into(),
         detail: "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the reflector as \
@@ -271,7 +275,7 @@ fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -
             .into(),
         rows: vec![],
     });
-    told.into_iter().collect()
+    told.into_iter().chain(scale.cloned()).collect()
 }
 
 /// Warning that positions of a reflector that was held at the flange do not show its length.

@@ -152,18 +152,23 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
         );
 
         // From the table, and from the bars.
-        browser
-            .run("[...document.querySelectorAll('.residuals tbody tr')].find((tr) => tr.innerText.startsWith('row 5')).click()")
+        let listed = browser
+            .run("const tr = document.querySelectorAll('.residuals tbody tr:not(.chosen)')[3]; tr.click(); return tr.querySelector('td').innerText")
             .await;
+        let listed = listed.as_str().unwrap().replace("row", "Row");
         browser
-            .until("document.querySelector('.picked .which')?.innerText.startsWith('Row 5 ')")
+            .until(&format!(
+                "document.querySelector('.picked .which')?.innerText.startsWith('{listed} ')"
+            ))
             .await;
         browser
             .run("document.querySelector('.answers svg[tabindex]').focus()")
             .await;
         browser.press(Key::Right).await;
         browser
-            .until("!document.querySelector('.picked .which').innerText.startsWith('Row 5 ')")
+            .until(&format!(
+                "!document.querySelector('.picked .which').innerText.startsWith('{listed} ')"
+            ))
             .await;
         let [panel, row, bar] = selected(browser).await;
         assert!(
