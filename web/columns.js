@@ -130,7 +130,8 @@ export function understoodDetails(set) {
   const unit = (column) => (column.unit ? `${column.means} in ${column.unit}` : column.means);
   const rows = parts.map(([title, understood]) => el("div", {}, el("p", {}, el("strong", {}, title), `: ${inWords(understood)}.`),
     el("p.note", {}, understood.columns.map((column) => `${column.column} is ${unit(column)}`).join("; "), "."),
-    understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`)));
+    understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`),
+    understood.unread && el("p.note", {}, `${understood.unread.n} points of the program are not read: ${understood.unread.points.map((point) => `line ${point.line} ${point.name} (${point.reason})`).join("; ")}.`)));
   return el("details", {}, el("summary", {}, "How the file was read"), rows, set.joined && joinWords(set.joined.join));
 }
 

@@ -14,6 +14,7 @@ mod join_options;
 mod join_time;
 mod number_text;
 pub mod position_noise;
+pub mod programs;
 pub mod repeatability;
 pub mod rotation_convention;
 pub mod sessions;
@@ -26,7 +27,6 @@ mod table_header;
 mod table_lines;
 mod table_numbers;
 pub mod table_points;
-mod table_programs;
 pub mod table_text;
 
 pub use conventions::{Decimal, Frame, Subset};

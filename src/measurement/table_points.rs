@@ -7,6 +7,7 @@ use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::csv_pose::header_issues;
+use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::{MeasurementSet, Point};
 use crate::measurement::table::{Next, Table};
@@ -35,6 +36,8 @@ pub struct Understood {
     pub ignored: Vec<String>,
     /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
+    /// Points of a robot's program that are not read.
+    pub unread: Vec<Unread>,
 }
 
 /// Why a table was refused.
@@ -273,6 +276,9 @@ impl<'t> Parts<'t> {
         if let Some(decimal) = mapping.decimal {
             return Ok(decimal);
         }
+        if self.table.encoding == Encoding::Program {
+            return Ok(Decimal::Point);
+        }
         let is_number = |column: &Column| {
             matches!(
                 column,
@@ -324,6 +330,11 @@ impl<'t> Parts<'t> {
                 })
                 .collect(),
             skipped_rows: self.table.n_skipped_above + usize::from(self.table.units.is_some()),
+            unread: self
+                .table
+                .program
+                .as_ref()
+                .map_or(vec![], |program| program.unread.clone()),
         }
     }
 }

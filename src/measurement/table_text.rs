@@ -1,7 +1,7 @@
 //! Decodes the bytes of a table: UTF-8, UTF-16 or Windows-1252 (which contains Latin-1). All other files are refused.
 
 use crate::measurement::csv_issue::{ParseError, whole};
-use crate::measurement::table_programs;
+use crate::measurement::programs::{self, ProgramRows};
 use std::borrow::Cow;
 
 /// Encoding of a file.
@@ -19,7 +19,7 @@ pub enum Encoding {
     Xlsx,
     /// A sheet of an ods workbook.
     Ods,
-    /// Points of a robot's program: KUKA, ABB or FANUC.
+    /// Points of a robot's program: KUKA, ABB, FANUC or Universal Robots.
     Program,
 }
 
@@ -45,14 +45,31 @@ pub struct Source<'a> {
     pub text: Cow<'a, str>,
     /// The encoding of the file.
     pub encoding: Encoding,
+    /// Of a robot's program: where its points were, and which were not read.
+    pub program: Option<ProgramRows>,
 }
 
 impl<'a> Source<'a> {
+    /// Decodes a text file, and converts a robot program to a table.
+    ///
+    /// # Errors
+    /// [`ParseError`] if the file is not text, or a program without joint values.
+    pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
+        let source = Self::decode(bytes)?;
+        Ok(match programs::table(&source.text)? {
+            Some((text, rows)) => Self {
+                program: Some(rows),
+                ..Self::from_sheet(text, Encoding::Program)
+            },
+            None => source,
+        })
+    }
+
     /// Decodes a text file.
     ///
     /// # Errors
     /// [`ParseError`] if the file is not text.
-    pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
+    pub fn decode(bytes: &'a [u8]) -> Result<Self, ParseError> {
         if bytes.starts_with(b"PK\x03\x04") {
             return Err(whole(
                 "not_csv",
@@ -63,10 +80,7 @@ impl<'a> Source<'a> {
         if source.text.trim().is_empty() {
             return Err(whole("empty", "the file is empty".into()));
         }
-        Ok(match table_programs::table(&source.text)? {
-            Some(text) => Self::from_sheet(text, Encoding::Program),
-            None => source,
-        })
+        Ok(source)
     }
 
     /// A source from the text of a sheet: one line per row, with tabs between the cells.
@@ -74,6 +88,7 @@ impl<'a> Source<'a> {
         Self {
             text: text.into(),
             encoding,
+            program: None,
         }
     }
 }
@@ -101,7 +116,11 @@ fn decoded(bytes: &[u8]) -> Result<Source<'_>, ParseError> {
         );
         return Err(whole("not_text", detail));
     }
-    Ok(Source { text, encoding })
+    Ok(Source {
+        text,
+        encoding,
+        program: None,
+    })
 }
 
 fn is_control(byte: u8) -> bool {
@@ -137,6 +156,7 @@ fn utf16(bytes: &[u8], encoding: Encoding) -> Result<Source<'_>, ParseError> {
         Ok(text) if bytes.len().is_multiple_of(2) => Ok(Source {
             text: Cow::Owned(text),
             encoding,
+            program: None,
         }),
         _ => Err(whole(
             "not_text",

@@ -3,13 +3,14 @@
 use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
+use crate::measurement::programs::Unread;
 use crate::measurement::table_points::Understood;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::reference::SetReference;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Maximum number of ignored columns and unpaired rows that are listed.
+/// Maximum number of ignored columns, unread points and unpaired rows that are listed.
 const MAX_NAMED: usize = 50;
 /// Maximum length of a column name in answers, characters. Longer names are cut.
 const MAX_NAME_SHOWN: usize = 100;
@@ -39,6 +40,29 @@ pub struct UnderstoodBody {
     pub ignored: Vec<String>,
     /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
+    /// Points of a robot program that are not read; absent if all are read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unread: Option<UnreadPoints>,
+}
+
+/// Points of a robot program that are not read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnreadPoints {
+    /// Number of these points.
+    pub n: usize,
+    /// The first of these points.
+    pub points: Vec<UnreadPoint>,
+}
+
+/// A point of a robot program that is not read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnreadPoint {
+    /// The line on which it begins, counted from 1.
+    pub line: usize,
+    /// Its name; empty for a target in a motion.
+    pub name: String,
+    /// Why it is not read.
+    pub reason: String,
 }
 
 /// A column that is read.
@@ -153,7 +177,22 @@ impl From<&Understood> for UnderstoodBody {
                 .map(|name| shown(name))
                 .collect(),
             skipped_rows: found.skipped_rows,
+            unread: UnreadPoints::of(&found.unread),
         }
+    }
+}
+
+impl UnreadPoints {
+    fn of(unread: &[Unread]) -> Option<Self> {
+        let point = |point: &Unread| UnreadPoint {
+            line: point.line,
+            name: shown(&point.name),
+            reason: point.reason.as_str().into(),
+        };
+        (!unread.is_empty()).then(|| Self {
+            n: unread.len(),
+            points: unread.iter().take(MAX_NAMED).map(point).collect(),
+        })
     }
 }
 
