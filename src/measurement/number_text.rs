@@ -1,5 +1,6 @@
 //! Numbers as written by spreadsheets and reports: with the minus sign U+2212, and with unambiguous thousands separators.
 
+use crate::measurement::conventions::Decimal;
 use std::borrow::Cow;
 
 /// Characters that are only used as thousands separators: spaces of several widths and apostrophes.
@@ -28,6 +29,17 @@ pub(super) fn plain(cell: &str, decimal: char) -> Cow<'_, str> {
         Some(fraction) => format!("{whole}{decimal}{fraction}"),
         None => whole,
     })
+}
+
+/// The number in a cell.
+pub fn value(cell: &str, decimal: Decimal) -> Option<f64> {
+    let (mark, other) = match decimal {
+        Decimal::Point => ('.', ','),
+        Decimal::Comma => (',', '.'),
+    };
+    let cell = plain(cell.trim(), mark);
+    let number = cell.replace(mark, ".").parse::<f64>().ok();
+    number.filter(|number| number.is_finite() && !cell.contains(other))
 }
 
 /// The decimal mark of a number that contains both marks, such as `1.234,5` or `1,234.5`.

@@ -165,6 +165,29 @@ fn utf16(bytes: &[u8], encoding: Encoding) -> Result<Source<'_>, ParseError> {
     }
 }
 
+/// A text as the bytes of a file. `has_mark` says whether it begins with a byte order mark. Workbooks and programs become UTF-8.
+pub fn encoded(text: &str, encoding: Encoding, has_mark: bool) -> Vec<u8> {
+    let marked: String = has_mark.then_some('\u{feff}').into_iter().collect();
+    let units = || marked.encode_utf16().chain(text.encode_utf16());
+    let byte = |c: char| match HIGH.iter().position(|high| *high == c) {
+        Some(at) => 0x80 + at as u8,
+        None => u8::try_from(c).unwrap_or(b'?'),
+    };
+    match encoding {
+        Encoding::Utf16Le => units().flat_map(u16::to_le_bytes).collect(),
+        Encoding::Utf16Be => units().flat_map(u16::to_be_bytes).collect(),
+        Encoding::Windows1252 => text.chars().map(byte).collect(),
+        _ => [marked.as_bytes(), text.as_bytes()].concat(),
+    }
+}
+
+/// Whether a file begins with a byte order mark.
+pub fn has_mark(bytes: &[u8]) -> bool {
+    [&b"\xEF\xBB\xBF"[..], b"\xFF\xFE", b"\xFE\xFF"]
+        .iter()
+        .any(|mark| bytes.starts_with(mark))
+}
+
 /// Characters 0x80 to 0x9F of Windows-1252. Five of these codes are not assigned (`\0`).
 const HIGH: [char; 32] = [
     '€', '\0', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\0', 'Ž', '\0', '\0', '‘',
@@ -187,4 +210,28 @@ fn windows_1252(bytes: &[u8]) -> Result<String, ParseError> {
         text.push(character);
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Source, encoded, has_mark};
+
+    #[test]
+    fn a_text_is_written_in_the_encoding_in_which_it_was_read() {
+        let utf16: Vec<u8> = "\u{feff}a °\n"
+            .encode_utf16()
+            .flat_map(u16::to_le_bytes)
+            .collect();
+        for bytes in [
+            "\u{feff}a °\r\n".as_bytes(),
+            "a °\n".as_bytes(),
+            b"a \xB0 \x80\n",
+            &utf16,
+        ] {
+            let source = Source::decode(bytes).unwrap();
+            assert!(source.text.starts_with("a °"), "{:?}", source.text);
+            let again = encoded(&source.text, source.encoding, has_mark(bytes));
+            assert_eq!(again, bytes);
+        }
+    }
 }

@@ -75,6 +75,8 @@ pub struct Program {
     pub language: Language,
     /// The points whose joint values are numbers, in their order.
     pub points: Vec<Point>,
+    /// The line on which each of these points begins, counted from 1.
+    pub lines: Vec<usize>,
     /// The points that are not read.
     pub unread: Vec<Unread>,
 }
@@ -120,6 +122,7 @@ pub fn find(text: &str) -> Result<Option<Program>, ParseError> {
     });
     let program = Program {
         language,
+        lines: found.points.iter().map(|p| lines.line(p.at)).collect(),
         points: found.points,
         unread: unread.collect(),
     };
@@ -137,7 +140,6 @@ pub(super) fn table(text: &str) -> Result<Option<(String, ProgramRows)>, ParseEr
     let Some(program) = find(text)? else {
         return Ok(None);
     };
-    let lines = Lines::new(text);
     let unit = program.language.unit();
     let n_axes = program.points.first().map_or(0, |point| point.angles.len());
     let joints: Vec<String> = (1..=n_axes)
@@ -153,12 +155,11 @@ pub(super) fn table(text: &str) -> Result<Option<(String, ProgramRows)>, ParseEr
             angles.join("\t")
         ));
     }
-    let begins: Vec<usize> = program.points.iter().map(|p| lines.line(p.at)).collect();
-    let mut different = begins.clone();
+    let mut different = program.lines.clone();
     different.dedup();
     let about = ProgramRows {
         n_other_lines: text.lines().count().saturating_sub(different.len()),
-        lines: begins,
+        lines: program.lines,
         unread: program.unread,
     };
     Ok(Some((rows, about)))
