@@ -85,7 +85,7 @@ pub const LENGTHS: [(&str, f64); 5] = [
 ];
 
 /// Columns with fixed names. The name includes the unit if the column has one.
-pub const PLAIN: [&str; 24] = [
+pub const PLAIN: [&str; 30] = [
     "configuration",
     "target",
     "subset",
@@ -110,6 +110,12 @@ pub const PLAIN: [&str; 24] = [
     "std_rx_deg",
     "std_ry_deg",
     "std_rz_deg",
+    "cov_xx_mm2",
+    "cov_xy_mm2",
+    "cov_xz_mm2",
+    "cov_yy_mm2",
+    "cov_yz_mm2",
+    "cov_zz_mm2",
 ];
 
 fn unit_of(text: &str) -> Option<Unit> {

@@ -28,7 +28,11 @@ mod table_halves;
 mod table_header;
 mod table_lines;
 mod table_numbers;
+mod table_plain;
 pub mod table_points;
+mod table_resolution;
+mod table_rows;
+mod table_statistics;
 pub mod table_targets;
 pub mod table_text;
 

@@ -151,6 +151,53 @@ pub struct Reading {
     pub reference: Option<SetReference>,
 }
 
+/// Words of columns that say which reflector or which set-up of the instrument a row is of.
+const LABELS: [&str; 14] = [
+    "target",
+    "targets",
+    "reflector",
+    "reflektor",
+    "smr",
+    "prism",
+    "marker",
+    "ball",
+    "station",
+    "setup",
+    "standpunkt",
+    "stationierung",
+    "placement",
+    "location",
+];
+/// Maximum number of such columns that a text names.
+const MAX_LABELS: usize = 4;
+
+impl Reading {
+    /// Names the columns that are not read and may say which reflector or which set-up a row is of; `None` if there are none.
+    pub fn unread_labels(&self) -> Option<String> {
+        let tables = self.understood.iter().chain(
+            self.joined
+                .iter()
+                .flat_map(|joined| [&joined.robot, &joined.instrument]),
+        );
+        let is_label = |name: &&String| {
+            let lower = name.to_lowercase();
+            let mut words = lower.split(|c: char| !c.is_alphabetic());
+            words.any(|word| LABELS.contains(&word))
+        };
+        let names: Vec<String> = tables
+            .flat_map(|table| table.ignored.iter().filter(is_label))
+            .take(MAX_LABELS)
+            .map(|name| format!("{name:?}"))
+            .collect();
+        let first = names.first()?;
+        Some(format!(
+            "Not read: {}. If such a column says which reflector (target) or which set-up of the instrument (station) a row is of, say so by \
+             ?columns={{\"target\": {first}, …}} (--column target={first})",
+            names.join(", ")
+        ))
+    }
+}
+
 impl From<&Understood> for UnderstoodBody {
     fn from(found: &Understood) -> Self {
         let column = |(used, name): &(crate::measurement::table_columns::Used, String)| {
