@@ -148,6 +148,11 @@ fn simplified(text: &str) -> String {
         .replace(['µ', 'μ'], "u")
 }
 
+/// The name in a header in small letters, without its unit, and the unit.
+pub fn name_and_unit(header: &str) -> (String, Option<Unit>) {
+    without_unit(&simplified(header))
+}
+
 /// The meaning of a header. `below` is the unit below the header, if there is a row of units.
 pub fn recognise(header: &str, below: Option<Unit>) -> Known {
     let text = simplified(header);

@@ -27,7 +27,7 @@ pub mod table_columns;
 mod table_halves;
 mod table_header;
 mod table_lines;
-mod table_numbers;
+pub mod table_numbers;
 mod table_plain;
 pub mod table_points;
 mod table_resolution;

@@ -55,6 +55,12 @@ pub(super) fn decimal_mark(
     }
 }
 
+/// The decimal mark of these columns, which may hold any numbers. None if all numbers with a mark are ambiguous.
+pub fn decimal_of(table: &Table, places: &[usize]) -> Option<Decimal> {
+    let numbers: Vec<(usize, Option<Column>)> = places.iter().map(|at| (*at, None)).collect();
+    decimal_mark(table, &numbers).ok()
+}
+
 fn both_readings(cell: &str, mark: char) -> (String, String) {
     (cell.replace(mark, "."), cell.replace(mark, ""))
 }

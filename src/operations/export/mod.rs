@@ -85,7 +85,7 @@ pub fn export(
         ExportFormat::Csv => {
             let text = documents::csv_text(&links);
             let table =
-                import::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
+                import_table::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
             check::same_links("csv", source.robot, &links, &table.links)?;
             Ok(Exported {
                 content_type: "text/csv",

@@ -183,7 +183,7 @@ fn an_imported_robot_can_be_planned_for() {
     let folder = tempfile::tempdir().unwrap();
     let table = "a_mm,alpha_deg,d_mm,theta_offset_deg,min_deg,max_deg\n0,0,504,0,-170,170\n166.605,-90,0,0,-80,80\n782.27,0,0,0,-90,90\n138.826,-90,761.35,0,-180,180\n0,90,0,0,-115,115\n0,-90,125,0,-300,300\n";
     let table = path(folder.path(), "table.csv", table);
-    let imported = kincal(&["import", &table, "--name", "mine"]);
+    let imported = kincal(&["import", &table, "--convention", "mdh", "--name", "mine"]);
     assert!(
         imported.status.success(),
         "{}",
@@ -295,13 +295,16 @@ fn semicolons_are_read_in_measurements_and_named_where_they_cannot_be() {
     let table = path(
         folder.path(),
         "table.csv",
-        "a_mm;alpha_deg;d_mm;theta_offset_deg\n0;0;504;0\n",
+        "a_mm;alpha_deg;d_mm;theta_deg\n0;0;504,5;0\n",
     );
+    let read = kincal(&["import", table.as_str(), "--convention", "dh"]);
+    let robot = String::from_utf8_lossy(&read.stdout).into_owned();
+    assert!(robot.contains("504.5"), "{robot}");
     let output = kincal(&["import", table.as_str()]);
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(
-        stderr.contains("columns are separated by ';': save it with commas"),
+        stderr.contains("one of two conventions: give --convention dh"),
         "{stderr}"
     );
 }
