@@ -139,5 +139,5 @@ function joinWords(join) {
   const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock minus the instrument's is ${join.clock_offset_s.toFixed(3)} s; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
   const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
     .map(([file, rows]) => el("p.note", {}, `${rows.n} rows of the ${file} file have no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
-  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? ", without signs, spaces and leading zeros in the names" : ""}.${clock}`), rest];
+  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? " (names agree without signs, spaces and leading zeros, or by their numbers alone)" : ""}.${clock}`), rest];
 }

@@ -252,7 +252,9 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         _ => String::new(),
     };
     let loosely = match join.loose_names {
-        true => " (without signs, spaces and leading zeros in the names)",
+        true => {
+            " (names agree loosely: without signs, spaces and leading zeros, or by their numbers alone)"
+        }
         false => "",
     };
     let clock = match join.instrument_log {

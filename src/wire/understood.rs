@@ -93,7 +93,7 @@ pub struct JoinBody {
     /// With `time`: the robot's clock minus the instrument's clock, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock_offset_s: Option<f64>,
-    /// True if names were compared without punctuation, spaces and leading zeros, or if numbers were compared with names.
+    /// True if names were compared without punctuation, spaces and leading zeros, or by the numbers in them (`P1` with `Point 1` or 1).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_names: bool,
     /// True if the instrument's file is a continuous log (at least two rows per second). Then one position is taken from each standstill.
