@@ -3,6 +3,7 @@
 pub mod column_mapping;
 pub mod column_meaning;
 pub mod column_names;
+mod column_units;
 mod conventions;
 pub mod csv;
 mod csv_columns;

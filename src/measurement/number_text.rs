@@ -1,5 +1,6 @@
 //! Numbers as written by spreadsheets and reports: with the minus sign U+2212, and with unambiguous thousands separators.
 
+use crate::measurement::column_names::{Unit, unit_alone};
 use crate::measurement::conventions::Decimal;
 use std::borrow::Cow;
 
@@ -29,6 +30,20 @@ pub(super) fn plain(cell: &str, decimal: char) -> Cow<'_, str> {
         Some(fraction) => format!("{whole}{decimal}{fraction}"),
         None => whole,
     })
+}
+
+/// A cell such as `43.0036°` or `601.7 mm`, without its unit, and the unit.
+pub fn without_unit(cell: &str) -> (&str, Option<&'static str>) {
+    let end = cell.rfind(|c: char| c.is_ascii_digit() || matches!(c, '.' | ','));
+    let Some(end) = end.map(|at| at + 1) else {
+        return (cell, None);
+    };
+    match unit_alone(&cell[end..]) {
+        Some(Unit::Is(unit)) if !cell[end..].trim().is_empty() => {
+            (cell[..end].trim_end(), Some(unit))
+        }
+        _ => (cell, None),
+    }
 }
 
 /// The number in a cell.
@@ -65,7 +80,23 @@ fn is_grouped(whole: &str, mark: char) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{decimal_of_both, plain};
+    use super::{decimal_of_both, plain, without_unit};
+
+    #[test]
+    fn units_behind_numbers_are_found() {
+        for (cell, number, unit) in [
+            ("43.0036°", "43.0036", Some("deg")),
+            ("601,7 mm", "601,7", Some("mm")),
+            ("-1.5 [rad]", "-1.5", Some("rad")),
+            ("12.5", "12.5", None),
+            ("1e-3", "1e-3", None),
+            ("12.5x", "12.5x", None),
+            ("m", "m", None),
+            ("", "", None),
+        ] {
+            assert_eq!(without_unit(cell), (number, unit), "{cell}");
+        }
+    }
 
     #[test]
     fn thousands_that_can_be_read_in_one_way_are_read() {

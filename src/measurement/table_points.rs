@@ -229,15 +229,13 @@ impl<'t> Parts<'t> {
             Needs::Positions => !is_joint(&used.means),
             Needs::Points => true,
         };
-        let read: Vec<(usize, Column)> = columns
+        let read: Vec<(usize, Column, Option<&'static str>)> = columns
             .used
             .iter()
             .filter(wanted)
             .filter_map(|used| {
-                Some((
-                    used.place,
-                    column_meaning::column(&used.means, options.n_joints)?,
-                ))
+                let column = column_meaning::column(&used.means, options.n_joints)?;
+                Some((used.place, column, column_meaning::unit(&used.means)))
             })
             .collect();
         let keys = columns
@@ -249,13 +247,14 @@ impl<'t> Parts<'t> {
             .iter()
             .rposition(|name| !name.is_empty())
             .map_or(0, |at| at + 1);
-        let last = read.iter().map(|(place, _)| place + 1).max().unwrap_or(0);
+        let last = read.iter().map(|(place, ..)| place + 1).max().unwrap_or(0);
         let layout = Layout {
-            names: read.iter().map(|(place, _)| table.name(*place)).collect(),
-            places: read.iter().map(|(place, _)| *place).collect(),
-            columns: read.iter().map(|(_, column)| *column).collect(),
+            names: read.iter().map(|(place, ..)| table.name(*place)).collect(),
+            places: read.iter().map(|(place, ..)| *place).collect(),
+            columns: read.iter().map(|(_, column, _)| *column).collect(),
             keys: keys.cloned().collect(),
             n_needed: named.max(last),
+            units: read.iter().map(|(.., unit)| *unit).collect(),
             is_read_again: options.mapping.is_complete,
             has_positions: options.needs != Needs::Joints,
         };

@@ -3,6 +3,7 @@
 use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
+use crate::measurement::number_text::without_unit;
 use crate::measurement::set::Point;
 use crate::measurement::table::{Next, Table};
 use crate::measurement::table_lines::is_numeric;
@@ -20,6 +21,8 @@ pub(super) struct Rows {
     n_rows: usize,
     /// Number of rows that begin with a number.
     n_numbered: usize,
+    /// For each column, the number of cells with the column's unit behind their number, and the first row with a cell without it: row and line.
+    with_unit: Vec<(usize, Option<(usize, usize)>)>,
     /// Rows that begin with the name of a statistic.
     summaries: Vec<Summary>,
 }
@@ -39,6 +42,8 @@ pub(super) struct Layout {
     pub(super) places: Vec<usize>,
     pub(super) columns: Vec<Column>,
     pub(super) names: csv::StringRecord,
+    /// The unit of each column, for joints and positions.
+    pub(super) units: Vec<Option<&'static str>>,
     /// The columns of join keys.
     pub(super) keys: Vec<Used>,
     /// Minimum number of cells of a row.
@@ -69,6 +74,7 @@ impl Rows {
         let keys = layout.keys.iter();
         Self {
             keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
+            with_unit: vec![(0, None); layout.places.len()],
             ..Self::default()
         }
     }
@@ -79,6 +85,7 @@ impl Rows {
             return;
         }
         self.refuse_summaries();
+        self.refuse_some_units(layout);
         if layout.has_positions && self.issues.is_empty() {
             self.refuse_not_measured();
         }
@@ -104,6 +111,50 @@ impl Rows {
                 self.issue(Some(row), Some(line), "summary_row", detail);
             }
         }
+    }
+
+    /// Refuses columns in which some numbers have a unit behind them and others have none.
+    fn refuse_some_units(&mut self, layout: &Layout) {
+        for (column, (n, without)) in std::mem::take(&mut self.with_unit).into_iter().enumerate() {
+            if let Some((row, line)) = without.filter(|_| n > 0) {
+                let name = &layout.names[column];
+                let detail = format!(
+                    "row {row}, column {name}: the number has no unit, and others of the column have one: write it behind every number, or only into the column's name"
+                );
+                self.issue(Some(row), Some(line), "mixed_units", detail);
+            }
+        }
+    }
+
+    /// A cell without the unit of its column behind the number.
+    ///
+    /// # Errors
+    /// If it has another unit.
+    fn bare<'r>(
+        &mut self,
+        (row, line): (usize, usize),
+        cell: &'r str,
+        column: usize,
+        layout: &Layout,
+    ) -> Result<&'r str, String> {
+        let Some(own) = layout.units[column] else {
+            return Ok(cell);
+        };
+        let (number, unit) = without_unit(cell);
+        let (n, without) = &mut self.with_unit[column];
+        match unit {
+            None => {
+                without.get_or_insert((row, line));
+            }
+            Some(unit) if unit == own => *n += 1,
+            Some(unit) => {
+                let name = &layout.names[column];
+                return Err(format!(
+                    "row {row}, column {name}: {cell:?} is in {unit}, and the column in {own}: write the numbers in one unit, and the unit into the column's name"
+                ));
+            }
+        }
+        Ok(number)
     }
 
     fn refuse_not_measured(&mut self) {
@@ -183,11 +234,16 @@ impl Rows {
             self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
             return self.issues.len() < MAX_ISSUES;
         }
-        let cells: csv::StringRecord = layout
-            .places
-            .iter()
-            .map(|place| &row.cells[*place])
-            .collect();
+        let mut cells = csv::StringRecord::new();
+        for (column, place) in layout.places.iter().enumerate() {
+            match self.bare((index, row.line), &row.cells[*place], column, layout) {
+                Ok(cell) => cells.push_field(cell),
+                Err(detail) => {
+                    self.issue(Some(index), Some(row.line), "mixed_units", detail);
+                    return self.issues.len() < MAX_ISSUES;
+                }
+            }
+        }
         let mut issues = Vec::new();
         let point = parse_row(
             index,

@@ -5,7 +5,7 @@ use crate::measurement::column_mapping::{ColumnRef, Mapping, Separator};
 use crate::measurement::column_names::{Known, Unit, recognise};
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv_issue::{ParseError, whole};
-use crate::measurement::number_text::value;
+use crate::measurement::number_text::{value, without_unit};
 use crate::measurement::pose_names::pose_columns;
 use crate::measurement::table::Table;
 use crate::measurement::table_cells::cell_places;
@@ -131,13 +131,18 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
         q_rad.map(|q| q.to_degrees()).collect::<Vec<f64>>()
     });
     let places = Places::new(&source.text, table.separator);
+    // A unit behind a number stays.
+    let number = |place: Range<usize>| {
+        let (number, _) = without_unit(&source.text[place.clone()]);
+        place.start..place.start + number.len()
+    };
     let rows = content.lines.iter().zip(q_deg).map(|(line, q_deg)| {
         let cells = places.of_line(*line);
         let is_same = |(column, q_deg): (&JointColumn, &f64)| {
             let cell = cells
                 .get(column.place)
                 .map(|place| &source.text[place.clone()]);
-            let found = cell.and_then(|cell| value(cell, decimal));
+            let found = cell.and_then(|cell| value(without_unit(cell).0, decimal));
             let found = found.map(|q| if column.is_rad { q.to_degrees() } else { q });
             found.is_some_and(|found| (found - q_deg).abs() <= SAME * q_deg.abs().max(1.0))
         };
@@ -145,7 +150,7 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
             true => Ok(TargetRow {
                 line: *line,
                 q_deg,
-                cells,
+                cells: cells.into_iter().map(number).collect(),
             }),
             false => Err(not_found_again(*line)),
         }
@@ -325,6 +330,8 @@ mod tests {
             .collect();
         assert_eq!(rows, [(4, "10,5"), (6, "2")]);
         assert!((found.rows[0].q_deg[0] - 10.5).abs() < 1e-12);
+        let text = "J1 [deg],note\n43.5°,2 m\n";
+        assert_eq!(&text[targets(text).rows[0].cells[0].clone()], "43.5");
         // A cell with a line break.
         let text = "note,J1 [deg]\n\"a\nb\",1\n";
         let source = Source::decode(text.as_bytes()).unwrap();

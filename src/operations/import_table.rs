@@ -220,7 +220,7 @@ fn columns(cells: &Cells) -> Result<Vec<Column>, Invalid> {
             }
             Ok(Some(column)) => columns.push(column),
             Ok(None) => {}
-            Err(issue) => issues.push(issue),
+            Err(invalid) => issues.extend(invalid.issues),
         }
     }
     let is_missing = |quantity: &usize| columns.iter().all(|column| column.quantity != *quantity);
@@ -244,7 +244,7 @@ fn columns(cells: &Cells) -> Result<Vec<Column>, Invalid> {
 }
 
 /// The column with this name; `None` for a column that is not read.
-fn column(place: usize, name: &str, below: Option<Unit>) -> Result<Option<Column>, Issue> {
+fn column(place: usize, name: &str, below: Option<Unit>) -> Result<Option<Column>, Invalid> {
     let (base, unit) = name_and_unit(name);
     let base = base.trim();
     if base.is_empty() || NUMBERS.contains(&base) {
@@ -257,7 +257,7 @@ fn column(place: usize, name: &str, below: Option<Unit>) -> Result<Option<Column
         let detail = format!(
             "the column {name:?} is not known; a table has a_mm, alpha_deg, d_mm, theta_offset_deg (or _m, _rad), and may have beta_deg, min_deg, max_deg, link"
         );
-        return Err(about(name, "unknown_column", &detail));
+        return Err(refused(vec![about(name, "unknown_column", &detail)]));
     };
     let (own, _, proposed) = QUANTITIES[quantity];
     let other = if proposed == "mm" { "m" } else { "rad" };
@@ -274,7 +274,7 @@ fn column(place: usize, name: &str, below: Option<Unit>) -> Result<Option<Column
         let detail = format!(
             "column {name} has no unit of its quantity: name it {own}_{proposed} or {own}_{other}"
         );
-        return Err(about(name, "missing_unit", &detail));
+        return Err(refused(vec![about(name, "missing_unit", &detail)]));
     };
     Ok(Some(Column {
         place,

@@ -88,8 +88,8 @@ fn statement(code: &str, start: usize, open: usize, found: &mut Found) {
         }
         return;
     }
-    let words = head.split(|c: char| !is_word(c));
-    let Some(motion) = words.filter(|word| is_motion(word)).last() else {
+    let mut words = head.rsplit(|c: char| !is_word(c));
+    let Some(motion) = words.find(|word| is_motion(word)) else {
         return;
     };
     // Both are slices of the same text.

@@ -12,7 +12,7 @@ pub use source::Source;
 
 use crate::exchange::{refit, universal_robots};
 use crate::kinematics::{Link, Robot};
-use crate::operations::{import, robot_models};
+use crate::operations::{import_table, robot_models};
 use crate::release::wrong_robot;
 use crate::wire::export::{BetaChoice, ExportDocument, ExportFormat, RemainingError};
 use crate::wire::issue::Invalid;

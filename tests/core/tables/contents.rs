@@ -134,6 +134,53 @@ pub fn contents() -> Vec<Habit> {
             "duplicate_column",
             "keep one",
         ),
+        taken(
+            "units behind every number",
+            Written {
+                header: header(|j| format!("Achse {j} [Grad]"), MM),
+                angle: |v| format!("{v:.4}°").replace('.', ","),
+                length: |v| format!("{v:.4} mm").replace('.', ","),
+                separator: ";",
+                ..Written::default()
+            }
+            .text(),
+        ),
+        refused(
+            "units behind some numbers",
+            Written {
+                header: header(DEG, MM),
+                length: |v| {
+                    if v > 0.0 {
+                        format!("{v:.4} mm")
+                    } else {
+                        four(v)
+                    }
+                },
+                ..Written::default()
+            }
+            .text(),
+            "mixed_units",
+            "write it behind every number",
+        ),
+        refused(
+            "other units behind numbers",
+            Written {
+                header: header(DEG, MM),
+                length: |v| format!("{} m", v / 1000.0),
+                ..Written::default()
+            }
+            .text(),
+            "mixed_units",
+            "and the column in mm",
+        ),
+        taken(
+            "names and brackets of other languages",
+            named(
+                |j| format!("θ{j}（°）"),
+                ["X（毫米）", "Y（毫米）", "Z（毫米）"],
+            )
+            .text(),
+        ),
         refused(
             "a mean in a numbered column",
             with_row(&labelled("No."), "Durchschnitt", "1.5", "2.5"),
