@@ -138,7 +138,8 @@ export function understoodDetails(set) {
   const unit = (column) => (column.unit ? `${column.means} in ${column.unit}` : column.means);
   const rows = parts.map(([title, understood]) => el("div", {}, el("p", {}, el("strong", {}, title), `: ${inWords(understood)}.`),
     el("p.note", {}, understood.columns.map((column) => `${column.column} is ${unit(column)}`).join("; "), "."),
-    understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`)));
+    understood.ignored.length > 0 && el("p.note", {}, `Not read: ${understood.ignored.join(", ")}.`),
+    understood.unread && el("p.note", {}, `${understood.unread.n} points of the program are not read: ${understood.unread.points.map((point) => `line ${point.line} ${point.name} (${point.reason})`).join("; ")}.`)));
   return el("details", {}, el("summary", {}, "How the file was read"), rows, set.joined && joinWords(set.joined.join));
 }
 
@@ -146,5 +147,5 @@ function joinWords(join) {
   const clock = join.clock_offset_s === undefined ? "" : ` The robot's clock minus the instrument's is ${join.clock_offset_s.toFixed(3)} s; pairs may be ${join.tolerance_s.toFixed(3)} s apart.`;
   const rest = [["robot's", join.leftover_robot], ["instrument's", join.leftover_instrument]].filter(([, rows]) => rows.n > 0)
     .map(([file, rows]) => el("p.note", {}, `${rows.n} rows of the ${file} file have no partner: ${rows.rows.map((row) => row.label || `line ${row.line}`).join(", ")}.`));
-  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? ", without signs, spaces and leading zeros in the names" : ""}.${clock}`), rest];
+  return [el("p", {}, `${join.n_joined} pairs of rows, joined by ${join.by}${join.loose_names ? " (names agree without signs, spaces and leading zeros, or by their numbers alone)" : ""}.${clock}`), rest];
 }

@@ -125,6 +125,8 @@ pub struct CalibrationRequest {
     pub held_out: Option<HeldOut>,
     /// Code with which an upload of the request was refused, if the upload was kept by explicit request.
     pub refused_as: Option<String>,
+    /// Text that names columns of the files that are not read and may say which reflector or set-up of the instrument a row is of.
+    pub unread_labels: Option<String>,
     /// Residual network of the robot's last identification. Training of a new one starts from it.
     pub residual_network: Option<ResidualNetwork>,
     /// Session of the robot's last identification, for comparison.
@@ -168,6 +170,7 @@ impl CalibrationRequest {
             instrument_scale: None,
             held_out: None,
             refused_as: None,
+            unread_labels: None,
             residual_network: None,
             previous: None,
         }

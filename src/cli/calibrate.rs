@@ -30,6 +30,7 @@ use crate::wire::measurement::{self, MeasurementSet};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
 use crate::wire::suspicion::Insist;
+use crate::wire::understood::Reading;
 use crate::wire::{Issue, Problem, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -126,6 +127,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             Usage(faults.join("\n"))
         })?;
     request.refused_as = insisted_on.map(str::to_owned);
+    request.unread_labels = all().find_map(|session| session.unread.clone());
     let bar = (!arguments.output.json).then(progress_bar);
     let mut monitor = |progress: ProgressAnswer| {
         if let Some(bar) = &bar {
@@ -161,6 +163,8 @@ struct Session {
     set: MeasurementSet,
     sha256: String,
     insisted_on: Option<&'static str>,
+    /// Names columns that are not read and may say which reflector or set-up a row is of.
+    unread: Option<String>,
 }
 
 /// Reads and checks one file of points.
@@ -182,8 +186,10 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
     {
         print_warning(warning.code, &warning.detail);
     }
-    let insisted_on = check_upload(path, robot, &set, arguments)?;
+    let unread = reading.as_ref().and_then(Reading::unread_labels);
+    let insisted_on = check_upload(path, robot, &set, arguments, unread.as_deref())?;
     Ok(Session {
+        unread,
         insisted_on: check_rotations(path, robot, &set, arguments)?.or(insisted_on),
         sha256: canonical::sha256_hex(&files.bytes),
         set,
@@ -197,12 +203,14 @@ fn check_upload(
     robot: &Robot,
     set: &MeasurementSet,
     arguments: &Arguments,
+    unread: Option<&str>,
 ) -> anyhow::Result<Option<&'static str>> {
     let Alignment::Misses(rms_mm) = alignment::align(robot, set) else {
         return Ok(None);
     };
     let explanation = alignment::explain(robot, set, rms_mm, &[]);
-    let kept = accept_misfit(explanation, arguments.set_options.insist).map_err(|suspicion| {
+    let insist = arguments.set_options.insist;
+    let kept = accept_misfit(explanation, insist, unread).map_err(|suspicion| {
         let issues = [Issue::from(&*suspicion)];
         Usage(cannot_be_used(path, &[], &issues))
     })?;

@@ -4,7 +4,7 @@ use super::client::{Client, ServerArguments};
 use super::column_options::ColumnOptions;
 use super::files;
 use super::list::columns;
-use super::measured::{TableOptions, read_measured};
+use super::measured::{TableOptions, read_measured, unread_in_words};
 use super::runtime::block_on;
 use super::terminal::{Output, plain, raw};
 use super::usage::Usage;
@@ -223,6 +223,10 @@ fn shown(answer: &Value) -> String {
             file["part"].as_str().unwrap_or_default(),
             columns(&names, &rows)
         );
+        let understood = serde_json::from_value(file["understood"].clone()).ok();
+        if let Some(line) = understood.as_ref().and_then(unread_in_words) {
+            text += &format!("{line}\n");
+        }
     }
     let errors: Vec<Issue> = serde_json::from_value(answer["errors"].clone()).unwrap_or_default();
     match errors.is_empty() {

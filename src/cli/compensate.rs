@@ -1,11 +1,12 @@
 //! `kincal compensate`: corrects the joint targets of a program.
 
 use super::client::ServerArguments;
+use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, read, read_json};
 use super::program::{Program, ProgramTarget};
 use super::runtime::block_on;
 use super::terminal;
-use super::terminal::Output;
+use super::terminal::{Output, plain};
 use super::usage::Usage;
 use crate::operations::{self, Correctable};
 use crate::wire::compensate::{
@@ -21,13 +22,14 @@ use std::path::PathBuf;
 
 /// Correct the targets of a program that was made offline.
 ///
-/// PROGRAM.csv has joint targets in q1_deg … qn_deg (or q1_rad …), or Cartesian targets in x_mm y_mm z_mm quat_w quat_x quat_y quat_z with joint
-/// values near them. The output is the program with corrected targets; all other columns stay as they are. With --json, the output also has the
-/// status of each target.
+/// PROGRAM is a table with joint targets in q1_deg … qn_deg (or q1_rad …, J1 [deg] …), or Cartesian targets in x_mm y_mm z_mm quat_w quat_x quat_y
+/// quat_z with joint values near them; or a robot program with joint targets (KUKA, ABB, FANUC, Universal Robots). Of commanded and measured joint
+/// values, the commanded ones are targets. The output is the program with corrected targets; everything else stays as it is. With --json, the output
+/// also has the status of each target.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// With --parameters: PROGRAM.csv. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.csv.
-    #[arg(value_name = "PARAMETERS.json PROGRAM.csv", num_args = 1..=2, required = true)]
+    /// With --parameters: PROGRAM. Without: PARAMETERS.json (GET /v1/parameter-sets/{id}/export) and PROGRAM.
+    #[arg(value_name = "PARAMETERS.json PROGRAM", num_args = 1..=2, required = true)]
     files: Vec<PathBuf>,
     /// Id of a parameter set on the server, instead of a file.
     #[arg(long, env = "KINCAL_PARAMETERS", value_name = "ID")]
@@ -54,6 +56,8 @@ pub struct Arguments {
     #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
     #[command(flatten)]
+    columns: ColumnOptions,
+    #[command(flatten)]
     output: Output,
 }
 
@@ -71,22 +75,23 @@ pub fn tool_mm(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
 }
 
-/// Prints the program with corrected joint values on standard output; every other column stays as it is.
+/// Prints the program with corrected joint values on standard output; everything else stays as it is.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Some(path) = arguments.files.last() else {
-        return Err(Usage("PROGRAM.csv is missing".into()).into());
+        return Err(Usage("PROGRAM is missing".into()).into());
     };
     if arguments.target.is_some() && arguments.tool_mm.is_some() {
         return Err(Usage("the tool is either a reflector or a tool centre point: give --target or --tool-mm, not both".into()).into());
     }
-    let program = Program::parse(read(path)?)
-        .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
+    let program = Program::parse(path, &read(path)?, &arguments.columns.body()?)?;
+    program
+        .notes
+        .iter()
+        .for_each(|note| eprintln!("{}", plain(note)));
     eprintln!(
         "warning (taught_targets): targets that were taught by moving the robot there already hold its errors: correct only those that were programmed offline"
     );
-    let targets = program
-        .targets()
-        .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
+    let targets = program.targets();
     let part = |(i, part): (usize, &[_])| {
         correct(arguments, part)
             .map_err(|error| program.with_file_rows(error, path, i * MAX_TARGETS_PER_REQUEST))
@@ -111,17 +116,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("warning (base_and_tool): {warning}");
     }
     for warning in &answer.warnings {
-        let rows: Vec<String> = warning.rows.iter().map(usize::to_string).collect();
-        let rows = match rows.is_empty() {
+        let lines = match warning.rows.is_empty() {
             true => String::new(),
-            false => format!(" (rows {})", rows.join(", ")),
+            false => format!(" (lines {})", program.lines(&warning.rows)),
         };
-        eprintln!("warning ({}): {}{rows}", warning.code, warning.detail);
+        eprintln!("warning ({}): {}{lines}", warning.code, warning.detail);
     }
     if arguments.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
     } else {
-        terminal::raw(program.with(&answer)?);
+        terminal::raw(program.with(&answer));
     }
     let statuses = &answer.status;
     for (status, what) in [
@@ -135,17 +139,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ),
         (Status::NotReached, "out of reach"),
     ] {
-        let rows: Vec<String> = statuses
-            .iter()
-            .enumerate()
-            .filter(|(_, s)| **s == status)
-            .map(|(row, _)| row.to_string())
+        let found: Vec<usize> = (0..statuses.len())
+            .filter(|target| statuses[*target] == status)
             .collect();
-        if !rows.is_empty() {
-            let (n, rows) = (rows.len(), rows.join(", "));
+        if !found.is_empty() {
             eprintln!(
-                "warning: {n} of {} targets are {what} (rows {rows}; 0 is the first below the header)",
-                statuses.len()
+                "warning: {} of {} targets are {what} (lines {})",
+                found.len(),
+                statuses.len(),
+                program.lines(&found)
             );
         }
     }
@@ -231,9 +233,9 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
             };
             Ok(operations::compensate(&body, from)?)
         }
-        (Some(_), _) => Err(Usage("with --parameters only PROGRAM.csv is given".into()).into()),
+        (Some(_), _) => Err(Usage("with --parameters only PROGRAM is given".into()).into()),
         (None, _) => Err(Usage(
-            "give PARAMETERS.json and PROGRAM.csv, or --parameters ID and PROGRAM.csv".into(),
+            "give PARAMETERS.json and PROGRAM, or --parameters ID and PROGRAM".into(),
         )
         .into()),
     }

@@ -78,21 +78,6 @@ pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) ->
     })?)
 }
 
-/// Refuses a table with semicolons between its columns, for commands without `--decimal-comma`.
-pub fn refuse_semicolons(bytes: &[u8]) -> Result<(), String> {
-    let header = bytes
-        .split(|byte| *byte == b'\n')
-        .next()
-        .unwrap_or_default();
-    if header.contains(&b';') && !header.contains(&b',') {
-        return Err(
-            "columns are separated by ';': save it with commas, and with '.' as the decimal point"
-                .into(),
-        );
-    }
-    Ok(())
-}
-
 /// The message about a file that cannot be used: one line per issue.
 pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
     format!(
@@ -229,7 +214,7 @@ fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::{fault, faults, line_of, refuse_semicolons};
+    use super::{fault, faults, line_of};
     use crate::wire::issue::Issue;
 
     #[test]
@@ -318,11 +303,5 @@ mod tests {
             })
             .collect();
         assert!(faults(&of_rows, None).ends_with("\n  and 12 more"));
-    }
-
-    #[test]
-    fn a_semicolon_within_a_table_with_commas_is_a_character() {
-        assert!(refuse_semicolons(b"a_mm;d_mm\n1;2\n").is_err());
-        assert!(refuse_semicolons(b"q1_deg,\"note; more\"\n1;2\n").is_ok());
     }
 }

@@ -1,21 +1,21 @@
 //! `kincal import`: makes a robot file from a URDF or a table.
 
-use super::files::{cannot_be_used, read, refuse_semicolons};
+use super::files::{cannot_be_used, read};
 use super::terminal::plain;
 use super::usage::Usage;
 use crate::operations::import::import_with;
 use crate::wire::frames::Transform;
 use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
 use nalgebra::{Matrix3, Rotation3};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Make a robot file from a URDF or a table of Denavit-Hartenberg parameters.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A URDF (xacro expanded), or a CSV or JSON table with a_mm, alpha_deg, d_mm, theta_offset_deg, one row per link.
+    /// A URDF (xacro expanded), or a CSV or JSON table with a_mm, alpha_deg, d_mm, theta_offset_deg (or theta_deg), one row per link.
     #[arg(value_name = "ROBOT.urdf|TABLE.csv|TABLE.json")]
     file: PathBuf,
-    /// Format of the file [default: urdf for .urdf and .xml, else mdh].
+    /// Format of the file [default: urdf for .urdf and .xml]. A table needs it: dh is the distal convention, mdh Craig's.
     #[arg(long, env = "KINCAL_CONVENTION", value_enum)]
     convention: Option<ImportFormat>,
     /// The robot's name [default: the file's name].
@@ -32,20 +32,7 @@ pub struct Arguments {
 /// Prints the robot on standard output, and what its links cannot represent on standard error.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bytes = read(&arguments.file)?;
-    let is_urdf = arguments
-        .file
-        .extension()
-        .is_some_and(|e| e == "urdf" || e == "xml");
-    let by_name = if is_urdf {
-        ImportFormat::Urdf
-    } else {
-        ImportFormat::Mdh
-    };
-    let format = arguments.convention.unwrap_or(by_name);
-    if !matches!(format, ImportFormat::Urdf) {
-        refuse_semicolons(&bytes)
-            .map_err(|error| Usage(format!("{}: {error}", arguments.file.display())))?;
-    }
+    let format = format_of(&arguments.file, arguments.convention)?;
     let stem = arguments.file.file_stem().map_or_else(
         || "imported robot".into(),
         |stem| stem.to_string_lossy().into_owned(),
@@ -57,6 +44,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     tell(&imported);
     say!("{}", serde_json::to_string_pretty(&imported.robot)?);
     Ok(())
+}
+
+/// The format of a description. A table of links does not say its convention.
+pub fn format_of(file: &Path, stated: Option<ImportFormat>) -> Result<ImportFormat, Usage> {
+    let is_urdf = ["urdf", "xml"].iter().any(|name| {
+        file.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case(name))
+    });
+    let by_name = is_urdf.then_some(ImportFormat::Urdf);
+    stated.or(by_name).ok_or_else(|| {
+        Usage(format!(
+            "{}: a table of links has one of two conventions: give --convention dh (Rz·Dz·Dx·Rx, distal, standard) or --convention mdh (Rx·Dx·Rz·Dz, Craig, modified)",
+            file.display()
+        ))
+    })
 }
 
 /// Prints on standard error how the description was understood, and what the links cannot represent.

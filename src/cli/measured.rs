@@ -2,13 +2,14 @@
 
 use super::column_options::ColumnOptions;
 use super::files::{BYTE_ORDER_MARK, NumberFormat, is_json, read};
+use super::terminal::plain;
 use super::usage::Usage;
 use crate::measurement::{Decimal, RotationConvention};
 use crate::wire::canonical;
 use crate::wire::columns::ColumnsBody;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::{MAX_UPLOAD_BYTES, Upload};
-use crate::wire::understood::{JoinBody, Reading, UnderstoodBody, UnderstoodColumn};
+use crate::wire::understood::{JoinBody, Reading, UnderstoodBody, UnderstoodColumn, UnreadPoint};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -217,7 +218,30 @@ fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<Strin
     if !table.ignored.is_empty() {
         lines.push(format!("{file}not read: {}", table.ignored.join(", ")));
     }
+    lines.extend(unread_in_words(table).map(|line| format!("{file}{line}")));
     lines
+}
+
+/// Number of points that are listed in one line.
+const POINTS_SHOWN: usize = 10;
+
+/// The points of a robot program that are not read.
+pub fn unread_in_words(table: &UnderstoodBody) -> Option<String> {
+    let unread = table.unread.as_ref()?;
+    let point = |point: &UnreadPoint| {
+        let name = match point.name.as_str() {
+            "" => String::new(),
+            name => format!(" {}", plain(name)),
+        };
+        format!("line {}{name} ({})", point.line, point.reason)
+    };
+    let points: Vec<String> = unread.points.iter().take(POINTS_SHOWN).map(point).collect();
+    let more = if unread.n > points.len() { ", …" } else { "" };
+    Some(format!(
+        "{} points of the program are not read: {}{more}",
+        unread.n,
+        points.join(", ")
+    ))
 }
 
 fn join_in_words(join: &JoinBody) -> Vec<String> {
@@ -228,7 +252,9 @@ fn join_in_words(join: &JoinBody) -> Vec<String> {
         _ => String::new(),
     };
     let loosely = match join.loose_names {
-        true => " (without signs, spaces and leading zeros in the names)",
+        true => {
+            " (names agree loosely: without signs, spaces and leading zeros, or by their numbers alone)"
+        }
         false => "",
     };
     let clock = match join.instrument_log {

@@ -1,32 +1,20 @@
-//! A program as a CSV file of joint or Cartesian targets: reads it, and writes it again with corrected targets.
+//! A program with joint or Cartesian targets, as a table or in the language of a robot: reads it, and writes it again with corrected targets. Everything
+//! else stays as it is, to the byte.
 
 use super::failure::Refused;
-use super::files;
+use super::files::{self, cannot_be_used};
 use super::usage::Usage;
-use crate::measurement::column_names::{Known, Unit, recognise};
+use crate::measurement::Decimal;
+use crate::measurement::number_text::value;
+use crate::measurement::programs;
+use crate::measurement::table_targets::{Targets, read_targets};
+use crate::measurement::table_text::{Encoding, Source, encoded, has_mark};
+use crate::wire::columns::{ColumnsBody, FilePart};
 use crate::wire::compensate::{CartesianTarget, CompensateAnswer};
 use crate::wire::issue::{Invalid, Issue};
+use crate::wire::{table_upload, workbook};
+use std::ops::Range;
 use std::path::Path;
-
-/// Columns of a Cartesian target.
-const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
-const QUATERNION: [&str; 4] = ["quat_w", "quat_x", "quat_y", "quat_z"];
-
-/// A program: its header, its rows, and the columns of its targets.
-pub struct Program {
-    bytes: Vec<u8>,
-    header: Vec<String>,
-    rows: Vec<Vec<String>>,
-    /// Column of each joint, and whether it is in radians.
-    joints: Vec<(usize, bool)>,
-    /// Columns of the position, mm, where targets are Cartesian.
-    position: Option<[usize; 3]>,
-    /// Columns of the quaternion, if the program has them.
-    quaternion: Option<[usize; 4]>,
-    separator: u8,
-    /// Whether its numbers have decimal commas.
-    has_commas: bool,
-}
 
 /// A target of a program.
 #[derive(Clone)]
@@ -35,130 +23,188 @@ pub enum ProgramTarget {
     Cartesian(CartesianTarget),
 }
 
+/// A target, and where its numbers are in the text.
+struct Place {
+    target: ProgramTarget,
+    /// The line of the program on which it begins, counted from 1.
+    line: usize,
+    joints: Vec<Range<usize>>,
+    position: Option<[Range<usize>; 3]>,
+    quaternion: Option<[Range<usize>; 4]>,
+}
+
+/// How numbers are written.
+#[derive(Clone, Copy)]
+enum Digits {
+    /// With enough decimals for any use.
+    All,
+    /// With as many decimals as the number had, but at least as many as are needed.
+    AsBefore,
+}
+
+/// A program.
+pub struct Program {
+    text: String,
+    encoding: Encoding,
+    has_mark: bool,
+    places: Vec<Place>,
+    /// The name of each joint's column; empty for a robot program.
+    columns: Vec<String>,
+    is_rad: bool,
+    decimal: Decimal,
+    digits: Digits,
+    /// What the user has to know about how it was read.
+    pub notes: Vec<String>,
+}
+
 impl Program {
-    pub fn parse(bytes: Vec<u8>) -> Result<Self, String> {
-        let first = bytes
-            .split(|byte| *byte == b'\n')
-            .next()
-            .unwrap_or_default();
-        let separator = match (first.contains(&b';'), first.contains(&b'\t')) {
-            (true, _) => b';',
-            (false, true) => b'\t',
-            _ => b',',
+    /// Reads a program. `columns` states what the names of a table's columns do not.
+    pub fn parse(path: &Path, bytes: &[u8], columns: &ColumnsBody) -> anyhow::Result<Self> {
+        let unusable = |invalid: Invalid| Usage(cannot_be_used(path, bytes, &invalid.issues));
+        let refused = |error| unusable(table_upload::table_error(&error));
+        let mut mapping = columns.mapping(FilePart::Robot).map_err(unusable)?;
+        let is_workbook = workbook::workbook(bytes).is_some();
+        let source = match workbook::workbook(bytes) {
+            Some(kind) => {
+                let (source, sheet) =
+                    workbook::read(kind, bytes, mapping.sheet.as_deref()).map_err(unusable)?;
+                mapping.sheet = Some(sheet);
+                source
+            }
+            None => Source::decode(bytes).map_err(|error| refused(error.into()))?,
         };
-        let mut reader = csv::ReaderBuilder::new()
-            .has_headers(false)
-            .delimiter(separator)
-            .from_reader(bytes.as_slice());
-        let mut records = reader.records();
-        let cells =
-            |record: csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
-        let header = records
-            .next()
-            .ok_or("the file is empty")?
-            .map(cells)
-            .map_err(|e| e.to_string())?;
-        let rows = records
-            .map(|record| record.map(cells))
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(|e| e.to_string())?;
-        let known: Vec<Known> = header
-            .iter()
-            .map(|name| recognise(name.trim_start_matches('\u{feff}'), None))
-            .collect();
-        let place = |joint: usize| {
-            let named = |unit: &'static str| {
-                let meant = Known::Joint(joint, Unit::Is(unit));
-                known.iter().position(|known| *known == meant)
-            };
-            named("deg")
-                .map(|column| (column, false))
-                .or_else(|| named("rad").map(|column| (column, true)))
-        };
-        let joints: Vec<(usize, bool)> = (1..).map_while(place).collect();
-        if joints.is_empty() {
-            return Err("it has no column q1_deg or q1_rad: joint values are in columns q1_deg … qn_deg, or q1_rad … qn_rad, or J1 [deg] …; the unit is part \
-                        of the name".into());
+        if !is_workbook
+            && let Some(program) =
+                programs::find(&source.text).map_err(|error| refused(error.into()))?
+        {
+            return Ok(Self::of_robot(source, has_mark(bytes), &program));
         }
-        let named = |name: &str| {
-            let is_named = |h: &String| h.trim().trim_start_matches('\u{feff}') == name;
-            header.iter().position(is_named)
+        let targets = read_targets(&source, &mapping).map_err(refused)?;
+        let mut program = Self::of_table(source, has_mark(bytes), targets)
+            .map_err(|error| Usage(format!("{}: {error}", path.display())))?;
+        if is_workbook {
+            let note = "the workbook is written as text with tabs between its columns";
+            program.notes.push(note.into());
+        }
+        Ok(program)
+    }
+
+    fn of_robot(source: Source, has_mark: bool, program: &programs::Program) -> Self {
+        let text = source.text.into_owned();
+        let is_rad = program.language.unit() == "rad";
+        let place = |(point, line): (&programs::Point, &usize)| {
+            let angle = |at: &Range<usize>| {
+                let angle = value(&text[at.clone()], Decimal::Point).unwrap_or_default();
+                if is_rad { angle.to_degrees() } else { angle }
+            };
+            Place {
+                target: ProgramTarget::Joints(point.angles.iter().map(angle).collect()),
+                line: *line,
+                joints: point.angles.clone(),
+                position: None,
+                quaternion: None,
+            }
         };
-        let position = POSITION.map(named);
-        let quaternion = QUATERNION.map(named);
-        let has_comma =
-            |row: &Vec<String>| joints.iter().any(|(column, _)| row[*column].contains(','));
+        let points = program.points.iter().zip(&program.lines);
+        let places: Vec<Place> = points.map(place).collect();
+        let mut notes = vec![format!(
+            "{} points with joint values are corrected",
+            places.len()
+        )];
+        if !program.unread.is_empty() {
+            let lines: Vec<String> = program
+                .unread
+                .iter()
+                .map(|point| format!("{} ({})", point.line, point.reason.as_str()))
+                .collect();
+            notes.push(format!(
+                "warning (points_left): {} points stay as they are: lines {}",
+                lines.len(),
+                lines.join(", ")
+            ));
+        }
+        Self {
+            places,
+            encoding: source.encoding,
+            has_mark,
+            columns: vec![],
+            is_rad,
+            decimal: Decimal::Point,
+            digits: Digits::AsBefore,
+            notes,
+            text,
+        }
+    }
+
+    fn of_table(source: Source, has_mark: bool, targets: Targets) -> Result<Self, String> {
+        let text = source.text.into_owned();
+        let joints = &targets.joints;
+        let is_rad = joints.first().is_some_and(|joint| joint.is_rad);
+        let names: Vec<String> = joints.iter().map(|joint| joint.name.clone()).collect();
+        let mut notes = vec![format!("corrected columns: {}", names.join(", "))];
+        if !targets.other_poses.is_empty() {
+            notes.push(format!(
+                "warning (poses_left): columns {} stay as they are: they are the pose of the joint values before the correction",
+                targets.other_poses.join(", ")
+            ));
+        }
+        let rows = targets.rows.into_iter().map(|row| {
+            let cell = |column: usize| row.cells.get(column).cloned().unwrap_or_default();
+            let number = |place: &Range<usize>| {
+                let cell = &text[place.clone()];
+                value(cell, targets.decimal)
+                    .ok_or_else(|| format!("line {}: {cell:?} is not a number", row.line))
+            };
+            let position = targets.position.map(|columns| columns.map(cell));
+            let quaternion = targets.quaternion.filter(|_| position.is_some());
+            let quaternion = quaternion.map(|columns| columns.map(cell));
+            let target = match &position {
+                None => ProgramTarget::Joints(row.q_deg),
+                Some(position) => ProgramTarget::Cartesian(CartesianTarget {
+                    position_mm: numbers(position, number)?,
+                    quaternion: match &quaternion {
+                        Some(quaternion) => Some(numbers(quaternion, number)?),
+                        None => None,
+                    },
+                    rotation: None,
+                    q_near_deg: row.q_deg,
+                }),
+            };
+            Ok(Place {
+                target,
+                line: row.line,
+                joints: joints.iter().map(|joint| cell(joint.place)).collect(),
+                position,
+                quaternion,
+            })
+        });
         Ok(Self {
-            has_commas: separator != b',' && rows.iter().any(has_comma),
-            separator,
-            position: all_there(position),
-            quaternion: all_there(quaternion),
-            bytes,
-            header,
-            rows,
-            joints,
+            places: rows.collect::<Result<_, String>>()?,
+            encoding: source.encoding,
+            has_mark,
+            columns: names,
+            is_rad,
+            decimal: targets.decimal,
+            digits: Digits::All,
+            notes,
+            text,
         })
     }
 
-    pub fn targets(&self) -> Result<Vec<ProgramTarget>, String> {
-        let number =
-            |row: usize, column: usize| self.number((row, &self.rows[row]), (column, false));
-        let target = |(row, q_deg): (usize, Vec<f64>)| {
-            let Some([x, y, z]) = self.position else {
-                return Ok(ProgramTarget::Joints(q_deg));
-            };
-            let quaternion = match self.quaternion {
-                None => None,
-                Some([w, x, y, z]) => Some([
-                    number(row, w)?,
-                    number(row, x)?,
-                    number(row, y)?,
-                    number(row, z)?,
-                ]),
-            };
-            Ok(ProgramTarget::Cartesian(CartesianTarget {
-                position_mm: [number(row, x)?, number(row, y)?, number(row, z)?],
-                quaternion,
-                rotation: None,
-                q_near_deg: q_deg,
-            }))
-        };
-        self.q_deg()?.into_iter().enumerate().map(target).collect()
+    /// The targets in their order.
+    pub fn targets(&self) -> Vec<ProgramTarget> {
+        let places = self.places.iter();
+        places.map(|place| place.target.clone()).collect()
     }
 
-    /// The number in a cell. Radians are converted to degrees.
-    fn number(
-        &self,
-        (row, cells): (usize, &Vec<String>),
-        (column, is_rad): (usize, bool),
-    ) -> Result<f64, String> {
-        let text = cells[column].trim();
-        let pointed = match self.has_commas && !text.contains('.') {
-            true => text.replace(',', "."),
-            false if self.has_commas => String::new(),
-            false => text.to_owned(),
-        };
-        let number = pointed
-            .parse::<f64>()
-            .ok()
-            .filter(|number| number.is_finite());
-        let place = || {
-            let row = files::row(row, Some(&self.bytes));
-            format!("{row}, column {}", self.header[column])
-        };
-        let number = number.ok_or_else(|| format!("{}: {text:?} is not a number", place()))?;
-        Ok(if is_rad { number.to_degrees() } else { number })
+    /// The lines of targets, which are counted from 0.
+    pub fn lines(&self, targets: &[usize]) -> String {
+        let places = targets.iter().filter_map(|target| self.places.get(*target));
+        let lines: Vec<String> = places.map(|place| place.line.to_string()).collect();
+        lines.join(", ")
     }
 
-    fn q_deg(&self) -> Result<Vec<Vec<f64>>, String> {
-        let row = |row: (usize, &Vec<String>)| {
-            let joints = self.joints.iter();
-            joints.map(|joint| self.number(row, *joint)).collect()
-        };
-        self.rows.iter().enumerate().map(row).collect()
-    }
-
-    /// Rewrites an error in terms of the program's rows and columns, and of options. `first` is the first row of the request.
+    /// Rewrites an error in terms of the program's lines and columns, and of options. `first` is the first target of the request.
     pub fn with_file_rows(&self, error: anyhow::Error, path: &Path, first: usize) -> anyhow::Error {
         let issues = match (
             error.downcast_ref::<Refused>(),
@@ -182,31 +228,24 @@ impl Program {
 
     fn fault(&self, issue: &Issue, first: usize) -> String {
         let detail = &issue.detail;
-        let mut pointer = issue
-            .pointer
-            .as_deref()
-            .unwrap_or_default()
-            .split('/')
-            .skip(1);
+        let pointer = issue.pointer.as_deref().unwrap_or_default();
+        let mut pointer = pointer.split('/').skip(1);
         let (field, row, joint) = (pointer.next(), pointer.next(), pointer.next());
-        let column = joint
-            .and_then(|joint| joint.parse::<usize>().ok())
-            .and_then(|joint| self.joints.get(joint));
-        match (field, row.and_then(|row| row.parse::<usize>().ok()), column) {
-            (Some("q_deg"), Some(row), Some((column, _))) => {
-                format!(
-                    "{}, column {}: {detail}",
-                    files::row(first + row, Some(&self.bytes)),
-                    self.header[*column]
-                )
-            }
-            (Some("targets"), Some(row), _) => {
-                let row = files::row(first + row, Some(&self.bytes));
-                format!("{row}: {detail}")
-            }
+        let place = row.and_then(|row| self.places.get(first + row.parse::<usize>().ok()?));
+        let joint = joint.and_then(|joint| joint.parse::<usize>().ok());
+        let column = joint.and_then(|joint| self.columns.get(joint));
+        match (field, place, joint) {
+            (Some("q_deg"), Some(place), Some(joint)) => match column {
+                Some(name) => format!("line {}, column {name}: {detail}", place.line),
+                None => format!("line {}, joint {}: {detail}", place.line, joint + 1),
+            },
+            (Some("targets"), Some(place), _) => format!("line {}: {detail}", place.line),
             (Some("frame"), ..) => format!("--frame: {detail}"),
             (Some("tool_name"), ..) => format!("--tool: {detail}"),
-            (Some("q_deg"), ..) => format!("its columns are q1 … q{}: {detail}", self.joints.len()),
+            (Some("q_deg"), ..) => {
+                let n = self.places.first().map_or(0, |place| place.joints.len());
+                format!("it has joint values of {n} joints: {detail}")
+            }
             (Some("mode"), ..) => format!("--mode: {detail}"),
             (Some("base"), ..) => format!("--base: {detail}"),
             (Some("target"), ..) => format!("--target: {detail}"),
@@ -215,64 +254,146 @@ impl Program {
         }
     }
 
-    /// The program with corrected targets.
-    pub fn with(&self, answer: &CompensateAnswer) -> anyhow::Result<String> {
-        let mut writer = csv::WriterBuilder::new()
-            .delimiter(self.separator)
-            .from_writer(Vec::new());
-        writer.write_record(&self.header)?;
-        for (i, (row, q_deg)) in self.rows.iter().zip(&answer.q_deg).enumerate() {
-            let mut row = row.clone();
-            let mut put = |column: usize, number: String| {
-                row[column] = match self.has_commas {
-                    true => number.replace('.', ","),
-                    false => number,
-                };
-            };
-            for ((column, is_rad), q) in self.joints.iter().zip(q_deg) {
-                let number = match is_rad {
-                    true => format!("{:.9}", q.to_radians()),
-                    false => format!("{q:.7}"),
-                };
-                put(*column, number);
-            }
+    /// The program with corrected targets, in its own encoding.
+    pub fn with(&self, answer: &CompensateAnswer) -> Vec<u8> {
+        let mut replaced: Vec<(&Range<usize>, String)> = Vec::new();
+        for (i, (place, q_deg)) in self.places.iter().zip(&answer.q_deg).enumerate() {
+            let angles = place.joints.iter().zip(q_deg);
+            replaced.extend(angles.map(|(at, q_deg)| (at, self.angle(at, *q_deg))));
             if let Some(pose) = answer.poses.as_ref().and_then(|poses| poses.get(i)) {
-                let position = self.position.iter().flatten().zip(pose.position_mm);
-                position.for_each(|(column, mm)| put(*column, format!("{mm:.5}")));
-                let quaternion = self.quaternion.iter().flatten().zip(pose.quaternion);
-                quaternion.for_each(|(column, q)| put(*column, format!("{q:.9}")));
+                let position = place.position.iter().flatten().zip(pose.position_mm);
+                replaced.extend(position.map(|(at, mm)| (at, self.marked(format!("{mm:.5}")))));
+                let quaternion = place.quaternion.iter().flatten().zip(pose.quaternion);
+                replaced.extend(quaternion.map(|(at, q)| (at, self.marked(format!("{q:.9}")))));
             }
-            writer.write_record(&row)?;
         }
-        Ok(String::from_utf8(writer.into_inner()?)?)
+        replaced.sort_by_key(|(at, _)| at.start);
+        let mut text = String::with_capacity(self.text.len() + 8 * replaced.len());
+        let mut from = 0;
+        for (at, number) in replaced {
+            text.push_str(&self.text[from..at.start]);
+            text.push_str(&number);
+            from = at.end;
+        }
+        text.push_str(&self.text[from..]);
+        encoded(&text, self.encoding, self.has_mark)
+    }
+
+    fn angle(&self, at: &Range<usize>, q_deg: f64) -> String {
+        let (angle, all, least) = match self.is_rad {
+            true => (q_deg.to_radians(), 9, 6),
+            false => (q_deg, 7, 4),
+        };
+        let before = self.text[at.clone()].split_once('.');
+        let before = before.map_or(0, |(_, fraction)| {
+            fraction.bytes().take_while(u8::is_ascii_digit).count()
+        });
+        let decimals = match self.digits {
+            Digits::All => all,
+            Digits::AsBefore => before.max(least),
+        };
+        self.marked(format!("{angle:.decimals$}"))
+    }
+
+    /// A number with the program's decimal mark.
+    fn marked(&self, number: String) -> String {
+        match self.decimal {
+            Decimal::Point => number,
+            Decimal::Comma => number.replace('.', ","),
+        }
     }
 }
 
-/// `Some` if all columns exist.
-fn all_there<const N: usize>(columns: [Option<usize>; N]) -> Option<[usize; N]> {
-    let all: Option<Vec<usize>> = columns.into_iter().collect();
-    all?.try_into().ok()
+fn numbers<const N: usize>(
+    places: &[Range<usize>; N],
+    number: impl Fn(&Range<usize>) -> Result<f64, String>,
+) -> Result<[f64; N], String> {
+    let mut found = [0.0; N];
+    for (found, place) in found.iter_mut().zip(places) {
+        *found = number(place)?;
+    }
+    Ok(found)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Program;
+    use super::{Program, ProgramTarget};
+    use crate::wire::columns::ColumnsBody;
     use crate::wire::compensate::{CompensateAnswer, ErrorFrame};
+    use std::path::Path;
+
+    fn parse(bytes: &[u8], columns: &str) -> anyhow::Result<Program> {
+        let columns = ColumnsBody::parse(columns.as_bytes()).unwrap();
+        Program::parse(Path::new("program"), bytes, &columns)
+    }
+
+    fn q_deg(program: &Program) -> Vec<Vec<f64>> {
+        let targets = program.targets().into_iter();
+        let targets = targets.map(|target| match target {
+            ProgramTarget::Joints(q_deg) => q_deg,
+            ProgramTarget::Cartesian(target) => target.q_near_deg,
+        });
+        let rounded = |q: f64| (q * 1e9).round() / 1e9;
+        targets
+            .map(|q_deg| q_deg.into_iter().map(rounded).collect())
+            .collect()
+    }
+
+    fn corrected(program: &Program, q_deg: &[&[f64]]) -> Vec<u8> {
+        let mut answer = CompensateAnswer::with_capacity(2, ErrorFrame::RobotBase);
+        answer.q_deg = q_deg.iter().map(|q_deg| q_deg.to_vec()).collect();
+        program.with(&answer)
+    }
 
     #[test]
-    fn a_program_keeps_its_form() {
-        let text = "Name;J1 [°];J2 [°]\nP1;10,5;-20,25\nP2;1;2\n";
-        let program = Program::parse(text.into()).unwrap();
-        assert_eq!(program.q_deg().unwrap(), [[10.5, -20.25], [1.0, 2.0]]);
-        let mut answer = CompensateAnswer::with_capacity(2, ErrorFrame::RobotBase);
-        answer.q_deg = vec![vec![10.75, -20.0], vec![1.5, 2.5]];
-        let corrected = program.with(&answer).unwrap();
-        assert_eq!(
-            corrected,
-            "Name;J1 [°];J2 [°]\nP1;10,7500000;-20,0000000\nP2;1,5000000;2,5000000\n"
+    fn a_table_keeps_its_form() {
+        let text = "\u{feff}# made offline\r\nName;J1 [°];J2 [°];X;Y;Z\r\nP1;\"10,5\"; -20,25;1,5;2;3\r\n\r\nP2;1;2;1;2;3";
+        let wanted = "\u{feff}# made offline\r\nName;J1 [°];J2 [°];X;Y;Z\r\nP1;\"10,7500000\"; -20,0000000;1,5;2;3\r\n\r\nP2;1,5000000;2,5000000;1;2;3";
+        let utf16 =
+            |text: &str| -> Vec<u8> { text.encode_utf16().flat_map(u16::to_le_bytes).collect() };
+        for (bytes, wanted) in [
+            (text.as_bytes().to_vec(), wanted.as_bytes().to_vec()),
+            (utf16(text), utf16(wanted)),
+        ] {
+            let program = parse(&bytes, "{}").unwrap();
+            assert_eq!(q_deg(&program), [[10.5, -20.25], [1.0, 2.0]]);
+            assert_eq!(program.notes[0], "corrected columns: J1 [°], J2 [°]");
+            assert!(program.notes[1].contains("X, Y, Z"), "{:?}", program.notes);
+            let found = corrected(&program, &[&[10.75, -20.0], &[1.5, 2.5]]);
+            assert_eq!(found, wanted, "{}", String::from_utf8_lossy(&found));
+            assert_eq!(program.lines(&[0, 1]), "3, 5");
+        }
+    }
+
+    #[test]
+    fn units_are_stated_as_for_measurements() {
+        let text = "J1,J2\n1,2\n";
+        let error = parse(text.as_bytes(), "{}").err().unwrap().to_string();
+        assert!(error.contains("--joint-unit"), "{error}");
+        let program = parse(text.as_bytes(), "{\"joint_unit\": \"rad\"}").unwrap();
+        let found = corrected(&program, &[&[90.0, 180.0]]);
+        assert_eq!(found, b"J1,J2\n1.570796327,3.141592654\n");
+        assert!(parse(b"J1 [deg];J2 [deg]\n1,5;2.5\n", "{}").is_err());
+    }
+
+    #[test]
+    fn robot_programs_are_corrected_in_place() {
+        let kuka = "DEFDAT CAL\r\nDECL E6POS XP1={X 1.0,Y 2.0,Z 3}\r\nDECL E6AXIS XP2={A1 10.12345,A2 -90,E1 0.0} ; A1 10\r\n";
+        let program = parse(kuka.as_bytes(), "{}").unwrap();
+        let found = corrected(&program, &[&[10.2, -89.99996]]);
+        let wanted = "DEFDAT CAL\r\nDECL E6POS XP1={X 1.0,Y 2.0,Z 3}\r\nDECL E6AXIS XP2={A1 10.20000,A2 -90.0000,E1 0.0} ; A1 10\r\n";
+        assert_eq!(String::from_utf8(found).unwrap(), wanted);
+        assert!(
+            program.notes[1].contains("lines 2 (a Cartesian"),
+            "{:?}",
+            program.notes
         );
-        let mixed = Program::parse("J1 [deg];J2 [deg]\n1,5;2.5\n".into()).unwrap();
-        assert!(mixed.q_deg().is_err());
-        assert!(Program::parse("J1;J2\n1;2\n".into()).is_err());
+        let script = "movej([1, -1.5, 0, 0, 0, 0], a=1)\n";
+        let program = parse(script.as_bytes(), "{}").unwrap();
+        let found = corrected(&program, &[&[90.0, 0.0, 0.0, 0.0, 0.0, 0.0]]);
+        let wanted = "movej([1.570796, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000], a=1)\n";
+        assert_eq!(String::from_utf8(found).unwrap(), wanted);
+        let error = parse(b"movel(p[1,2,3,4,5,6])\n", "{}").err().unwrap();
+        assert!(error.to_string().contains("Cartesian"), "{error}");
     }
 }

@@ -3,7 +3,7 @@
 use super::client::{Client, ServerArguments};
 use super::compensate::tool_mm;
 use super::files::{cannot_be_used, parse_json, read};
-use super::import::tell;
+use super::import::{format_of, tell};
 use super::runtime::block_on;
 use super::terminal::{self, Output, plain};
 use super::text_table::columns;
@@ -314,22 +314,13 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
 /// A robot from a file: a robot file, a URDF or a table.
 fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody> {
     let bytes = read(file)?;
-    let is = |names: &[&str]| {
-        file.extension()
-            .is_some_and(|e| names.iter().any(|name| e.eq_ignore_ascii_case(name)))
-    };
-    let format = match arguments.convention {
-        Some(convention) => convention,
-        None if is(&["urdf", "xml"]) => ImportFormat::Urdf,
-        None if is(&["json"]) => return parse_json(file, &bytes, "a robot"),
-        None => {
-            return Err(Usage(format!(
-                "{}: a table of links has one of two conventions: give --convention dh (Rz·Dz·Dx·Rx, distal, standard) or --convention mdh (Rx·Dx·Rz·Dz, Craig, modified)",
-                file.display()
-            ))
-            .into());
-        }
-    };
+    let is_json = file
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    if is_json && arguments.convention.is_none() {
+        return parse_json(file, &bytes, "a robot");
+    }
+    let format = format_of(file, arguments.convention)?;
     let stem = file.file_stem().map_or_else(
         || "imported robot".into(),
         |stem| stem.to_string_lossy().into_owned(),

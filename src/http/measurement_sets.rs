@@ -143,8 +143,9 @@ pub async fn create(
     }
     let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
-        let kept =
-            upload_check::diagnose(&app, &submission.caller, &robot_id, misfit, insist).await?;
+        let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
+        let caller = &submission.caller;
+        let kept = upload_check::diagnose(&app, caller, &robot_id, misfit, insist, unread).await?;
         upload.warnings.push(kept.warning);
         insisted_on = kept
             .insisted_on

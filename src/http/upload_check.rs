@@ -77,6 +77,7 @@ pub async fn diagnose(
     robot_id: &str,
     misfit: Misfit,
     insist: Option<Insist>,
+    unread: Option<String>,
 ) -> Result<AcceptedMisfit, Error> {
     let newest = robots::list(
         &app.store,
@@ -102,7 +103,7 @@ pub async fn diagnose(
     }
     let explain = move || explanation(&misfit, &others);
     let explanation = app.compute(caller.class, explain).await?;
-    accept_misfit(explanation, insist).map_err(|suspicion| {
+    accept_misfit(explanation, insist, unread.as_deref()).map_err(|suspicion| {
         Invalid {
             code: suspicion.code,
             issues: vec![Issue::from(&*suspicion)],

@@ -102,6 +102,18 @@ pub struct MeasurementSetInput {
     pub body: Vec<u8>,
 }
 
+impl JobInputs {
+    /// Names columns of the fitted sets that are not read and may say which reflector or set-up a row is of.
+    pub fn unread_labels(&self) -> Option<String> {
+        let mut sets = std::iter::once(&self.set).chain(&self.further_sets);
+        sets.find_map(|set| {
+            let reading = set.row.reading_json.as_deref()?;
+            let reading: Reading = serde_json::from_str(reading).ok()?;
+            reading.unread_labels()
+        })
+    }
+}
+
 impl MeasurementSetInput {
     /// Reads a stored set.
     ///

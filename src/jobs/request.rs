@@ -72,6 +72,7 @@ pub(super) fn requests_of(
     request.held_out = held_out(inputs);
     request.instrument_scale = instrument_scale(inputs)?;
     request.refused_as = insisted_on(inputs).map(str::to_owned);
+    request.unread_labels = inputs.unread_labels();
     let scored = inputs.parameter_set.as_ref();
     request.scored_frame = scored.map(|input| input.set.row.frame);
     Ok((posted, request))

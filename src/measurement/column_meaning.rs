@@ -58,6 +58,14 @@ pub(super) fn thing(means: &str) -> &str {
     if is_axis || is_joint { base } else { means }
 }
 
+/// The unit of a joint value or a coordinate.
+pub(super) fn unit(means: &str) -> Option<&'static str> {
+    let unit = means.strip_prefix(thing(means))?.strip_prefix('_')?;
+    let angles = ["deg", "rad"].into_iter();
+    let mut units = angles.chain(LENGTHS.iter().map(|(name, _)| *name));
+    units.find(|known| *known == unit && key(means).is_none())
+}
+
 /// The issue to report if joints or coordinates are in two units.
 pub(super) fn mixed_units<'m>(means: impl Iterator<Item = &'m str>) -> Option<Issue> {
     let (mut lengths, mut angles) = (BTreeSet::new(), BTreeSet::new());

@@ -1,6 +1,9 @@
 //! Recognises the common names of columns. This module does not decide about names with two meanings, or names without a required unit.
 
+use crate::measurement::column_units::{simplified, unit_of, without_unit};
 use std::collections::BTreeSet;
+
+pub use crate::measurement::column_units::{LENGTHS, TimeUnit, Unit, name_and_unit, unit_alone};
 
 /// The meaning of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,62 +33,8 @@ pub enum Key {
     Time(TimeUnit),
 }
 
-/// Unit of a column of times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TimeUnit {
-    /// No unit is stated. Times of day and dates can be read, plain numbers cannot.
-    Unstated,
-    /// Seconds.
-    Seconds,
-    /// Milliseconds.
-    Milliseconds,
-    /// Microseconds.
-    Microseconds,
-}
-
-impl TimeUnit {
-    /// Name of the unit.
-    pub fn as_str(self) -> Option<&'static str> {
-        match self {
-            Self::Unstated => None,
-            Self::Seconds => Some("s"),
-            Self::Milliseconds => Some("ms"),
-            Self::Microseconds => Some("us"),
-        }
-    }
-
-    /// Number of seconds in one unit.
-    pub fn seconds(self) -> f64 {
-        match self {
-            Self::Unstated | Self::Seconds => 1.0,
-            Self::Milliseconds => 1.0e-3,
-            Self::Microseconds => 1.0e-6,
-        }
-    }
-}
-
-/// The unit in a header.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
-    /// No unit is stated.
-    Missing,
-    /// An ambiguous unit: German `Grad` means degree, English `grad` means gon.
-    TwoReadings,
-    /// This unit, as written in kincal's file format.
-    Is(&'static str),
-}
-
-/// Units of length, with the number of mm in one unit.
-pub const LENGTHS: [(&str, f64); 5] = [
-    ("mm", 1.0),
-    ("m", 1000.0),
-    ("cm", 10.0),
-    ("um", 0.001),
-    ("in", 25.4),
-];
-
 /// Columns with fixed names. The name includes the unit if the column has one.
-pub const PLAIN: [&str; 24] = [
+pub const PLAIN: [&str; 30] = [
     "configuration",
     "target",
     "subset",
@@ -110,37 +59,13 @@ pub const PLAIN: [&str; 24] = [
     "std_rx_deg",
     "std_ry_deg",
     "std_rz_deg",
+    "cov_xx_mm2",
+    "cov_xy_mm2",
+    "cov_xz_mm2",
+    "cov_yy_mm2",
+    "cov_yz_mm2",
+    "cov_zz_mm2",
 ];
-
-fn unit_of(text: &str) -> Option<Unit> {
-    Some(Unit::Is(match text {
-        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => "mm",
-        "m" | "meter" | "meters" | "metre" | "metres" => "m",
-        "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => "cm",
-        "um" | "micrometer" | "micrometers" | "micron" | "microns" => "um",
-        "in" | "inch" | "inches" => "in",
-        "deg" | "degree" | "degrees" | "degs" => "deg",
-        "rad" | "radian" | "radians" | "rads" => "rad",
-        "s" | "sec" | "secs" | "second" | "seconds" => "s",
-        "ms" | "milliseconds" => "ms",
-        "us" | "microseconds" => "us",
-        "grad" | "gon" | "grads" => return Some(Unit::TwoReadings),
-        _ => return None,
-    }))
-}
-
-/// The unit in a cell that contains nothing but a unit. Used for a row of units below the header.
-pub fn unit_alone(cell: &str) -> Option<Unit> {
-    let plain = simplified(cell);
-    unit_of(plain.trim_matches(|c: char| "[](){} ".contains(c)))
-}
-
-/// Lower case, with `°` replaced by `deg` and `µ` by `u`.
-fn simplified(text: &str) -> String {
-    let text = text.trim().to_lowercase();
-    text.replace(['°', 'º', '˚'], "deg")
-        .replace(['µ', 'μ'], "u")
-}
 
 /// The meaning of a header. `below` is the unit below the header, if there is a row of units.
 pub fn recognise(header: &str, below: Option<Unit>) -> Known {
@@ -157,7 +82,22 @@ pub fn recognise(header: &str, below: Option<Unit>) -> Known {
     {
         return Known::Joint(number, Unit::Is("rad"));
     }
+    // Variables of KUKA. They are defined to be in degrees.
+    let of_kuka = ["$axis_act.a", "$axis_act_meas.a"];
+    let number = of_kuka.iter().find_map(|name| text.strip_prefix(name));
+    if let Some(number) = number.and_then(|n| n.parse().ok())
+        && below.is_none()
+    {
+        return Known::Joint(number, Unit::Is("deg"));
+    }
     let (base, unit) = without_unit(&text);
+    let unit = match unit {
+        // In a German name `Grad` means degrees.
+        Some(Unit::TwoReadings) if is_german(&base) && text.contains("grad") => {
+            Some(Unit::Is("deg"))
+        }
+        unit => unit,
+    };
     let unit = match (unit, below) {
         (Some(unit), Some(other)) if unit != other => Unit::TwoReadings,
         (Some(unit), _) | (None, Some(unit)) => unit,
@@ -169,6 +109,12 @@ pub fn recognise(header: &str, below: Option<Unit>) -> Known {
         .or_else(|| position(&words, unit))
         .or_else(|| key(&words, unit))
         .unwrap_or(Known::Unknown)
+}
+
+/// Whether a name has a German word for a joint.
+fn is_german(base: &str) -> bool {
+    let of_joint = ["achse", "gelenk", "winkel"];
+    of_joint.iter().any(|word| base.contains(word))
 }
 
 /// Recognises `q1_deg` and `x_mm` as written in kincal's file format, ignoring letter case. Other units in this notation are refused, as they always
@@ -190,35 +136,6 @@ fn own_form(text: &str) -> Option<Known> {
     })
 }
 
-/// Splits a name into the name without unit and the unit. The unit is in brackets or is the last word.
-fn without_unit(text: &str) -> (String, Option<Unit>) {
-    for (open, close) in [('[', ']'), ('(', ')'), ('{', '}'), ('<', '>')] {
-        let Some(inner) = text.strip_suffix(close) else {
-            continue;
-        };
-        let Some((base, unit)) = inner.rsplit_once(open) else {
-            continue;
-        };
-        if let Some(unit) = unit_of(unit.trim()) {
-            return (base.into(), Some(unit));
-        }
-    }
-    // `J1deg`, which also results from `J1°`.
-    let short = text.strip_suffix("deg");
-    if let Some(base) = short.filter(|base| base.ends_with(|c: char| c.is_ascii_digit())) {
-        return (base.into(), Some(Unit::Is("deg")));
-    }
-    if let Some((base, unit)) = text.rsplit_once(|c: char| " _/,.-:".contains(c)) {
-        // "in" as the last word is not accepted as a unit: "x in" may mean inches or may be the beginning of "x in mm".
-        let unit = unit_of(unit).filter(|unit| *unit != Unit::Is("in"));
-        if let Some(unit) = unit.filter(|_| !base.trim().is_empty()) {
-            let base = base.trim_end_matches(|c: char| " _/,.-:".contains(c));
-            return (base.strip_suffix(" in").unwrap_or(base).into(), Some(unit));
-        }
-    }
-    (text.into(), None)
-}
-
 /// Splits a name into words and numbers: `Joint_1`, `joint1` and `joint[1]` give the same two parts.
 fn words(text: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
@@ -237,8 +154,8 @@ fn words(text: &str) -> Vec<String> {
 }
 
 /// Words next to the name of a joint that do not change its meaning.
-const BESIDE_JOINT: [&str; 8] = [
-    "angle", "pos", "position", "value", "winkel", "actual", "act", "ist",
+const BESIDE_JOINT: [&str; 9] = [
+    "angle", "angolo", "pos", "position", "value", "winkel", "actual", "act", "ist",
 ];
 
 fn joint(words: &[&str], unit: Unit) -> Option<Known> {
@@ -249,7 +166,20 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
     let is_base = |word: &&str| {
         matches!(
             *word,
-            "q" | "j" | "a" | "joint" | "axis" | "ax" | "achse" | "gelenk" | "jt" | "rax"
+            "q" | "j"
+                | "a"
+                | "joint"
+                | "axis"
+                | "ax"
+                | "achse"
+                | "axe"
+                | "asse"
+                | "gelenk"
+                | "jt"
+                | "rax"
+                | "theta"
+                | "θ"
+                | "ϑ"
         )
     };
     let rest: Vec<&str> = words
@@ -257,11 +187,16 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
         .copied()
         .filter(|word| !BESIDE_JOINT.contains(word))
         .collect();
-    let [base, number] = rest[..] else {
-        return None;
+    let is_angle = |word: &&str| matches!(*word, "angle" | "winkel" | "angolo");
+    let (is_joint, number) = match rest[..] {
+        [base, number] => (is_base(&base), number),
+        // `$AXIS_ACT.A1`
+        ["axis", "a", number] => (true, number),
+        [number] => (words.iter().any(is_angle), number),
+        _ => return None,
     };
     let number: usize = number.parse().ok().filter(|_| number.len() <= 3)?;
-    (angle && is_base(&base)).then_some(Known::Joint(number, unit))
+    (angle && is_joint).then_some(Known::Joint(number, unit))
 }
 
 /// Words next to the name of a coordinate that do not change its meaning. `tcp`, `nominal` and `target` are not among them, because such columns are
@@ -401,6 +336,17 @@ mod tests {
             "Achse 3 in deg",
             "JT3, deg",
             "Joint 3 angle [degrees]",
+            "Achse 3 [Grad]",
+            "Winkel 3 [°]",
+            "Angle 3 [deg]",
+            "Axe 3 [°]",
+            "Asse 3 (gradi)",
+            "theta3 (deg)",
+            "θ3 [Deg.]",
+            "J3（°）",
+            "J3（度）",
+            "$AXIS_ACT.A3",
+            "$AXIS_ACT.A3 [°]",
         ] {
             assert_eq!(recognise(name, None), Known::Joint(3, deg), "{name}");
         }
@@ -444,6 +390,11 @@ mod tests {
             recognise("A2 [Grad]", None),
             Known::Joint(2, Unit::TwoReadings)
         );
+        assert_eq!(
+            recognise("Achse 2 [gon]", None),
+            Known::Joint(2, Unit::TwoReadings)
+        );
+        assert_eq!(recognise("Asse 2", None), Known::Joint(2, Unit::Missing));
         assert_eq!(recognise("x_um", None), Known::WrongUnit);
         assert_eq!(recognise("q1_inch", None), Known::WrongUnit);
         for name in [

@@ -14,6 +14,7 @@ use crate::measurement::set::{MeasurementSet, Point};
 use std::borrow::Cow;
 
 pub use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
+pub use crate::measurement::position_noise::{MAX_STD_MM, MIN_STD_MM};
 
 /// Maximum number of rows of a set: a hundred times the largest data set that we know. An identification from so many rows takes half a minute.
 pub const MAX_ROWS: usize = 100_000;
@@ -23,10 +24,6 @@ pub const MAX_COORDINATE_MM: f64 = 100_000.0;
 pub const MAX_JOINT_RAD: f64 = 20.0 * std::f64::consts::PI;
 /// Maximum number of reflectors on one tool.
 pub const MAX_TARGETS: usize = 32;
-/// Smallest standard uncertainty of a point, mm. No instrument is better than a nanometre. A limit is needed because weights are 1/std².
-pub const MIN_STD_MM: f64 = 1.0e-6;
-/// Largest standard uncertainty of a point, mm.
-pub const MAX_STD_MM: f64 = 1000.0;
 /// Largest absolute temperature, °C.
 pub const MAX_TEMPERATURE_C: f64 = 1000.0;
 /// Maximum length of a label (configuration, station, session), bytes.
@@ -273,6 +270,7 @@ fn fill_pose(
         PoseColumn::Quaternion(_) => (1.0, f64::NEG_INFINITY, 1.0 + MAX_QUATERNION_OFF),
         PoseColumn::Angle(_) => (degree, f64::NEG_INFINITY, MAX_ROTATION_RAD),
         PoseColumn::StdAxis(_) => (1.0, MIN_STD_MM, MAX_STD_MM),
+        PoseColumn::Covariance(_) => (1.0, f64::NEG_INFINITY, MAX_STD_MM * MAX_STD_MM),
         PoseColumn::StdRotationAxis(_) | PoseColumn::StdRotation => {
             (degree, MIN_STD_ROTATION_RAD, MAX_STD_ROTATION_RAD)
         }

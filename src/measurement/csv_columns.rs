@@ -98,7 +98,7 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
             format!(
                 "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, subset, \
                  measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint, kind; of poses quat_w quat_x quat_y quat_z or rx_deg \
-                 ry_deg rz_deg, std_x_mm …, std_rotation_deg or std_rx_deg …"
+                 ry_deg rz_deg, std_x_mm …, cov_xx_mm2 …, std_rotation_deg or std_rx_deg …"
             )
         };
         return Err(column_issue(

@@ -1,9 +1,9 @@
 //! Cells of a row with the orientation of the target, and with uncertainties by axis.
 
-use crate::measurement::position_noise::PositionNoise;
+use crate::measurement::position_noise::{NOT_A_COVARIANCE, PositionNoise};
 use crate::measurement::rotation_convention::{CONVENTIONS, RotationConvention};
 use crate::measurement::set::Point;
-use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
 /// Largest deviation of a quaternion's length from 1. In files with three digits the length is off by a thousandth.
 pub const MAX_QUATERNION_OFF: f64 = 2e-3;
@@ -23,6 +23,8 @@ pub(super) enum PoseColumn {
     Angle(usize),
     /// Standard uncertainty of the position along one axis, 0 to 2.
     StdAxis(usize),
+    /// Entry of the covariance of the position, in the order of [`COVARIANCE`].
+    Covariance(usize),
     /// Standard uncertainty of the rotation about one axis, 0 to 2.
     StdRotationAxis(usize),
     /// Standard uncertainty of the rotation, the same about each axis.
@@ -33,7 +35,10 @@ pub(super) enum PoseColumn {
 
 /// The column with this name, if there is one.
 pub(super) fn pose_column(name: &str) -> Option<PoseColumn> {
-    use PoseColumn::{Angle, Kind, Quaternion, StdAxis, StdRotation, StdRotationAxis};
+    use PoseColumn::{Angle, Covariance, Kind, Quaternion, StdAxis, StdRotation, StdRotationAxis};
+    if let Some(entry) = COVARIANCE.iter().position(|known| *known == name) {
+        return Some(Covariance(entry));
+    }
     Some(match name {
         "quat_w" => Quaternion(0),
         "quat_x" => Quaternion(1),
@@ -54,8 +59,18 @@ pub(super) fn pose_column(name: &str) -> Option<PoseColumn> {
     })
 }
 
+/// Columns of the covariance of the position: the entries on and above its diagonal, row by row.
+const COVARIANCE: [&str; 6] = [
+    "cov_xx_mm2",
+    "cov_xy_mm2",
+    "cov_xz_mm2",
+    "cov_yy_mm2",
+    "cov_yz_mm2",
+    "cov_zz_mm2",
+];
+
 /// Groups of columns. A file has either all columns of a group or none.
-const GROUPS: [(&str, &[&str]); 4] = [
+const GROUPS: [(&str, &[&str]); 5] = [
     (
         "incomplete_quaternion",
         &["quat_w", "quat_x", "quat_y", "quat_z"],
@@ -66,6 +81,7 @@ const GROUPS: [(&str, &[&str]); 4] = [
         "incomplete_std",
         &["std_rx_deg", "std_ry_deg", "std_rz_deg"],
     ),
+    ("incomplete_covariance", &COVARIANCE),
 ];
 
 /// Errors in the combination of columns: column, code and detail.
@@ -94,6 +110,8 @@ pub(super) fn header_issues(
     };
     both("quat_w", "rx_deg", "keep the quaternion or the angles");
     both("std_mm", "std_x_mm", "keep one of them");
+    both("std_mm", "cov_xx_mm2", "keep one of them");
+    both("std_x_mm", "cov_xx_mm2", "keep one of them");
     both("std_rotation_deg", "std_rx_deg", "keep one of them");
     if has_angles && !has_quaternion && rotation.is_none() && issues.is_empty() {
         let detail = format!(
@@ -125,6 +143,7 @@ pub(super) struct PoseCells {
     quaternion: [Option<f64>; 4],
     angles_rad: [Option<f64>; 3],
     std_axes_mm: [Option<f64>; 3],
+    covariance_mm2: [Option<f64>; 6],
     std_rotation_axes_rad: [Option<f64>; 3],
     std_rotation_rad: Option<f64>,
     kind: Option<String>,
@@ -136,6 +155,7 @@ impl PoseCells {
             PoseColumn::Quaternion(k) => self.quaternion[k] = Some(value),
             PoseColumn::Angle(k) => self.angles_rad[k] = Some(value),
             PoseColumn::StdAxis(k) => self.std_axes_mm[k] = Some(value),
+            PoseColumn::Covariance(k) => self.covariance_mm2[k] = Some(value),
             PoseColumn::StdRotationAxis(k) => self.std_rotation_axes_rad[k] = Some(value),
             PoseColumn::StdRotation => self.std_rotation_rad = Some(value),
             PoseColumn::Kind => {}
@@ -164,6 +184,12 @@ impl PoseCells {
         }
         let of_axes = all_of(self.std_axes_mm).map(Vector3::from);
         point.position_noise = of_axes.map(PositionNoise::of_axes);
+        if let Some([xx, xy, xz, yy, yz, zz]) = all_of(self.covariance_mm2) {
+            let covariance_mm2 = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+            let noise = PositionNoise::of_stated_covariance(&covariance_mm2)
+                .map_err(|detail| (COVARIANCE[0], NOT_A_COVARIANCE, detail))?;
+            point.position_noise = Some(noise);
+        }
         let of_axes = all_of(self.std_rotation_axes_rad);
         point.std_rotation_rad = self
             .std_rotation_rad

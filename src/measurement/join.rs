@@ -3,6 +3,9 @@
 
 use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::Key;
+use crate::measurement::join_labels::{
+    are_numbered, exact, last_part, lower, number, only_number, signs_aside,
+};
 use crate::measurement::join_options::{Pairs, error};
 use crate::measurement::join_time::{Clock, MAX_APART, by_time, extent_mm, times};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
@@ -31,7 +34,7 @@ pub struct Join {
     pub tolerance_s: Option<f64>,
     /// By time: the robot's clock minus the instrument's clock, s.
     pub clock_offset_s: Option<f64>,
-    /// By name: whether the names agree only without punctuation, spaces and leading zeros, or one file has numbers instead of names.
+    /// By name: whether the names agree only without punctuation, spaces and leading zeros, or by the numbers in them.
     pub loose_names: bool,
     /// By time: whether the instrument's file is a continuous log. Only the standstills of a log are used.
     pub instrument_log: bool,
@@ -96,11 +99,15 @@ pub fn join(
         match pair(robot, instrument, by, options) {
             Ok(Some(pairing)) => found.push(pairing),
             Ok(None) if options.by.is_some() => {
+                let (means, in_ms) = match by {
+                    JoinBy::Time => ("time_s", "; milliseconds are time_ms"),
+                    _ => (by.as_str(), ""),
+                };
                 return Err(error(
                     "join_unclear",
                     format!(
-                        "both files need a column for join by {0}: name it by ?columns={{\"robot\": {{\"{0}\": …}}, \"instrument\": {{\"{0}\": …}}}} \
-                         (--column robot.{0}=COLUMN --column instrument.{0}=COLUMN)",
+                        "both files need a column for join by {}: name it by ?columns={{\"robot\": {{\"{means}\": …}}, \"instrument\": {{\"{means}\": …}}}} \
+                         (--column robot.{means}=COLUMN --column instrument.{means}=COLUMN){in_ms}",
                         by.as_str()
                     ),
                 ));
@@ -292,10 +299,14 @@ fn pair(
         _ => {
             let strict = by_label(robot, ours, theirs, &[exact, lower, last_part])?;
             let count = |pairs: &Pairs| pairs.iter().flatten().count();
-            let loose = match options.loose_names {
+            let mut loose = match options.loose_names {
                 true => paired_as(robot, ours, theirs, signs_aside).ok(),
                 false => None,
             };
+            let has_none = |pairs: &Pairs| count(pairs) == 0;
+            if loose.as_ref().is_some_and(has_none) && has_none(&strict) {
+                loose = by_numbers_in_names(robot, ours, theirs);
+            }
             let is_loose = |pairs: &Pairs| count(pairs) > count(&strict);
             match loose.filter(is_loose) {
                 Some(pairs) => Ok(Some(Pairing {
@@ -311,50 +322,13 @@ fn pair(
     }
 }
 
-/// A name without punctuation, spaces and leading zeros: `P_01`, `P-1` and `p 1` are the same name.
-fn signs_aside(label: &str) -> String {
-    let (mut found, mut digits) = (String::new(), String::new());
-    for c in last_part(label).chars().chain([' ']) {
-        if c.is_ascii_digit() {
-            digits.push(c);
-            continue;
-        }
-        if !digits.is_empty() {
-            // Two numbers are kept apart, so that P1_2 differs from P12.
-            if found.ends_with(|c: char| c.is_ascii_digit()) {
-                found.push('_');
-            }
-            let plain = digits.trim_start_matches('0');
-            found.push_str(if plain.is_empty() { "0" } else { plain });
-            digits.clear();
-        }
-        if c.is_alphabetic() {
-            found.push(c);
-        }
+/// Pairs names such as `P1` and `Point 1` by their numbers, if no number is missing or has two names in one file.
+fn by_numbers_in_names(robot: &Content, ours: &[String], theirs: &[String]) -> Option<Pairs> {
+    let form = |label: &str| only_number(label).unwrap_or_default();
+    match are_numbered(ours) && are_numbered(theirs) {
+        true => paired_as(robot, ours, theirs, form).ok(),
+        false => None,
     }
-    found
-}
-
-fn exact(label: &str) -> String {
-    label.to_owned()
-}
-
-fn lower(label: &str) -> String {
-    label.to_lowercase()
-}
-
-/// The last part of a name such as `collection::group::P1`.
-fn last_part(label: &str) -> String {
-    let lower = label.to_lowercase();
-    let last = lower.rsplit("::").next().unwrap_or_default();
-    last.trim().to_owned()
-}
-
-/// A number without leading zeros.
-fn number(label: &str) -> String {
-    label
-        .parse::<f64>()
-        .map_or_else(|_| label.to_owned(), |number| number.to_string())
 }
 
 /// Pairs rows with equal labels. The labels are compared in several forms; the form that pairs the most rows is used.

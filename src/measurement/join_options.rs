@@ -37,7 +37,7 @@ pub struct JoinOptions {
     pub tolerance_s: Option<f64>,
     /// The robot's clock minus the instrument's clock, s.
     pub clock_offset_s: Option<f64>,
-    /// Whether names may differ in punctuation, spaces and leading zeros, and numbers may be used as names.
+    /// Whether names may differ in punctuation, spaces and leading zeros, numbers may be used as names, and names may agree by their numbers alone.
     pub loose_names: bool,
     /// By time: whether the instrument's file is a continuous log, of which only the standstills are used. `None`: detected from the time between its
     /// rows.

@@ -15,6 +15,8 @@ const MIN_STANDSTILL_ROWS: usize = 3;
 const MAX_TOLERANCE_S: f64 = 5.0;
 /// Maximum number of positions with which clock differences are tried.
 const MAX_TRIED: usize = 200;
+/// Maximum number of clock differences that an error names.
+const MAX_OFFSETS_NAMED: usize = 20;
 /// Minimum number of pairs for finding the clock difference.
 const MIN_PAIRS: usize = 4;
 
@@ -73,9 +75,14 @@ pub(super) fn times(
         let of_day = date.map_or(cell.as_str(), |date| &cell.trim()[date.len()..]);
         seconds(of_day, unit).ok_or_else(|| {
             let what = match cell.replace(',', ".").parse::<f64>() {
-                Ok(_) => "has no unit: call the column time [s] or time [ms], or say it by ?columns={\"time_s\": …} (--column time_s=COLUMN)",
-                Err(_) if slashed_date(cell).is_some() => "has a date with slashes, of which the day or the month may come first: write 2026-03-01T08:15:30",
-                Err(_) => "is not a time: 12.5 under time [s], 08:15:30.250 or 2026-03-01T08:15:30Z",
+                Ok(_) => format!(
+                    "has no unit: call the column time [s] or time [ms], or say it by ?columns={{\"{file}\": {{\"time_s\": …}}}} (--column {file}.time_s=COLUMN; \
+                     milliseconds: --column {file}.time_ms=COLUMN)"
+                ),
+                Err(_) if slashed_date(cell).is_some() => {
+                    "has a date with slashes, of which the day or the month may come first: write 2026-03-01T08:15:30".into()
+                }
+                Err(_) => "is not a time: 12.5 under time [s], 08:15:30.250 or 2026-03-01T08:15:30Z".to_owned(),
             };
             error("not_a_time", format!("{file} file, line {line}: {cell:?} {what}"))
         })
@@ -391,19 +398,38 @@ fn found_offset(
         let both = pairs.iter().zip(other).filter_map(|(a, b)| a.zip(*b));
         both.into_iter().any(|(a, b)| a != b)
     };
-    match best
-        .iter()
-        .find(|(_, other)| as_they_are.is_none() && contradicts(other))
-    {
-        None => Ok(*offset_s),
-        Some((other_s, _)) => {
-            let detail = format!(
-                "the clocks may differ by {offset_s:.3} s or by {other_s:.3} s, as the rows follow each other evenly. State the \
-                 robot's clock minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": {offset_s:.3}}}}} (--clock-offset-s {offset_s:.3})"
-            );
-            Err(error("two_readings", detail))
+    let is_clear = as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));
+    if is_clear {
+        return Ok(*offset_s);
+    }
+    let mut possible: Vec<(f64, usize)> = Vec::new();
+    for (offset_s, _) in &best {
+        let is_new = |(known_s, _): &(f64, usize)| (known_s - offset_s).abs() > tolerance_s;
+        if possible.iter().all(is_new) {
+            let pairs = paired(standstills, instrument_s, *offset_s, tolerance_s);
+            possible.push((*offset_s, count(&pairs)));
         }
     }
+    Err(several_offsets(possible))
+}
+
+/// The error for clock differences that fit equally well. None of them is recommended, as nothing in the files tells which is right.
+fn several_offsets(mut offsets: Vec<(f64, usize)>) -> JoinError {
+    offsets.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let some = offsets.iter().take(MAX_OFFSETS_NAMED);
+    let named: Vec<String> = some
+        .map(|(offset_s, n)| format!("{offset_s:.3} s ({n} pairs)"))
+        .collect();
+    let more = match offsets.len() - named.len() {
+        0 => String::new(),
+        n => format!(" and {n} more"),
+    };
+    let detail = format!(
+        "the rows follow each other so evenly that several differences of the two clocks fit equally well: {}{more}. Read both clocks at one moment, and state the \
+         robot's minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": …}}}} (--clock-offset-s SECONDS)",
+        named.join(", ")
+    );
+    error("two_readings", detail)
 }
 
 /// Refines a clock difference: subtracts the median gap of the pairs that it gives.

@@ -1,5 +1,7 @@
 //! Numbers as written by spreadsheets and reports: with the minus sign U+2212, and with unambiguous thousands separators.
 
+use crate::measurement::column_names::{Unit, unit_alone};
+use crate::measurement::conventions::Decimal;
 use std::borrow::Cow;
 
 /// Characters that are only used as thousands separators: spaces of several widths and apostrophes.
@@ -30,6 +32,31 @@ pub(super) fn plain(cell: &str, decimal: char) -> Cow<'_, str> {
     })
 }
 
+/// A cell such as `43.0036°` or `601.7 mm`, without its unit, and the unit.
+pub fn without_unit(cell: &str) -> (&str, Option<&'static str>) {
+    let end = cell.rfind(|c: char| c.is_ascii_digit() || matches!(c, '.' | ','));
+    let Some(end) = end.map(|at| at + 1) else {
+        return (cell, None);
+    };
+    match unit_alone(&cell[end..]) {
+        Some(Unit::Is(unit)) if !cell[end..].trim().is_empty() => {
+            (cell[..end].trim_end(), Some(unit))
+        }
+        _ => (cell, None),
+    }
+}
+
+/// The number in a cell.
+pub fn value(cell: &str, decimal: Decimal) -> Option<f64> {
+    let (mark, other) = match decimal {
+        Decimal::Point => ('.', ','),
+        Decimal::Comma => (',', '.'),
+    };
+    let cell = plain(cell.trim(), mark);
+    let number = cell.replace(mark, ".").parse::<f64>().ok();
+    number.filter(|number| number.is_finite() && !cell.contains(other))
+}
+
 /// The decimal mark of a number that contains both marks, such as `1.234,5` or `1,234.5`.
 pub(super) fn decimal_of_both(cell: &str) -> Option<char> {
     let decimal = match (cell.rfind('.')?, cell.rfind(',')?) {
@@ -53,7 +80,23 @@ fn is_grouped(whole: &str, mark: char) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{decimal_of_both, plain};
+    use super::{decimal_of_both, plain, without_unit};
+
+    #[test]
+    fn units_behind_numbers_are_found() {
+        for (cell, number, unit) in [
+            ("43.0036°", "43.0036", Some("deg")),
+            ("601,7 mm", "601,7", Some("mm")),
+            ("-1.5 [rad]", "-1.5", Some("rad")),
+            ("12.5", "12.5", None),
+            ("1e-3", "1e-3", None),
+            ("12.5x", "12.5x", None),
+            ("m", "m", None),
+            ("", "", None),
+        ] {
+            assert_eq!(without_unit(cell), (number, unit), "{cell}");
+        }
+    }
 
     #[test]
     fn thousands_that_can_be_read_in_one_way_are_read() {

@@ -10,6 +10,13 @@ const EIGEN_ITERATIONS: usize = 1000;
 /// Allowed asymmetry of a covariance, as a share of its largest entry. It allows for values with six digits in a file.
 const SYMMETRIC: f64 = 1e-6;
 
+/// Smallest standard uncertainty of a point, mm. No instrument is better than a nanometre. A limit is needed because weights are 1/std².
+pub const MIN_STD_MM: f64 = 1.0e-6;
+/// Largest standard uncertainty of a point, mm.
+pub const MAX_STD_MM: f64 = 1000.0;
+/// Code of the refusal of a matrix that is not the covariance of a position.
+pub const NOT_A_COVARIANCE: &str = "not_a_covariance";
+
 /// Noise of a position: standard uncertainties along three orthogonal axes. The covariance is A · diag(std²) · Aᵀ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionNoise {
@@ -51,6 +58,21 @@ impl PositionNoise {
         eigen.eigenvalues.iter().all(|v| *v > 0.0).then(|| Self {
             axes: eigen.eigenvectors,
             std_mm: eigen.eigenvalues.map(f64::sqrt),
+        })
+    }
+
+    /// Noise with a covariance that somebody stated, mm².
+    ///
+    /// # Errors
+    /// What is wrong, if the matrix is no covariance or its standard uncertainties are not within the limits.
+    pub fn of_stated_covariance(covariance_mm2: &Matrix3<f64>) -> Result<Self, String> {
+        let range = MIN_STD_MM..=MAX_STD_MM;
+        let noise = Self::of_covariance(covariance_mm2);
+        let noise = noise.filter(|noise| noise.std_mm.iter().all(|std| range.contains(std)));
+        noise.ok_or_else(|| {
+            format!(
+                "a covariance is symmetric, and the square roots of its eigenvalues are {MIN_STD_MM} to {MAX_STD_MM} mm"
+            )
         })
     }
 

@@ -5,6 +5,7 @@ use crate::measurement::column_names::Unit;
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::csv_text::refuse_endless_rows;
+use crate::measurement::programs::ProgramRows;
 use crate::measurement::table_header::{
     found_header, separator_of_data, stated_header, stated_length_unit, units_below, unnamed,
 };
@@ -43,6 +44,8 @@ pub struct Table<'a> {
     /// Whether lines that begin like comments are comments. `None`: such a line is a comment, unless it looks like a row of data; then it is
     /// ambiguous.
     comments: Option<bool>,
+    /// Of a robot's program: where its points were, and which were not read.
+    pub program: Option<ProgramRows>,
 }
 
 /// A row of data.
@@ -112,8 +115,10 @@ impl<'a> Table<'a> {
         }
         let below = header_line.unwrap_or(body);
         let (units, begins) = units_below(text, below, separator, names.len());
-        let n_skipped_above =
-            begins - usize::from(header_line.is_some()) - usize::from(units.is_some());
+        let n_skipped_above = match &source.program {
+            Some(program) => program.n_other_lines,
+            None => begins - usize::from(header_line.is_some()) - usize::from(units.is_some()),
+        };
         let start = match begins {
             0 => 0,
             n => lines(text).nth(n - 1).map_or(text.len(), |line| line.end),
@@ -136,6 +141,7 @@ impl<'a> Table<'a> {
             first_line: begins + 1,
             n_skipped_above,
             comments: mapping.comments,
+            program: source.program,
         })
     }
 
@@ -150,7 +156,7 @@ impl<'a> Table<'a> {
         let mut cells = csv::StringRecord::new();
         loop {
             let read = reader.read_record(&mut cells);
-            let line = self.first_line + self.lines_before(cells.position());
+            let line = self.line(self.first_line + self.lines_before(cells.position()));
             let next = match read {
                 Ok(false) => return,
                 Ok(true) => self.next(line, &cells),
@@ -160,6 +166,13 @@ impl<'a> Table<'a> {
                 return;
             }
         }
+    }
+
+    /// The line of the file for a line of the text: for a point of a program, where it begins.
+    fn line(&self, line: usize) -> usize {
+        let of_program = self.program.as_ref();
+        let begins = of_program.and_then(|program| program.lines.get(line - self.first_line));
+        begins.copied().unwrap_or(line)
     }
 
     /// Number of lines of the text above a record. The CSV reader counts empty lines before a record as part of the record; this is corrected.

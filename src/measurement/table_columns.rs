@@ -3,46 +3,16 @@
 use crate::measurement::column_mapping::Mapping;
 pub use crate::measurement::column_mapping::Needs;
 use crate::measurement::column_meaning::{self, column, key, key_name, thing};
-use crate::measurement::column_names::{Key, Known, PLAIN, Unit, nearly, recognise, yaskawa_axes};
-use crate::measurement::csv_columns::{Column, column_of, missing_columns};
+use crate::measurement::column_names::{Key, Known, PLAIN, Unit, recognise, yaskawa_axes};
+use crate::measurement::csv_columns::{Column, missing_columns};
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
+use crate::measurement::pose_names::rotation_columns;
 use crate::measurement::table::{Table, listed};
 use crate::measurement::table_halves::other_half;
+use crate::measurement::table_plain::named_plain;
+use crate::measurement::table_resolution::Resolution;
+pub use crate::measurement::table_resolution::{Columns, Used};
 use std::collections::BTreeSet;
-
-/// A column that is read.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Used {
-    /// Its index, counted from 0.
-    pub place: usize,
-    /// Its meaning with its unit, as written in mappings: `q1_deg`, `x_mm`, `station`, `name`.
-    pub means: String,
-    /// Whether the meaning comes from a mapping.
-    pub is_mapped: bool,
-}
-
-/// Meanings of the columns of a table.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Columns {
-    /// The columns that are read, in the order of the file.
-    pub used: Vec<Used>,
-    /// Errors in the columns, including missing columns.
-    pub issues: Vec<Issue>,
-    /// Required meanings without a column, as written in mappings, with a proposed unit.
-    pub missing: Vec<String>,
-    /// Proposals for the caller: meaning with unit, and index of the column. A proposal is used only if the caller confirms it.
-    pub proposed: Vec<(String, usize)>,
-}
-
-/// State while the meanings of columns are resolved.
-struct Resolution<'t> {
-    table: &'t Table<'t>,
-    mapping: &'t Mapping,
-    n_joints: usize,
-    needs: Needs,
-    columns: Columns,
-    taken: BTreeSet<usize>,
-}
 
 /// Resolves the meanings of the columns of a table. `issues` of the result is empty if the table can be read.
 pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) -> Columns {
@@ -66,30 +36,6 @@ pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) 
 }
 
 impl Resolution<'_> {
-    fn issue(&mut self, column: Option<String>, code: &'static str, detail: String) {
-        self.columns.issues.push(Issue {
-            row: None,
-            column,
-            code,
-            detail,
-        });
-    }
-
-    fn has(&self, wanted: &str) -> bool {
-        self.columns
-            .used
-            .iter()
-            .any(|used| thing(&used.means) == wanted)
-    }
-
-    fn needs_joints(&self) -> bool {
-        self.needs != Needs::Positions
-    }
-
-    fn needs_positions(&self) -> bool {
-        self.needs != Needs::Joints
-    }
-
     fn mapped(&mut self, mapping: &Mapping) {
         for (means, reference) in &mapping.columns {
             let is_known = column(means, self.n_joints).is_some() || key(means).is_some();
@@ -145,7 +91,7 @@ impl Resolution<'_> {
         if self.needs_positions() {
             self.named_positions(&known);
         }
-        self.named_plain(&known);
+        named_plain(self, &known);
         let has_name = known
             .iter()
             .any(|(_, known)| *known == Known::Key(Key::Name));
@@ -167,25 +113,6 @@ impl Resolution<'_> {
                 }
             }
         }
-    }
-
-    /// The cells of the header, each with the unit below it.
-    fn names(&self) -> Vec<(&str, Option<Unit>)> {
-        let units = self.table.units.as_ref();
-        let below = |place| units.and_then(|units| units.get(place).copied().flatten());
-        let names = self.table.header.iter().enumerate();
-        names
-            .map(|(place, name)| (name.as_str(), below(place)))
-            .collect()
-    }
-
-    fn take(&mut self, place: usize, means: String) {
-        self.taken.insert(place);
-        self.columns.used.push(Used {
-            place,
-            means,
-            is_mapped: false,
-        });
     }
 
     fn named_joints(&mut self, known: &[(usize, Known)]) {
@@ -236,7 +163,7 @@ impl Resolution<'_> {
                     let detail = format!(
                         "column {name} stands beside joint values and {}, as a controller writes the pose that it computes itself: if it was \
                          measured all the same, say so by ?columns={{\"{axis}_mm\": {name:?}, …}} (--column {axis}_mm={name:?})",
-                        pose.unwrap_or_default()
+                        pose.as_deref().unwrap_or_default()
                     );
                     self.issue(Some(name), "two_readings", detail);
                 }
@@ -248,153 +175,14 @@ impl Resolution<'_> {
         }
     }
 
-    /// The angles that controllers of KUKA (A, B, C) and FANUC (W, P, R) write next to X, Y, Z of a computed pose. Only for files that need joint
-    /// values and positions.
-    fn controllers_pose(&self) -> Option<&'static str> {
-        let bare: Vec<String> = self
-            .table
-            .header
-            .iter()
-            .map(|name| {
-                let end = name.find(['[', '(']).unwrap_or(name.len());
-                name[..end].trim().to_lowercase()
-            })
-            .collect();
-        let has = |names: [&str; 3]| names.iter().all(|name| bare.iter().any(|own| own == name));
-        match self.needs {
-            Needs::Points if has(["a", "b", "c"]) => Some("A, B, C"),
-            Needs::Points if has(["w", "p", "r"]) => Some("W, P, R"),
-            _ => None,
-        }
-    }
-
-    /// The unit of columns without a unit: from the mapping, or, for positions, from a line of the file.
-    fn stated_unit(&self, thing: &str) -> Option<&'static str> {
-        match thing.starts_with('q') {
-            true => self.mapping.joint_unit,
-            false => self.mapping.position_unit.or(self.table.length_unit),
-        }
-    }
-
-    /// Uses a column for a quantity (`q1`, `x`, …), or adds an issue if something about the column is unclear.
-    fn offer(&mut self, place: usize, thing: &str, unit: Unit, units: [&str; 2]) {
-        let name = self.table.name(place);
-        let other = self
-            .columns
-            .used
-            .iter()
-            .find(|used| column_meaning::thing(&used.means) == thing);
-        if let Some(other) = other {
-            if other.is_mapped {
-                return;
-            }
-            let detail = match self.table.name(other.place) {
-                same if same == name => format!("column {name} appears twice"),
-                other => format!(
-                    "columns {other} and {name} may both be {thing}: say which by ?columns={{\"{thing}_{0}\": …}} (--column {thing}_{0}=COLUMN)",
-                    units[0]
-                ),
-            };
-            self.issue(Some(name), "duplicate_column", detail);
-            return;
-        }
-        let unit = match unit {
-            Unit::Missing => self.stated_unit(thing).map_or(unit, Unit::Is),
-            unit => unit,
-        };
-        let mapping = format!(
-            "?columns={{\"{thing}_{0}\": {name:?}, …}} (--column {thing}_{0}={name:?})",
-            units[0]
-        );
-        match unit {
-            Unit::Is(unit) => self.take(place, format!("{thing}_{unit}")),
-            Unit::Missing => {
-                self.columns
-                    .proposed
-                    .push((format!("{thing}_{}", units[0]), place));
-                let all = match thing.starts_with('q') {
-                    true => {
-                        "state the unit of all joints by ?columns={\"joint_unit\": \"deg\"} or \"rad\" (--joint-unit deg, --joint-unit rad)"
-                    }
-                    false => {
-                        "state the unit of all positions by ?columns={\"position_unit\": \"mm\"} or \"m\" … (--position-unit mm, --position-unit m …)"
-                    }
-                };
-                let detail = format!(
-                    "column {name} has no unit; name it {thing}_{} or {thing}_{}, or {all}",
-                    units[0], units[1]
-                );
-                self.issue(Some(name), "missing_unit", detail);
-            }
-            Unit::TwoReadings => {
-                self.columns
-                    .proposed
-                    .push((format!("{thing}_{}", units[0]), place));
-                let detail = format!(
-                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it by {mapping}"
-                );
-                self.issue(Some(name), "two_readings", detail);
-            }
-        }
-        self.taken.insert(place);
-    }
-
-    /// Uses columns such as `station`, and adds an issue for names that are nearly such a name.
-    fn named_plain(&mut self, known: &[(usize, Known)]) {
-        // True if joints and positions have the names of kincal's own file format. In other tables, "Target" or "Station" may have another meaning.
-        let is_own = self.table.header.iter().all(|name| {
-            !matches!(
-                recognise(name, None),
-                Known::Joint(..) | Known::Position(..)
-            ) || column(&name.trim().to_lowercase(), self.n_joints).is_some()
-        });
-        for (place, known) in known {
-            let name = self.table.name(*place);
-            match known {
-                Known::Plain(means) if is_own && self.has(means) => {
-                    let detail = format!("column {name} appears twice");
-                    self.issue(Some(name), "duplicate_column", detail);
-                }
-                Known::Plain(means) if is_own && self.needs != Needs::Joints => {
-                    self.take(*place, means.clone());
-                }
-                Known::WrongUnit => self.wrong_unit(name),
-                Known::Unknown if is_own => {
-                    let lower = name.to_lowercase();
-                    if column(&lower, self.n_joints).is_some() {
-                        self.take(*place, lower);
-                    } else if let Some(meant) = nearly(&name) {
-                        let detail = format!(
-                            "column {name} is nearly {meant}: call it so, or leave it aside by ?columns={{\"ignore\": [{name:?}]}} (--ignore {name:?})"
-                        );
-                        self.issue(Some(name), "unknown_column", detail);
-                    }
-                }
-                _ => {}
-            }
-        }
-    }
-
-    /// Adds an issue for names such as `q1_inch` and `x_um`, unless a mapping states their meaning.
-    fn wrong_unit(&mut self, name: String) {
-        let lower = name.to_lowercase();
-        let thing = thing(&lower);
-        let is_wanted = if thing.starts_with('q') {
-            self.needs_joints()
-        } else {
-            self.needs_positions()
-        };
-        if !is_wanted || self.has(thing) {
-            return;
-        }
-        if let Err(issue) = column_of(&lower, self.n_joints) {
-            let units = if thing.starts_with('q') { "deg" } else { "mm" };
-            let detail = format!(
-                "{}; or say what it is by ?columns={{\"{thing}_{units}\": {name:?}}} (--column {thing}_{units}={name:?})",
-                issue.detail
-            );
-            self.issue(Some(name), issue.code, detail);
-        }
+    /// The names of the columns with a rotation as controllers write it next to X, Y, Z of a pose that they compute. Only for files that need joint values
+    /// and positions, and if the mapping does not say that the rotation was measured.
+    fn controllers_pose(&self) -> Option<String> {
+        let places = rotation_columns(&self.table.header)?;
+        let is_mapped = |place: &usize| self.columns.used.iter().any(|used| used.place == *place);
+        let is_computed = self.needs == Needs::Points && !places.iter().any(is_mapped);
+        let names = places.map(|place| self.table.name(place));
+        is_computed.then(|| names.join(", "))
     }
 
     /// The issue for a file in which all joint values or all positions are missing. It says where they may be.

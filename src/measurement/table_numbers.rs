@@ -4,7 +4,7 @@ use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::{MAX_COORDINATE_MM, MAX_JOINT_RAD, MAX_ROWS};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{ParseError, whole};
-use crate::measurement::number_text::{decimal_of_both, plain};
+use crate::measurement::number_text::{decimal_of_both, plain, without_unit};
 use crate::measurement::table::{Next, Table};
 
 /// Number of unambiguous cells for each decimal mark.
@@ -32,6 +32,7 @@ pub(super) fn decimal_mark(
             n_rows += 1;
             for (place, column) in numbers {
                 let cell = row.cells.get(*place).unwrap_or("").trim();
+                let (cell, _) = without_unit(cell);
                 if count(&mut marks, cell, *column, row.line) {
                     example = cell.into();
                 }
@@ -53,6 +54,12 @@ pub(super) fn decimal_mark(
         (points, commas, _) if commas > points => Ok(Decimal::Comma),
         _ => Ok(Decimal::Point),
     }
+}
+
+/// The decimal mark of these columns, which may hold any numbers. None if all numbers with a mark are ambiguous.
+pub fn decimal_of(table: &Table, places: &[usize]) -> Option<Decimal> {
+    let numbers: Vec<(usize, Option<Column>)> = places.iter().map(|at| (*at, None)).collect();
+    decimal_mark(table, &numbers).ok()
 }
 
 fn both_readings(cell: &str, mark: char) -> (String, String) {

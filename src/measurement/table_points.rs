@@ -3,15 +3,17 @@
 use crate::measurement::column_mapping::{Mapping, Separator};
 use crate::measurement::column_meaning::{self, key};
 use crate::measurement::conventions::{Decimal, Frame};
-use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
+use crate::measurement::csv::Reading;
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::csv_pose::header_issues;
+use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::{MeasurementSet, Point};
 use crate::measurement::table::{Next, Table};
 use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table_numbers::decimal_mark;
+use crate::measurement::table_rows::{Layout, Rows};
 use crate::measurement::table_text::{Encoding, Source};
 
 /// How a file was interpreted: everything that is needed to read it again in the same way.
@@ -35,6 +37,8 @@ pub struct Understood {
     pub ignored: Vec<String>,
     /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
+    /// Points of a robot's program that are not read.
+    pub unread: Vec<Unread>,
 }
 
 /// Why a table was refused.
@@ -116,13 +120,9 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
         rotation: options.rotation,
         is_time: options.is_time,
     };
-    let keys = parts.keys.iter();
-    let mut content = Rows {
-        keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
-        ..Rows::default()
-    };
-    table.each_row(|next| content.take(next, &table, &parts, &reading));
-    content.refuse_summaries();
+    let mut content = Rows::new(&parts.layout);
+    table.each_row(|next| content.take(next, &table, &parts.layout, &reading));
+    content.refuse_no_measurements(&parts.layout);
     if content.points.is_empty() && content.issues.is_empty() {
         content.issue(
             None,
@@ -216,18 +216,10 @@ pub fn preview(
     })
 }
 
-/// The columns of a table, grouped by their use.
+/// A table, and the columns that are read.
 struct Parts<'t> {
     table: &'t Table<'t>,
-    /// Indices of the columns whose cells become points. `columns` and `names` are their types and names.
-    places: Vec<usize>,
-    columns: Vec<Column>,
-    names: csv::StringRecord,
-    keys: Vec<Used>,
-    /// Minimum number of cells of a row.
-    n_needed: usize,
-    /// Whether the file is a stored upload that is read again in the same way.
-    is_read_again: bool,
+    layout: Layout,
 }
 
 impl<'t> Parts<'t> {
@@ -237,15 +229,13 @@ impl<'t> Parts<'t> {
             Needs::Positions => !is_joint(&used.means),
             Needs::Points => true,
         };
-        let read: Vec<(usize, Column)> = columns
+        let read: Vec<(usize, Column, Option<&'static str>)> = columns
             .used
             .iter()
             .filter(wanted)
             .filter_map(|used| {
-                Some((
-                    used.place,
-                    column_meaning::column(&used.means, options.n_joints)?,
-                ))
+                let column = column_meaning::column(&used.means, options.n_joints)?;
+                Some((used.place, column, column_meaning::unit(&used.means)))
             })
             .collect();
         let keys = columns
@@ -257,21 +247,26 @@ impl<'t> Parts<'t> {
             .iter()
             .rposition(|name| !name.is_empty())
             .map_or(0, |at| at + 1);
-        let last = read.iter().map(|(place, _)| place + 1).max().unwrap_or(0);
-        Self {
-            table,
-            names: read.iter().map(|(place, _)| table.name(*place)).collect(),
-            places: read.iter().map(|(place, _)| *place).collect(),
-            columns: read.iter().map(|(_, column)| *column).collect(),
+        let last = read.iter().map(|(place, ..)| place + 1).max().unwrap_or(0);
+        let layout = Layout {
+            names: read.iter().map(|(place, ..)| table.name(*place)).collect(),
+            places: read.iter().map(|(place, ..)| *place).collect(),
+            columns: read.iter().map(|(_, column, _)| *column).collect(),
             keys: keys.cloned().collect(),
             n_needed: named.max(last),
+            units: read.iter().map(|(.., unit)| *unit).collect(),
             is_read_again: options.mapping.is_complete,
-        }
+            has_positions: options.needs != Needs::Joints,
+        };
+        Self { table, layout }
     }
 
     fn decimal(&self, mapping: &Mapping) -> Result<Decimal, ParseError> {
         if let Some(decimal) = mapping.decimal {
             return Ok(decimal);
+        }
+        if self.table.encoding == Encoding::Program {
+            return Ok(Decimal::Point);
         }
         let is_number = |column: &Column| {
             matches!(
@@ -284,9 +279,10 @@ impl<'t> Parts<'t> {
             )
         };
         let numbers: Vec<(usize, Option<Column>)> = self
+            .layout
             .places
             .iter()
-            .zip(&self.columns)
+            .zip(&self.layout.columns)
             .filter(|(_, column)| is_number(column))
             .map(|(place, column)| (*place, Some(*column)))
             .collect();
@@ -300,7 +296,7 @@ impl<'t> Parts<'t> {
         options: &TableOptions,
     ) -> Understood {
         let is_used = |used: &&Used| {
-            self.places.contains(&used.place)
+            self.layout.places.contains(&used.place)
                 || key(&used.means).is_some() && (options.needs != Needs::Points || used.is_mapped)
         };
         let used: Vec<Used> = columns.used.iter().filter(is_used).cloned().collect();
@@ -324,6 +320,11 @@ impl<'t> Parts<'t> {
                 })
                 .collect(),
             skipped_rows: self.table.n_skipped_above + usize::from(self.table.units.is_some()),
+            unread: self
+                .table
+                .program
+                .as_ref()
+                .map_or(vec![], |program| program.unread.clone()),
         }
     }
 }
@@ -332,159 +333,4 @@ fn is_joint(means: &str) -> bool {
     let base = means.split_once('_').map_or(means, |(base, _)| base);
     base.strip_prefix('q')
         .is_some_and(|rest| rest.parse::<usize>().is_ok())
-}
-
-/// The rows that were read so far.
-#[derive(Default)]
-struct Rows {
-    points: Vec<Point>,
-    lines: Vec<usize>,
-    keys: Vec<(String, Vec<String>)>,
-    issues: Vec<(Issue, Option<usize>)>,
-    n_skipped: usize,
-    n_rows: usize,
-    /// Rows that begin with the name of a statistic: row, line and word.
-    summaries: Vec<(usize, usize, String)>,
-}
-
-/// Words with which a row of statistics begins in reports.
-const SUMMARIES: [&str; 22] = [
-    "mean",
-    "average",
-    "avg",
-    "median",
-    "std",
-    "stdev",
-    "stddev",
-    "std dev",
-    "standard deviation",
-    "sigma",
-    "rms",
-    "min",
-    "max",
-    "minimum",
-    "maximum",
-    "sum",
-    "total",
-    "range",
-    "mittelwert",
-    "mittel",
-    "standardabweichung",
-    "summe",
-];
-
-/// The name of a statistic at the beginning of a row, in a column that is not read as a value.
-fn summary_word(cells: &csv::StringRecord, read: &[usize]) -> Option<String> {
-    let (place, first) = cells
-        .iter()
-        .enumerate()
-        .find(|(_, cell)| !cell.trim().is_empty())?;
-    let word = first.trim().trim_end_matches([':', '.']).to_lowercase();
-    (!read.contains(&place) && SUMMARIES.contains(&word.as_str())).then(|| first.trim().to_owned())
-}
-
-impl Rows {
-    /// Refuses rows that begin with the name of a statistic, if they are less than a quarter of all rows. If there are more, the word is part of a
-    /// normal column.
-    fn refuse_summaries(&mut self) {
-        if 4 * self.summaries.len() >= self.n_rows {
-            return;
-        }
-        for (row, line, word) in std::mem::take(&mut self.summaries) {
-            let detail = format!(
-                "row {row} begins with {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
-            );
-            self.issue(Some(row), Some(line), "summary_row", detail);
-        }
-    }
-
-    fn issue(
-        &mut self,
-        row: Option<usize>,
-        line: Option<usize>,
-        code: &'static str,
-        detail: String,
-    ) {
-        let issue = Issue {
-            row,
-            column: None,
-            code,
-            detail,
-        };
-        self.issues.push((issue, line));
-    }
-
-    /// Reads the next row. Returns false if no further rows are wanted.
-    fn take(&mut self, next: Next, table: &Table, parts: &Parts, reading: &Reading) -> bool {
-        let row = match next {
-            Next::Row(row) => row,
-            Next::Skipped => {
-                self.n_skipped += 1;
-                return true;
-            }
-            Next::Bad(line, code, detail) => {
-                let row = self.n_rows;
-                self.issue(
-                    Some(row),
-                    Some(line),
-                    code,
-                    format!("row {row} cannot be read: {detail}"),
-                );
-                self.n_rows += 1;
-                return self.issues.len() < MAX_ISSUES;
-            }
-        };
-        let index = self.n_rows;
-        if index >= MAX_ROWS {
-            self.issues.clear();
-            let detail = format!("more than {MAX_ROWS} rows; split the campaign into several sets");
-            self.issue(None, None, "too_many_rows", detail);
-            return false;
-        }
-        self.n_rows += 1;
-        let too_many = row
-            .cells
-            .iter()
-            .skip(table.header.len())
-            .any(|cell| !cell.trim().is_empty());
-        if row.cells.len() < parts.n_needed || too_many {
-            let detail = wrong_cell_count(
-                index,
-                &row.cells,
-                table.header.len(),
-                table.separator.byte(),
-            );
-            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
-            return self.issues.len() < MAX_ISSUES;
-        }
-        let cells: csv::StringRecord = parts
-            .places
-            .iter()
-            .map(|place| &row.cells[*place])
-            .collect();
-        let mut issues = Vec::new();
-        let point = parse_row(
-            index,
-            &cells,
-            &parts.names,
-            &parts.columns,
-            reading,
-            &mut issues,
-        );
-        self.issues
-            .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
-        if !parts.is_read_again
-            && let Some(word) = summary_word(&row.cells, &parts.places)
-        {
-            self.summaries.push((index, row.line, word));
-        }
-        if let Some(point) = point {
-            self.points.push(point);
-            self.lines.push(row.line);
-            for (used, (_, cells)) in parts.keys.iter().zip(&mut self.keys) {
-                cells.push(row.cells.get(used.place).unwrap_or("").trim().to_owned());
-            }
-        }
-        self.issues.len() < MAX_ISSUES
-    }
 }

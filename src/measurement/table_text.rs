@@ -1,7 +1,7 @@
 //! Decodes the bytes of a table: UTF-8, UTF-16 or Windows-1252 (which contains Latin-1). All other files are refused.
 
 use crate::measurement::csv_issue::{ParseError, whole};
-use crate::measurement::table_programs;
+use crate::measurement::programs::{self, ProgramRows};
 use std::borrow::Cow;
 
 /// Encoding of a file.
@@ -19,7 +19,7 @@ pub enum Encoding {
     Xlsx,
     /// A sheet of an ods workbook.
     Ods,
-    /// Points of a robot's program: KUKA, ABB or FANUC.
+    /// Points of a robot's program: KUKA, ABB, FANUC or Universal Robots.
     Program,
 }
 
@@ -45,14 +45,31 @@ pub struct Source<'a> {
     pub text: Cow<'a, str>,
     /// The encoding of the file.
     pub encoding: Encoding,
+    /// Of a robot's program: where its points were, and which were not read.
+    pub program: Option<ProgramRows>,
 }
 
 impl<'a> Source<'a> {
+    /// Decodes a text file, and converts a robot program to a table.
+    ///
+    /// # Errors
+    /// [`ParseError`] if the file is not text, or a program without joint values.
+    pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
+        let source = Self::decode(bytes)?;
+        Ok(match programs::table(&source.text)? {
+            Some((text, rows)) => Self {
+                program: Some(rows),
+                ..Self::from_sheet(text, Encoding::Program)
+            },
+            None => source,
+        })
+    }
+
     /// Decodes a text file.
     ///
     /// # Errors
     /// [`ParseError`] if the file is not text.
-    pub fn from_bytes(bytes: &'a [u8]) -> Result<Self, ParseError> {
+    pub fn decode(bytes: &'a [u8]) -> Result<Self, ParseError> {
         if bytes.starts_with(b"PK\x03\x04") {
             return Err(whole(
                 "not_csv",
@@ -63,10 +80,7 @@ impl<'a> Source<'a> {
         if source.text.trim().is_empty() {
             return Err(whole("empty", "the file is empty".into()));
         }
-        Ok(match table_programs::table(&source.text)? {
-            Some(text) => Self::from_sheet(text, Encoding::Program),
-            None => source,
-        })
+        Ok(source)
     }
 
     /// A source from the text of a sheet: one line per row, with tabs between the cells.
@@ -74,6 +88,7 @@ impl<'a> Source<'a> {
         Self {
             text: text.into(),
             encoding,
+            program: None,
         }
     }
 }
@@ -101,7 +116,11 @@ fn decoded(bytes: &[u8]) -> Result<Source<'_>, ParseError> {
         );
         return Err(whole("not_text", detail));
     }
-    Ok(Source { text, encoding })
+    Ok(Source {
+        text,
+        encoding,
+        program: None,
+    })
 }
 
 fn is_control(byte: u8) -> bool {
@@ -137,12 +156,36 @@ fn utf16(bytes: &[u8], encoding: Encoding) -> Result<Source<'_>, ParseError> {
         Ok(text) if bytes.len().is_multiple_of(2) => Ok(Source {
             text: Cow::Owned(text),
             encoding,
+            program: None,
         }),
         _ => Err(whole(
             "not_text",
             "the file begins as UTF-16 and is none: was it cut off? Save it as CSV (UTF-8)".into(),
         )),
     }
+}
+
+/// A text as the bytes of a file. `has_mark` says whether it begins with a byte order mark. Workbooks and programs become UTF-8.
+pub fn encoded(text: &str, encoding: Encoding, has_mark: bool) -> Vec<u8> {
+    let marked: String = has_mark.then_some('\u{feff}').into_iter().collect();
+    let units = || marked.encode_utf16().chain(text.encode_utf16());
+    let byte = |c: char| match HIGH.iter().position(|high| *high == c) {
+        Some(at) => 0x80 + at as u8,
+        None => u8::try_from(c).unwrap_or(b'?'),
+    };
+    match encoding {
+        Encoding::Utf16Le => units().flat_map(u16::to_le_bytes).collect(),
+        Encoding::Utf16Be => units().flat_map(u16::to_be_bytes).collect(),
+        Encoding::Windows1252 => text.chars().map(byte).collect(),
+        _ => [marked.as_bytes(), text.as_bytes()].concat(),
+    }
+}
+
+/// Whether a file begins with a byte order mark.
+pub fn has_mark(bytes: &[u8]) -> bool {
+    [&b"\xEF\xBB\xBF"[..], b"\xFF\xFE", b"\xFE\xFF"]
+        .iter()
+        .any(|mark| bytes.starts_with(mark))
 }
 
 /// Characters 0x80 to 0x9F of Windows-1252. Five of these codes are not assigned (`\0`).
@@ -167,4 +210,28 @@ fn windows_1252(bytes: &[u8]) -> Result<String, ParseError> {
         text.push(character);
     }
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Source, encoded, has_mark};
+
+    #[test]
+    fn a_text_is_written_in_the_encoding_in_which_it_was_read() {
+        let utf16: Vec<u8> = "\u{feff}a °\n"
+            .encode_utf16()
+            .flat_map(u16::to_le_bytes)
+            .collect();
+        for bytes in [
+            "\u{feff}a °\r\n".as_bytes(),
+            "a °\n".as_bytes(),
+            b"a \xB0 \x80\n",
+            &utf16,
+        ] {
+            let source = Source::decode(bytes).unwrap();
+            assert!(source.text.starts_with("a °"), "{:?}", source.text);
+            let again = encoded(&source.text, source.encoding, has_mark(bytes));
+            assert_eq!(again, bytes);
+        }
+    }
 }

@@ -6,9 +6,9 @@ use crate::identification::workspace::random_configurations;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::operations::import_digits::{clean, with_right_angles};
-use crate::operations::import_json::{csv_of_json, is_json};
+use crate::operations::import_table::{Table, table_of_any};
 use crate::operations::urdf::{Urdf, UrdfFrames};
-use crate::wire::angle::{to_degrees, to_radians};
+use crate::wire::angle::to_degrees;
 use crate::wire::frames::Transform;
 use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
 use crate::wire::issue::{Invalid, Issue};
@@ -17,19 +17,8 @@ use nalgebra::IsometryMatrix3;
 
 /// Number of configurations at which an import is compared with its source.
 const N_CONFIGURATIONS: usize = 100;
-/// Maximum size of a table, bytes. A dozen rows with nine columns have two KiB.
-const MAX_TABLE_BYTES: usize = 64 * 1024;
 /// Largest allowed difference between import and source, mm.
 const SAME_MM: f64 = 1e-9;
-
-/// A table of link parameters.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Table {
-    /// The numbers of the table, in the convention of the table.
-    pub links: Vec<Link>,
-    /// Lower and upper limit of each joint, rad, if given.
-    pub limits_rad: Vec<Option<(f64, f64)>>,
-}
 
 /// As [`import_with`], with [`ImportDigits::Exact`].
 ///
@@ -106,12 +95,13 @@ pub fn import_with(
             if let Some(row) = rows.iter().position(|row| row.beta_rad != 0.0) {
                 return Err(Invalid {
                     code: "invalid_table",
-                    issues: vec![at(
-                        Some(row),
-                        "beta_deg",
-                        "unused",
-                        "a distal table has no beta",
-                    )],
+                    issues: vec![Issue {
+                        row: Some(row),
+                        column: Some("beta_deg".into()),
+                        code: "unused".into(),
+                        detail: "a distal table has no beta".into(),
+                        ..Issue::default()
+                    }],
                 });
             }
             answer(name, vec![], &links_of_distal(&rows), limits_rad, &|q| {
@@ -224,178 +214,4 @@ fn largest_difference(
         .into_iter()
         .map(difference)
         .fold(0.0, f64::max)
-}
-
-/// Parses a table in CSV or JSON.
-fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
-    if bytes.len() <= MAX_TABLE_BYTES && is_json(bytes) {
-        table(&csv_of_json(bytes)?)
-    } else {
-        table(bytes)
-    }
-}
-
-/// Parses a CSV table with one row per link, from base to flange. Required columns: `a_mm` or `a_m`, `alpha_deg` or `alpha_rad`, `d_mm` or `d_m`,
-/// `theta_offset_deg` or `theta_offset_rad`. Optional columns: `beta_deg` or `beta_rad`, `min_deg` and `max_deg` (or `_rad`), `link`.
-///
-/// # Errors
-/// [`Invalid`] with the row and column of each error.
-pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
-    if bytes.len() > MAX_TABLE_BYTES {
-        let detail = format!(
-            "the table has {} bytes; at most {MAX_TABLE_BYTES} are read",
-            bytes.len()
-        );
-        return Err(Invalid::at("", "too_large", detail));
-    }
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(bytes);
-    let unreadable =
-        |e: csv::Error| Invalid::at("", "unreadable_table", format!("the table is not CSV: {e}"));
-    let header: Vec<String> = reader
-        .headers()
-        .map_err(unreadable)?
-        .iter()
-        .map(|name| name.trim_start_matches('\u{feff}').to_owned())
-        .collect();
-    let columns = columns(&header)?;
-    let (mut table, mut issues) = (
-        Table {
-            links: vec![],
-            limits_rad: vec![],
-        },
-        Vec::new(),
-    );
-    for (i, record) in reader.records().take(MAX_LINKS + 1).enumerate() {
-        let record = record.map_err(unreadable)?;
-        let mut values = [None; 7];
-        for (index, (quantity, factor)) in columns
-            .iter()
-            .enumerate()
-            .filter_map(|(index, c)| Some((index, (*c)?)))
-        {
-            let text = record.get(index).unwrap_or_default();
-            match text.parse::<f64>() {
-                Ok(number) if number.is_finite() => {
-                    values[quantity] = Some(if factor == 0.0 {
-                        to_radians(number)
-                    } else {
-                        number * factor
-                    })
-                }
-                _ if text.is_empty() && quantity >= 4 => {}
-                _ => issues.push(at(
-                    Some(i),
-                    &header[index],
-                    "not_a_number",
-                    &format!("{text:?} is not a number"),
-                )),
-            }
-        }
-        let [a_mm, alpha, d_mm, theta, beta, low, high] = values;
-        table.links.push(Link {
-            a_mm: a_mm.unwrap_or(0.0),
-            alpha_rad: alpha.unwrap_or(0.0),
-            d_mm: d_mm.unwrap_or(0.0),
-            theta_offset_rad: theta.unwrap_or(0.0),
-            beta_rad: beta.unwrap_or(0.0),
-        });
-        table.limits_rad.push(low.zip(high));
-    }
-    if table.links.is_empty() || table.links.len() > MAX_LINKS {
-        issues.push(Issue {
-            code: "wrong_length".into(),
-            detail: format!("1 to {MAX_LINKS} rows are allowed, one per link"),
-            ..Issue::default()
-        });
-    }
-    if issues.is_empty() {
-        Ok(table)
-    } else {
-        Err(Invalid {
-            code: "invalid_table",
-            issues,
-        })
-    }
-}
-
-/// The quantity of each column, and the factor from its unit to mm or rad (0 for degrees).
-fn columns(header: &[String]) -> Result<Vec<Option<(usize, f64)>>, Invalid> {
-    const NAMES: [(&str, &str); 7] = [
-        ("a", "mm"),
-        ("alpha", "deg"),
-        ("d", "mm"),
-        ("theta_offset", "deg"),
-        ("beta", "deg"),
-        ("min", "deg"),
-        ("max", "deg"),
-    ];
-    let mut found = [false; 7];
-    let mut of = |name: &String| -> Result<Option<(usize, f64)>, Invalid> {
-        if name == "link" {
-            return Ok(None);
-        }
-        let known = NAMES.iter().enumerate().find_map(|(i, (quantity, kind))| {
-            let unit = name.strip_prefix(quantity)?.strip_prefix('_')?;
-            let factor = match (*kind, unit) {
-                ("mm", "mm") | ("deg", "rad") => 1.0,
-                ("mm", "m") => 1e3,
-                ("deg", "deg") => 0.0,
-                _ => return None,
-            };
-            Some((i, factor))
-        });
-        let Some((i, factor)) = known else {
-            let detail = format!(
-                "the column {name:?} is not known; a table has a_mm, alpha_deg, d_mm, theta_offset_deg (or _m, _rad), and may have beta_deg, min_deg, max_deg, link"
-            );
-            return Err(Invalid {
-                code: "invalid_table",
-                issues: vec![at(None, name, "unknown_column", &detail)],
-            });
-        };
-        if std::mem::replace(&mut found[i], true) {
-            return Err(Invalid {
-                code: "invalid_table",
-                issues: vec![at(
-                    None,
-                    name,
-                    "repeated_column",
-                    "this quantity stands in two columns",
-                )],
-            });
-        }
-        Ok(Some((i, factor)))
-    };
-    let columns = header.iter().map(&mut of).collect::<Result<Vec<_>, _>>()?;
-    let missing: Vec<Issue> = (0..4)
-        .filter(|i| !found[*i])
-        .map(|i| {
-            at(
-                None,
-                &format!("{}_{}", NAMES[i].0, NAMES[i].1),
-                "missing_column",
-                "this column is needed",
-            )
-        })
-        .collect();
-    if missing.is_empty() {
-        Ok(columns)
-    } else {
-        Err(Invalid {
-            code: "invalid_table",
-            issues: missing,
-        })
-    }
-}
-
-fn at(row: Option<usize>, column: &str, code: &str, detail: &str) -> Issue {
-    Issue {
-        row,
-        column: Some(column.into()),
-        code: code.into(),
-        detail: detail.into(),
-        ..Issue::default()
-    }
 }

@@ -8,6 +8,7 @@ mod frames;
 pub mod import;
 mod import_digits;
 mod import_json;
+mod import_table;
 mod plan_poses;
 mod posture;
 mod predict;

@@ -39,6 +39,8 @@ struct UrdfJoint {
     child: String,
     joint: ChainJoint,
     place: OriginPlace,
+    /// Why a chain with this joint is refused.
+    fault: Option<Invalid>,
 }
 
 /// Position of an `<origin>` element in the text: the ranges of the values of its attributes, and the place where an attribute or the element would
@@ -168,7 +170,12 @@ impl<'t> Urdf<'t> {
             None => self.longest(&by_child, n_moving)?,
         };
         for index in &indices {
-            let UrdfJoint { name, kind, .. } = &self.joints[*index];
+            let UrdfJoint {
+                name, kind, fault, ..
+            } = &self.joints[*index];
+            if let Some(fault) = fault {
+                return Err(fault.clone());
+            }
             if !["revolute", "continuous", "fixed"].contains(&kind.as_str()) {
                 let detail = format!(
                     "joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip"
@@ -364,14 +371,13 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     let rpy_rad = three(origin, "rpy", [0.0; 3])?;
     let axis = Vector3::from(three(child("axis"), "xyz", [1.0, 0.0, 0.0])?);
     let is_moving = kind != "fixed";
-    if is_moving && axis.norm() < 1e-6 {
-        return Err(wrong("has an axis of no length"));
-    }
-    if is_moving && child("mimic").is_some() {
-        return Err(wrong(
+    let fault = match is_moving {
+        true if axis.norm() < 1e-6 => Some(wrong("has an axis of no length")),
+        true if child("mimic").is_some() => Some(wrong(
             "mimics another: such couplings cannot be calibrated from a URDF",
-        ));
-    }
+        )),
+        _ => None,
+    };
     let limit = |name: &str| {
         child("limit")
             .and_then(|n| n.attribute(name))
@@ -415,6 +421,7 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
         kind,
         joint: chain_joint,
         place,
+        fault,
     })
 }
 

@@ -13,14 +13,47 @@ pub struct AcceptedMisfit {
     pub insisted_on: Option<Insist>,
 }
 
+/// Refusals and warnings that a missing target or station may cause.
+const OF_LABELS: [&str; 2] = ["poor_alignment", "frame_suspect"];
+
+/// Adds to an explanation which columns are not read, if they may be the cause.
+fn with_unread(explanation: Explanation, unread: Option<&str>) -> Explanation {
+    let Some(unread) = unread else {
+        return explanation;
+    };
+    let added = |detail: String| {
+        let end = if detail.ends_with('?') { "" } else { "." };
+        format!("{detail}{end} {unread}")
+    };
+    match explanation {
+        Explanation::Warning { code, detail } if OF_LABELS.contains(&code) => {
+            Explanation::Warning {
+                code,
+                detail: added(detail),
+            }
+        }
+        Explanation::Refusal(suspicion) if OF_LABELS.contains(&suspicion.code) => {
+            Explanation::Refusal(Suspicion {
+                detail: added(suspicion.detail),
+                ..suspicion
+            })
+        }
+        other => other,
+    }
+}
+
 /// Keeps an upload whose misfit only deserves a warning, or on which the caller insists with the code of the suspicion.
+///
+/// `unread` names columns of the upload that are not read and may say which reflector or set-up a row is of.
 ///
 /// # Errors
 /// The suspicion for which the upload is refused.
 pub fn accept_misfit(
     explanation: Explanation,
     insist: Option<Insist>,
+    unread: Option<&str>,
 ) -> Result<AcceptedMisfit, Box<Suspicion>> {
+    let explanation = with_unread(explanation, unread);
     let warning = |code: &str, detail: String| Warning {
         code: code.into(),
         detail,
@@ -44,5 +77,28 @@ pub fn accept_misfit(
             })
         }
         Explanation::Refusal(suspicion) => Err(Box::new(suspicion)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::accept_misfit;
+    use crate::calibration::upload_checks::alignment::{Explanation, Suspicion};
+
+    #[test]
+    fn columns_that_are_not_read_are_named_where_they_may_be_the_cause() {
+        let refusal = |code| {
+            let suspicion = Suspicion {
+                code,
+                columns: None,
+                detail: "nothing fits".into(),
+                joint_map: None,
+            };
+            let explanation = Explanation::Refusal(suspicion);
+            accept_misfit(explanation, None, Some("Not read: \"Target\"")).unwrap_err()
+        };
+        let detail = refusal("poor_alignment").detail;
+        assert_eq!(detail, "nothing fits. Not read: \"Target\"");
+        assert_eq!(refusal("unit_suspect").detail, "nothing fits");
     }
 }

@@ -450,6 +450,7 @@ impl JobRequestBody {
             instrument_scale: None,
             held_out: None,
             refused_as: None,
+            unread_labels: None,
             residual_network: parts.residual_network,
             previous: parts.previous,
         };

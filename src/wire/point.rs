@@ -4,7 +4,7 @@ use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
 use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
-use crate::measurement::position_noise::PositionNoise;
+use crate::measurement::position_noise::{NOT_A_COVARIANCE, PositionNoise};
 use crate::measurement::{Point, Subset};
 use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::instrument;
@@ -168,13 +168,9 @@ impl PointBody {
             }
         }
         if let Some(covariance) = self.covariance_mm2 {
-            let noise = PositionNoise::of_covariance(&matrix(covariance));
-            let is_one = |noise: &PositionNoise| noise.std_mm.iter().all(|v| range.contains(v));
-            if !noise.as_ref().is_some_and(is_one) {
-                let detail = format!(
-                    "a covariance is symmetric, and the square roots of its eigenvalues are {MIN_STD_MM} to {MAX_STD_MM} mm"
-                );
-                checker.note(format!("{at}/covariance_mm2"), "not_a_covariance", detail);
+            let noise = PositionNoise::of_stated_covariance(&matrix(covariance));
+            if let Err(detail) = noise {
+                checker.note(format!("{at}/covariance_mm2"), NOT_A_COVARIANCE, detail);
             }
         }
         let stated = [

@@ -44,7 +44,7 @@ pub struct PredictAnswer {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_std_mm: Option<Vec<f64>>,
     /// Warnings. `set_withdrawn`: the parameter set was withdrawn. `check_robot`: a session did not fit the robot, which may have changed. `no_fit`,
-    /// `joint_map_suspect`, `model_too_small`: the set does not fit its robot.
+    /// `joint_map_suspect`, `model_too_small`: the set does not fit its robot. `instrument_scale`: the instrument measured lengths wrongly.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }

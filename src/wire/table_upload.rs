@@ -295,7 +295,8 @@ fn of_file(mut error: Invalid, part: FilePart) -> Invalid {
     error
 }
 
-fn table_error(error: &TableError) -> Invalid {
+/// The refusal of a table.
+pub fn table_error(error: &TableError) -> Invalid {
     let issue = |(issue, line): &(crate::measurement::csv::Issue, Option<usize>)| Issue {
         row: issue.row,
         line: *line,

@@ -3,13 +3,14 @@
 use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
+use crate::measurement::programs::Unread;
 use crate::measurement::table_points::Understood;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::reference::SetReference;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Maximum number of ignored columns and unpaired rows that are listed.
+/// Maximum number of ignored columns, unread points and unpaired rows that are listed.
 const MAX_NAMED: usize = 50;
 /// Maximum length of a column name in answers, characters. Longer names are cut.
 const MAX_NAME_SHOWN: usize = 100;
@@ -39,6 +40,29 @@ pub struct UnderstoodBody {
     pub ignored: Vec<String>,
     /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
+    /// Points of a robot program that are not read; absent if all are read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unread: Option<UnreadPoints>,
+}
+
+/// Points of a robot program that are not read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnreadPoints {
+    /// Number of these points.
+    pub n: usize,
+    /// The first of these points.
+    pub points: Vec<UnreadPoint>,
+}
+
+/// A point of a robot program that is not read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UnreadPoint {
+    /// The line on which it begins, counted from 1.
+    pub line: usize,
+    /// Its name; empty for a target in a motion.
+    pub name: String,
+    /// Why it is not read.
+    pub reason: String,
 }
 
 /// A column that is read.
@@ -69,7 +93,7 @@ pub struct JoinBody {
     /// With `time`: the robot's clock minus the instrument's clock, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock_offset_s: Option<f64>,
-    /// True if names were compared without punctuation, spaces and leading zeros, or if numbers were compared with names.
+    /// True if names were compared without punctuation, spaces and leading zeros, or by the numbers in them (`P1` with `Point 1` or 1).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_names: bool,
     /// True if the instrument's file is a continuous log (at least two rows per second). Then one position is taken from each standstill.
@@ -127,6 +151,53 @@ pub struct Reading {
     pub reference: Option<SetReference>,
 }
 
+/// Words of columns that say which reflector or which set-up of the instrument a row is of.
+const LABELS: [&str; 14] = [
+    "target",
+    "targets",
+    "reflector",
+    "reflektor",
+    "smr",
+    "prism",
+    "marker",
+    "ball",
+    "station",
+    "setup",
+    "standpunkt",
+    "stationierung",
+    "placement",
+    "location",
+];
+/// Maximum number of such columns that a text names.
+const MAX_LABELS: usize = 4;
+
+impl Reading {
+    /// Names the columns that are not read and may say which reflector or which set-up a row is of; `None` if there are none.
+    pub fn unread_labels(&self) -> Option<String> {
+        let tables = self.understood.iter().chain(
+            self.joined
+                .iter()
+                .flat_map(|joined| [&joined.robot, &joined.instrument]),
+        );
+        let is_label = |name: &&String| {
+            let lower = name.to_lowercase();
+            let mut words = lower.split(|c: char| !c.is_alphabetic());
+            words.any(|word| LABELS.contains(&word))
+        };
+        let names: Vec<String> = tables
+            .flat_map(|table| table.ignored.iter().filter(is_label))
+            .take(MAX_LABELS)
+            .map(|name| format!("{name:?}"))
+            .collect();
+        let first = names.first()?;
+        Some(format!(
+            "Not read: {}. If such a column says which reflector (target) or which set-up of the instrument (station) a row is of, say so by \
+             ?columns={{\"target\": {first}, …}} (--column target={first})",
+            names.join(", ")
+        ))
+    }
+}
+
 impl From<&Understood> for UnderstoodBody {
     fn from(found: &Understood) -> Self {
         let column = |(used, name): &(crate::measurement::table_columns::Used, String)| {
@@ -153,7 +224,22 @@ impl From<&Understood> for UnderstoodBody {
                 .map(|name| shown(name))
                 .collect(),
             skipped_rows: found.skipped_rows,
+            unread: UnreadPoints::of(&found.unread),
         }
+    }
+}
+
+impl UnreadPoints {
+    fn of(unread: &[Unread]) -> Option<Self> {
+        let point = |point: &Unread| UnreadPoint {
+            line: point.line,
+            name: shown(&point.name),
+            reason: point.reason.as_str().into(),
+        };
+        (!unread.is_empty()).then(|| Self {
+            n: unread.len(),
+            points: unread.iter().take(MAX_NAMED).map(point).collect(),
+        })
     }
 }
 

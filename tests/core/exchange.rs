@@ -608,6 +608,26 @@ fn a_urdf_of_another_robot_is_refused_with_the_joint_that_differs() {
 }
 
 #[test]
+fn a_joint_that_mimics_another_matters_only_on_the_way_to_the_tip() {
+    let joint = |name: &str, parent: &str, child: &str, inside: &str| {
+        format!(
+            "<joint name='{name}' type='revolute'><parent link='{parent}'/><child link='{child}'/><origin xyz='0 0.1 0.3'/><axis xyz='0 0 1'/>{inside}</joint>"
+        )
+    };
+    let text = format!(
+        "<robot name='x'>{}{}{}</robot>",
+        joint("j1", "base", "link1", ""),
+        joint("j2", "link1", "hand", ""),
+        joint("finger", "hand", "finger2", "<mimic joint='j2'/>")
+    );
+    let imported = import(text.as_bytes(), ImportFormat::Urdf, "x", Some("hand")).unwrap();
+    assert_eq!(imported.joints, ["j1", "j2"]);
+    let refused = import(text.as_bytes(), ImportFormat::Urdf, "x", Some("finger2")).unwrap_err();
+    assert_eq!(refused.code, "invalid_joint");
+    assert!(refused.issues[0].detail.contains("mimics"), "{refused:?}");
+}
+
+#[test]
 fn faults_of_a_urdf_are_named() {
     let code = |text: &str| match Urdf::parse(text.as_bytes()) {
         Err(invalid) => invalid.code,

@@ -24,6 +24,7 @@ mod partial;
 mod planning;
 mod poses;
 mod priors;
+mod programs;
 mod quick_check;
 mod real_robots;
 mod repeatability;

@@ -179,6 +179,12 @@ fn what_cannot_be_joined_says_what_to_state() {
     let (code, detail) = refusal(&robot(&even), &instrument(8), "");
     assert_eq!(code, "two_readings", "{detail}");
     assert!(detail.contains("clock_offset_s"), "{detail}");
+    // all of them, none recommended
+    for offset in [-5000, -4990, -4980, -4970, -4960] {
+        let named = format!("{offset}.000 s (8 pairs)");
+        assert!(detail.contains(&named), "no {named}: {detail}");
+    }
+    assert!(detail.contains("--clock-offset-s SECONDS"), "{detail}");
     // with as many rows on both sides there is one reading only
     let all = read(
         &form(robot(&even).as_bytes(), instrument(12).as_bytes()),
@@ -211,8 +217,21 @@ fn what_cannot_be_joined_says_what_to_state() {
     let (code, detail) = refusal(&robot(&even), "x_mm,y_mm,z_mm\n1,2,3\n", "");
     assert_eq!(code, "join_unclear");
     assert!(detail.contains("\"by\": \"order\""), "{detail}");
-    let (code, _) = refusal(&robot(&even), "time,x_mm,y_mm,z_mm\n12,1,2,3\n", "");
+    let (code, detail) = refusal(&robot(&even), "time,x_mm,y_mm,z_mm\n12,1,2,3\n", "");
     assert_eq!(code, "not_a_time");
+    assert!(
+        detail.contains("--column instrument.time_s=COLUMN")
+            && detail.contains("--column instrument.time_ms=COLUMN"),
+        "{detail}"
+    );
+    let stated = "{\"instrument\": {\"time_ms\": \"time\"}, \"join\": {\"clock_offset_s\": 0, \"tolerance_s\": 1}}";
+    let milliseconds = "time,x_mm,y_mm,z_mm\n10000,1,2,3\n20000,1,2,3\n";
+    let (set, _) = read(
+        &form(robot(&even).as_bytes(), milliseconds.as_bytes()),
+        stated,
+    )
+    .unwrap();
+    assert!((set.points[1].q_rad[0].to_degrees() - 2.0).abs() < ROUNDING);
     // numbers and names that say different things
     let both = "Point;No.;J1 [deg];J2 [deg];J3 [deg];J4 [deg];J5 [deg];J6 [deg]\nA;1;1;2;3;4;5;6\nB;2;9;2;3;4;5;6\n";
     let (code, _) = refusal(both, "Point,No.,x_mm,y_mm,z_mm\nA,2,1,2,3\nB,1,1,2,3\n", "");
@@ -403,4 +422,37 @@ fn of_an_instruments_log_the_standstills_count() {
     let found = belongs(&robot, &stream, 8);
     assert!(found.join.instrument_log);
     assert_eq!(found.join.leftover_instrument.n, 0);
+}
+
+#[test]
+fn names_with_the_same_numbers_pair_if_no_number_is_missing_or_doubled() {
+    let robot = |names: [&str; 3]| {
+        let rows = names
+            .iter()
+            .zip(1..)
+            .map(|(name, i)| format!("{name};{i};2;3;4;5;6\n"));
+        let rows: String = rows.collect();
+        format!("Point;J1 [deg];J2 [deg];J3 [deg];J4 [deg];J5 [deg];J6 [deg]\n{rows}")
+    };
+    let instrument = |header: &str, names: [&str; 3]| {
+        let rows = names.iter().map(|name| format!("{name},1,2,3\n"));
+        let rows: String = rows.collect();
+        format!("{header},x_mm,y_mm,z_mm\n{rows}")
+    };
+    let points = ["P1", "P2", "P3"];
+    for (ours, header, theirs) in [
+        (points, "No.", ["3", "2", "1"]),
+        (points, "Point", ["Point 3", "Point 2", "Point 1"]),
+        (["XP1", "XP2", "XP3"], "Point", ["P03", "P02", "P01"]),
+    ] {
+        let (ours, theirs) = (robot(ours), instrument(header, theirs));
+        let (set, reading) = read(&form(ours.as_bytes(), theirs.as_bytes()), "").unwrap();
+        assert!((set.points[0].q_rad[0].to_degrees() - 3.0).abs() < ROUNDING);
+        let join = reading.unwrap().joined.unwrap().join;
+        assert_eq!((join.by.as_str(), join.loose_names), ("name", true));
+    }
+    for theirs in [["T1", "M1", "T2"], ["T1", "T2", "HOME"]] {
+        let (code, _) = refusal(&robot(points), &instrument("Point", theirs), "");
+        assert_eq!(code, "join_unclear", "{theirs:?}");
+    }
 }

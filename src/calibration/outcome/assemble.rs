@@ -28,7 +28,7 @@ use crate::calibration::warnings::overstated_noise::OverstatedNoise;
 use crate::calibration::warnings::plausibility::{
     JOINT_MAP, TOOL_UNCERTAIN, base_frame_off, joint_counted_otherwise,
 };
-use crate::calibration::warnings::refused_upload::advised;
+use crate::calibration::warnings::refused_upload::{advised, with_unread};
 use crate::calibration::warnings::screening::{
     extrapolated, of_the_verify_set, screening_warnings,
 };
@@ -279,7 +279,9 @@ pub fn report(
         );
         of_verify_set = vec![];
     }
-    let fit = fit.map(|told| advised(told, request.refused_as.as_deref()));
+    let fit = fit
+        .map(|told| with_unread(told, request.unread_labels.as_deref()))
+        .map(|told| advised(told, request.refused_as.as_deref()));
     let as_delivered = as_delivered(problem, delivered_model);
     let misfit = fit
         .as_ref()

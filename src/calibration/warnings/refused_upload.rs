@@ -29,6 +29,17 @@ pub fn advice(code: &str) -> String {
     )
 }
 
+/// A warning that nothing fits, with the columns that are not read and may be the cause.
+pub fn with_unread(told: Warning, unread: Option<&str>) -> Warning {
+    match unread {
+        Some(unread) if told.code == NO_FIT => Warning {
+            detail: format!("{}. {unread}", told.detail),
+            ..told
+        },
+        _ => told,
+    }
+}
+
 /// A warning that the robot does not fit, with its own advice replaced by that of the refusal.
 pub fn advised(told: Warning, refused_as: Option<&str>) -> Warning {
     match refused_as {

@@ -12,7 +12,7 @@ pub use source::Source;
 
 use crate::exchange::{refit, universal_robots};
 use crate::kinematics::{Link, Robot};
-use crate::operations::{import, robot_models};
+use crate::operations::{import_table, robot_models};
 use crate::release::wrong_robot;
 use crate::wire::export::{BetaChoice, ExportDocument, ExportFormat, RemainingError};
 use crate::wire::issue::Invalid;
@@ -85,7 +85,7 @@ pub fn export(
         ExportFormat::Csv => {
             let text = documents::csv_text(&links);
             let table =
-                import::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
+                import_table::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
             check::same_links("csv", source.robot, &links, &table.links)?;
             Ok(Exported {
                 content_type: "text/csv",

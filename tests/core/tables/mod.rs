@@ -1,5 +1,6 @@
 //! Tables as people have them: each habit is taken with the values that it means, or refused with the remedy, and never taken with others.
 
+mod contents;
 mod forms;
 mod names;
 
@@ -284,6 +285,7 @@ fn all() -> Vec<Habit> {
         forms::surroundings(),
         names::names(),
         names::sheets(),
+        contents::contents(),
     ]
     .into_iter()
     .flatten()

@@ -105,6 +105,48 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
             );
         }
     }
+    // The same targets in the language of a robot, and in UTF-16 beside what was measured.
+    let kuka = "DEFDAT CAL\n; DECL E6AXIS XP0={A1 1,A2 1,A3 1,A4 1,A5 1,A6 1}\nDECL E6AXIS XP1={A1 10.00000,A2 -30.00000,A3 20.00000,A4 15.00000,A5 40.00000,A6 5.00000}\nENDDAT\n";
+    let kuka = path(folder.path(), "program.dat", kuka);
+    let corrected = kincal(&["compensate", &parameters, &kuka]);
+    let text = String::from_utf8(corrected.stdout).unwrap();
+    let angle: f64 = after[1][1].parse().unwrap();
+    assert!(text.contains(&format!("XP1={{A1 {angle:.5},")), "{text}");
+    assert!(text.contains("; DECL E6AXIS XP0={A1 1,A2 1"), "{text}");
+    let names = |what: &str| -> String { (1..=6).map(|j| format!(";{what} J{j} [deg]")).collect() };
+    let both = format!(
+        "name{}{};X;Y;Z\r\nA;9;9;9;9;9;9;10,0;-30,0;20,0;15,0;40,0;5,0;1;2;3\r\n",
+        names("Actual"),
+        names("Target")
+    );
+    let file = folder.path().join("both.csv");
+    let utf16: Vec<u8> = std::iter::once(0xFEFF)
+        .chain(both.encode_utf16())
+        .flat_map(u16::to_le_bytes)
+        .collect();
+    std::fs::write(&file, utf16).unwrap();
+    let corrected = kincal(&["compensate", &parameters, file.to_str().unwrap()]);
+    let said = String::from_utf8(corrected.stderr).unwrap();
+    assert!(
+        said.contains("corrected columns: Target J1 [deg], "),
+        "{said}"
+    );
+    assert!(
+        said.contains("poses_left") && said.contains("X, Y, Z"),
+        "{said}"
+    );
+    let units = corrected.stdout.chunks_exact(2);
+    let units: Vec<u16> = units
+        .map(|pair| u16::from_le_bytes([pair[0], pair[1]]))
+        .collect();
+    let text = String::from_utf16(&units).unwrap();
+    let angle = format!("{angle:.7}").replace('.', ",");
+    assert!(text.starts_with("\u{feff}name;Actual J1"), "{text}");
+    assert!(
+        text.contains(&format!("\r\nA;9;9;9;9;9;9;{angle};")),
+        "{text}"
+    );
+    assert!(text.ends_with(";1;2;3\r\n"), "{text}");
     // An explicit tool, anywhere on the command line and with any signs.
     let with_tool = |tool: &[&str]| {
         let output = kincal(&[&["compensate", "--json"], tool, &[&parameters, &program]].concat());
@@ -141,7 +183,7 @@ fn an_imported_robot_can_be_planned_for() {
     let folder = tempfile::tempdir().unwrap();
     let table = "a_mm,alpha_deg,d_mm,theta_offset_deg,min_deg,max_deg\n0,0,504,0,-170,170\n166.605,-90,0,0,-80,80\n782.27,0,0,0,-90,90\n138.826,-90,761.35,0,-180,180\n0,90,0,0,-115,115\n0,-90,125,0,-300,300\n";
     let table = path(folder.path(), "table.csv", table);
-    let imported = kincal(&["import", &table, "--name", "mine"]);
+    let imported = kincal(&["import", &table, "--convention", "mdh", "--name", "mine"]);
     assert!(
         imported.status.success(),
         "{}",
@@ -253,13 +295,16 @@ fn semicolons_are_read_in_measurements_and_named_where_they_cannot_be() {
     let table = path(
         folder.path(),
         "table.csv",
-        "a_mm;alpha_deg;d_mm;theta_offset_deg\n0;0;504;0\n",
+        "a_mm;alpha_deg;d_mm;theta_deg\n0;0;504,5;0\n",
     );
+    let read = kincal(&["import", table.as_str(), "--convention", "dh"]);
+    let robot = String::from_utf8_lossy(&read.stdout).into_owned();
+    assert!(robot.contains("504.5"), "{robot}");
     let output = kincal(&["import", table.as_str()]);
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert!(
-        stderr.contains("columns are separated by ';': save it with commas"),
+        stderr.contains("one of two conventions: give --convention dh"),
         "{stderr}"
     );
 }

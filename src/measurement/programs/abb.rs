@@ -1,0 +1,136 @@
+//! Points of ABB: `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`, and `MoveAbsJ [[…],[…]], …;`. RAPID is free in spaces, lines and letter
+//! case, so statements are read up to their semicolon.
+
+use crate::measurement::programs::point::{Found, Reason};
+use crate::measurement::programs::text::{Node, code, is_word, last_word, list};
+
+/// Number of axes in each part of a `jointtarget`: the robot's own, and external ones.
+const N_AXES: usize = 6;
+/// Words in front of the name of a declaration.
+const DECLARING: [&str; 6] = ["LOCAL", "TASK", "CONST", "PERS", "VAR", "ALIAS"];
+
+/// The points of a module.
+pub(super) fn points(text: &str) -> Found {
+    let mut found = Found::default();
+    let has_points = text.contains('[') && [":=", "ove", "OVE"].iter().any(|w| text.contains(w));
+    if !has_points {
+        return found;
+    }
+    let code = code(text, '!', &['"']);
+    let mut start = 0;
+    for text in code.split(';') {
+        if let Some(open) = text.find('[') {
+            statement(&code, start, start + open, &mut found);
+        }
+        start += text.len() + 1;
+    }
+    found
+}
+
+/// The name, the type, and the first word of a declaration or assignment that ends before `:=`.
+struct Declared<'t> {
+    name: &'t str,
+    of_type: &'t str,
+    at: usize,
+}
+
+fn declared(head: &str, start: usize) -> Declared<'_> {
+    let bare = head.trim_end();
+    let named = match bare.ends_with('}') {
+        // The length of an array.
+        true => bare.rfind('{').map_or(bare, |at| &bare[..at]),
+        false => bare,
+    };
+    let name = last_word(named);
+    let mut before = named.trim_end().len() - name.len();
+    let mut at = start + before;
+    let of_type = last_word(&head[..before]);
+    let is_known = ["jointtarget", "robtarget"]
+        .iter()
+        .any(|known| of_type.eq_ignore_ascii_case(known));
+    if is_known {
+        before = head[..before].trim_end().len() - of_type.len();
+        at = start + before;
+        loop {
+            let word = last_word(&head[..before]);
+            if !DECLARING
+                .iter()
+                .any(|known| word.eq_ignore_ascii_case(known))
+            {
+                break;
+            }
+            before = head[..before].trim_end().len() - word.len();
+            at = start + before;
+        }
+    }
+    Declared { name, of_type, at }
+}
+
+/// Reads the statement that begins at `start` and has its first bracket at `open`.
+fn statement(code: &str, start: usize, open: usize, found: &mut Found) {
+    let head = code[start..open].trim_end();
+    let value = list(code, open).map(|(node, _)| node);
+    if let Some(head) = head.strip_suffix(":=") {
+        let Declared { name, of_type, at } = declared(head, start);
+        let is_joints = of_type.eq_ignore_ascii_case("jointtarget");
+        match value {
+            Some(value) if is_target(&value) => target(code, at, name, &value, found),
+            Some(value) if is_array(&value) => {
+                for (number, value) in (1..).zip(value.list()) {
+                    target(code, at, &format!("{name}{{{number}}}"), value, found);
+                }
+            }
+            _ if is_joints => found.other(at, name, Reason::NotNumbers),
+            _ if of_type.eq_ignore_ascii_case("robtarget") => {
+                found.other(at, name, Reason::Cartesian);
+            }
+            _ => {}
+        }
+        return;
+    }
+    let mut words = head.rsplit(|c: char| !is_word(c));
+    let Some(motion) = words.find(|word| is_motion(word)) else {
+        return;
+    };
+    // Both are slices of the same text.
+    let at = start + (motion.as_ptr() as usize - head.as_ptr() as usize);
+    if let Some(value) = value.filter(is_target) {
+        target(code, at, "", &value, found);
+    }
+}
+
+fn is_motion(word: &str) -> bool {
+    word.get(..4)
+        .is_some_and(|start| start.eq_ignore_ascii_case("move"))
+}
+
+fn length(node: Option<&Node>) -> usize {
+    node.map_or(0, |node| node.list().len())
+}
+
+fn is_joints(node: &Node) -> bool {
+    let parts = node.list();
+    parts.len() == 2 && length(parts.first()) == N_AXES && length(parts.get(1)) == N_AXES
+}
+
+/// Position, quaternion, configuration and external axes.
+fn is_cartesian(node: &Node) -> bool {
+    let parts: Vec<usize> = node.list().iter().map(|part| part.list().len()).collect();
+    parts == [3, 4, 4, N_AXES]
+}
+
+fn is_target(node: &Node) -> bool {
+    is_joints(node) || is_cartesian(node)
+}
+
+fn is_array(node: &Node) -> bool {
+    !node.list().is_empty() && node.list().iter().all(is_target)
+}
+
+fn target(code: &str, at: usize, name: &str, value: &Node, found: &mut Found) {
+    match value.list().first().and_then(Node::items) {
+        _ if is_cartesian(value) => found.other(at, name, Reason::Cartesian),
+        Some(angles) => found.point(code, at, name, angles),
+        None => found.other(at, name, Reason::NotNumbers),
+    }
+}

@@ -1,0 +1,367 @@
+//! Reads joint values from robot programs (data lists and sources of KUKA, modules of ABB, listings of FANUC, scripts of Universal Robots) as tables
+//! with one row per point. In these languages the unit of joint values is defined.
+
+mod abb;
+mod fanuc;
+mod kuka;
+mod point;
+mod text;
+mod universal_robots;
+
+pub use point::{Point, Reason};
+
+use crate::measurement::csv_issue::{ParseError, whole};
+use point::Found;
+
+/// Number of points that a refusal names.
+const MAX_NAMED: usize = 5;
+
+/// Language of a program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Language {
+    /// KRL.
+    Kuka,
+    /// RAPID.
+    Abb,
+    /// A listing of a TP program.
+    Fanuc,
+    /// Script.
+    UniversalRobots,
+}
+
+impl Language {
+    /// Unit of joint values: `deg` or `rad`.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Kuka | Self::Abb | Self::Fanuc => "deg",
+            Self::UniversalRobots => "rad",
+        }
+    }
+
+    /// What to export in place of Cartesian points.
+    fn remedy(self) -> &'static str {
+        match self {
+            Self::Kuka => {
+                "Write them as joint values (E6AXIS, or PTP {A1 …, A6 …}), or log $AXIS_ACT at each of them"
+            }
+            Self::Abb => {
+                "Write them as jointtarget (CJointT() or CalcJointT), or log the joint values at each of them"
+            }
+            Self::Fanuc => {
+                "Change the representation of the positions to joint values (POSITION, REPRE, Joint) and export the listing again"
+            }
+            Self::UniversalRobots => {
+                "Write joint values (movej([…]), NAME_q=[…]), or log actual_q at each of them"
+            }
+        }
+    }
+}
+
+/// A point that is not read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unread {
+    /// The line on which it begins, counted from 1.
+    pub line: usize,
+    /// Its name; empty for a target in a motion.
+    pub name: String,
+    /// Why it is not read.
+    pub reason: Reason,
+}
+
+/// A robot program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Program {
+    /// Its language.
+    pub language: Language,
+    /// The points whose joint values are numbers, in their order.
+    pub points: Vec<Point>,
+    /// The line on which each of these points begins, counted from 1.
+    pub lines: Vec<usize>,
+    /// The points that are not read.
+    pub unread: Vec<Unread>,
+}
+
+/// What a table that was made from a program does not show.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ProgramRows {
+    /// The line of each point in the program, counted from 1.
+    pub lines: Vec<usize>,
+    /// The points that are not read.
+    pub unread: Vec<Unread>,
+    /// Number of lines on which no point begins.
+    pub n_other_lines: usize,
+}
+
+/// Finds the points of a program. None if the text is not a known program.
+///
+/// # Errors
+/// If none of its points has joint values in degrees or radians.
+pub fn find(text: &str) -> Result<Option<Program>, ParseError> {
+    refuse_yaskawa(text)?;
+    let found: Vec<(Language, Found)> = if fanuc::is_listing(text) {
+        vec![(Language::Fanuc, fanuc::points(text))]
+    } else {
+        vec![
+            (Language::Kuka, kuka::points(text)),
+            (Language::Abb, abb::points(text)),
+            (Language::UniversalRobots, universal_robots::points(text)),
+        ]
+    };
+    let mut found: Vec<(Language, Found)> =
+        found.into_iter().filter(|(_, f)| !f.is_empty()).collect();
+    let with_points = found.iter().position(|(_, found)| !found.points.is_empty());
+    let Some((language, mut found)) = found.drain(..).nth(with_points.unwrap_or(0)) else {
+        return Ok(None);
+    };
+    found.finish();
+    let lines = Lines::new(text);
+    let unread = found.others.into_iter().map(|other| Unread {
+        line: lines.line(other.at),
+        name: other.name,
+        reason: other.reason,
+    });
+    let program = Program {
+        language,
+        lines: found.points.iter().map(|p| lines.line(p.at)).collect(),
+        points: found.points,
+        unread: unread.collect(),
+    };
+    match program.points.is_empty() {
+        true => Err(no_joint_values(&program)),
+        false => Ok(Some(program)),
+    }
+}
+
+/// Converts a program to a table with one row per point. None if the text is not a known program.
+///
+/// # Errors
+/// As [`find`].
+pub(super) fn table(text: &str) -> Result<Option<(String, ProgramRows)>, ParseError> {
+    let Some(program) = find(text)? else {
+        return Ok(None);
+    };
+    let unit = program.language.unit();
+    let n_axes = program.points.first().map_or(0, |point| point.angles.len());
+    let joints: Vec<String> = (1..=n_axes)
+        .map(|joint| format!("J{joint} [{unit}]"))
+        .collect();
+    let mut rows = format!("name\tnumber\t{}\n", joints.join("\t"));
+    for point in &program.points {
+        let angles: Vec<&str> = point.angles.iter().map(|at| &text[at.clone()]).collect();
+        let name = point.name.replace(['\t', '"'], " ");
+        rows.push_str(&format!(
+            "{name}\t{}\t{}\n",
+            point.number,
+            angles.join("\t")
+        ));
+    }
+    let mut different = program.lines.clone();
+    different.dedup();
+    let about = ProgramRows {
+        n_other_lines: text.lines().count().saturating_sub(different.len()),
+        lines: program.lines,
+        unread: program.unread,
+    };
+    Ok(Some((rows, about)))
+}
+
+/// The lines of a text.
+struct Lines(Vec<usize>);
+
+impl Lines {
+    fn new(text: &str) -> Self {
+        let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+        Self(ends.map(|(at, _)| at).collect())
+    }
+
+    /// The line of a byte, counted from 1.
+    fn line(&self, at: usize) -> usize {
+        self.0.partition_point(|end| *end < at) + 1
+    }
+}
+
+fn refuse_yaskawa(text: &str) -> Result<(), ParseError> {
+    let detail = if text.contains("///PULSE") {
+        "a job whose positions are in pulses: how many make a degree is not in the file. Export the positions as joint angles, or log the angles"
+    } else if text.contains("///RECTAN") {
+        "a job whose positions are Cartesian: it has no joint values. Log the joint angles at each of them"
+    } else {
+        return Ok(());
+    };
+    Err(whole("not_angles", detail.into()))
+}
+
+fn no_joint_values(program: &Program) -> ParseError {
+    let name = |point: &Unread| match point.name.as_str() {
+        "" => format!("line {}", point.line),
+        name => format!("{name} (line {})", point.line),
+    };
+    let named: Vec<String> = program.unread.iter().take(MAX_NAMED).map(name).collect();
+    let n = program.unread.len();
+    let more = if n > named.len() { ", …" } else { "" };
+    let reason = match program
+        .unread
+        .iter()
+        .find(|p| p.reason != Reason::Cartesian)
+    {
+        None => "all of them are Cartesian positions",
+        Some(point) => point.reason.as_str(),
+    };
+    let detail = format!(
+        "a robot program of {n} points without joint values ({reason}): {}{more}. {}",
+        named.join(", "),
+        program.language.remedy()
+    );
+    whole("not_angles", detail)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Reason, find, table};
+
+    /// Rows of the table, each behind the line of its point.
+    fn rows(text: &str) -> Vec<String> {
+        let (rows, about) = table(text).unwrap().unwrap();
+        let rows = rows.lines().skip(1).zip(about.lines);
+        rows.map(|(row, line)| format!("{line}: {}", row.replace('\t', " ")))
+            .collect()
+    }
+
+    /// Line, name and reason of the points that are not read.
+    fn unread(text: &str) -> Vec<(usize, String, Reason)> {
+        let program = find(text).unwrap().unwrap();
+        let unread = program.unread.into_iter();
+        unread.map(|p| (p.line, p.name, p.reason)).collect()
+    }
+
+    fn refusal(text: &str) -> String {
+        let error = find(text).unwrap_err();
+        assert_eq!(error.issues[0].code, "not_angles");
+        error.issues[0].detail.clone()
+    }
+
+    const EXTERNAL: &str = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]";
+
+    #[test]
+    fn points_of_a_data_list_are_read_and_comments_are_not() {
+        let text = "&ACCESS RVP\nDEFDAT CAL\nDECL E6POS XP1={X 1.0,Y 2.0,Z 3}\n\
+            DECL E6AXIS XP2={A1 1.5,A2 -90.0,A3 90,A4 0.0,A5 -1E1,A6 0.25,E1 0.0}\n\
+            ; DECL E6AXIS XP3={A1 9,A2 9,A3 9,A4 9,A5 9,A6 9}\n\
+            DECL FDAT FP4={TOOL_NO 1,POINT2[] \"; {A1 5}\"}\n\
+            GLOBAL E6AXIS P5={E6AXIS: A1 1,A2 2,A3 3,A4 4,A5 5,A6 x}\n\
+            PTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6} ; home\n\
+            PTP_REL {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nPTP {A1 5}\n\
+            LIN {X 1,Y 2,Z 3} C_DIS\nspTP {a1 7,a2 2,a3 3,a4 4,a5 5,a6 6}\nENDDAT\n";
+        assert_eq!(
+            rows(text),
+            [
+                "4: P2 2 1.5 -90.0 90 0.0 -1E1 0.25",
+                "8: 1 1 1 2 3 4 5 6",
+                "12: 2 2 7 2 3 4 5 6"
+            ]
+        );
+        let own = |line, name: &str, reason| (line, name.to_owned(), reason);
+        assert_eq!(
+            unread(text),
+            [
+                own(3, "P1", Reason::Cartesian),
+                own(7, "P5", Reason::NotNumbers),
+                own(9, "", Reason::Relative),
+                own(10, "", Reason::SomeAxes),
+                own(11, "", Reason::Cartesian)
+            ]
+        );
+    }
+
+    #[test]
+    fn rapid_is_free_in_lines_spaces_and_case() {
+        let text = format!(
+            "MODULE m\n  CONST jointtarget cal_10:=[[1,-2.5,3,4,5,6],{EXTERNAL}];\n\
+            ! CONST jointtarget off:=[[1,1,1,1,1,1],{EXTERNAL}];\n\
+            local pers JOINTTARGET b2\n  :=[ [1,\n 2,3 ,4,5,6 ],{EXTERNAL} ];CONST robtarget p:=[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}];\n\
+            PROC main()\n  TPWrite \"jointtarget x:=[[;\";\n  MoveAbsJ \\Conc, [[7,2,3,4,5,6],{EXTERNAL}]\\NoEOffs, v100, fine, tool0;\n\
+            VAR jointtarget many{{2}}:=[[[8,2,3,4,5,6],{EXTERNAL}],[[9,2,3,4,5,6],{EXTERNAL}]];\n\
+            CONST jointtarget c:=[[x,2,3,4,5,6],{EXTERNAL}];\nMoveL [[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}],v100,z1,tool0;\nENDMODULE"
+        );
+        assert_eq!(
+            rows(&text),
+            [
+                "2: cal_10 10 1 -2.5 3 4 5 6",
+                "4: b2 2 1 2 3 4 5 6",
+                "9: 1 1 7 2 3 4 5 6",
+                "10: many{1} 1 8 2 3 4 5 6",
+                "10: many{2} 2 9 2 3 4 5 6"
+            ]
+        );
+        let own = |line, name: &str, reason| (line, name.to_owned(), reason);
+        assert_eq!(
+            unread(&text),
+            [
+                own(6, "p", Reason::Cartesian),
+                own(11, "c", Reason::NotNumbers),
+                own(12, "", Reason::Cartesian)
+            ]
+        );
+    }
+
+    #[test]
+    fn points_of_a_listing_are_read_and_cartesian_ones_are_named() {
+        let text = "/PROG CAL\n/MN\n 1:J P[1] 10% FINE ;\n/POS\nP[1:\"T 1\"]{\n   GP1:\n\tUF : 0, UT : 1,\t\n\
+            \tJ1=    10.000 deg,\tJ2=   -30.000 deg,\tJ3=     5.500 deg,\n\tJ4=     0.000 deg,\tJ5=   -90.000 deg,\tJ6=     1.000 deg\n};\n\
+            P[2]{\n   GP1:\n\tUF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm\n};\n/END\n";
+        assert_eq!(
+            rows(text),
+            ["5: T 1 1 10.000 -30.000 5.500 0.000 -90.000 1.000"]
+        );
+        assert_eq!(unread(text), [(11, "P2".to_owned(), Reason::Cartesian)]);
+    }
+
+    #[test]
+    fn scripts_of_universal_robots_are_in_radians() {
+        let text = "def cal():\n  global P1_p=p[.1,.2,.3,0,0,0]\n  global P1_q=[0.1, -1.5, 1, 0, 1.5, 0]\n  # movej([9,9,9,9,9,9])\n\
+            \x20 global far_p=p[.1,.2,.3,0,0,0]\n  set_tcp(p[0,0,0,0,0,0])\n  home = [0,-1,1,0,1,0]\n  other=[1,2,3,4,5,6]\n  movej(home, a=1.4)\n\
+            \x20 movej([1,2,3,4,5,6], a=1.4, v=1.05)\n  movel(p[1,2,3,4,5,6])\n  movej(get_inverse_kin(p[1,2,3,4,5,6]))\n  movej([d2r(1),2,3,4,5,6])\nend\n";
+        assert_eq!(
+            rows(text),
+            [
+                "3: P1 1 0.1 -1.5 1 0 1.5 0",
+                "7: home  0 -1 1 0 1 0",
+                "10: 1 1 1 2 3 4 5 6"
+            ]
+        );
+        assert!(table(text).unwrap().unwrap().0.contains("J6 [rad]"));
+        let lines: Vec<usize> = unread(text).iter().map(|(line, ..)| *line).collect();
+        assert_eq!(lines, [5, 11, 12, 13]);
+    }
+
+    #[test]
+    fn programs_without_joint_values_are_refused_with_what_to_export() {
+        for (text, named) in [
+            (
+                "DECL E6POS XP7={X 1.0,Y 2.0,Z 3}\n",
+                ["P7 (line 1)", "E6AXIS"],
+            ),
+            (
+                "\nCONST robtarget p10:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];",
+                ["p10 (line 2)", "jointtarget"],
+            ),
+            (
+                "/POS\nP[2]{\n GP1:\n UF : 0,\n X = 1.0 mm\n};\n/END\n",
+                ["P2 (line 2)", "REPRE"],
+            ),
+            ("movel(p[1,2,3,4,5,6], a=1)\n", ["line 1", "movej"]),
+        ] {
+            let detail = refusal(text);
+            assert!(detail.contains("Cartesian"), "{detail}");
+            assert!(named.iter().all(|word| detail.contains(word)), "{detail}");
+        }
+        refusal("/JOB\n///PULSE\nC00000=1,2\n");
+        for table in [
+            "q1_deg,x_mm\n1,2\n",
+            "J1 [deg];note\n1;moved {A1 3}\n",
+            "# frame: base={X 1,Y 2,Z 3}\nJ1 [deg]\n1\n",
+        ] {
+            assert!(find(table).unwrap().is_none(), "{table}");
+        }
+    }
+}

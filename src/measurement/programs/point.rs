@@ -1,0 +1,114 @@
+//! Points of robot programs: those whose joint values are numbers, and those that are not read.
+
+use crate::measurement::programs::text::is_number;
+use std::ops::Range;
+
+/// Maximum number of joints of a point, including external axes.
+const MAX_AXES: usize = 12;
+
+/// A point whose joint values are numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Point {
+    /// Where its declaration begins, bytes.
+    pub at: usize,
+    /// Its name; empty for a target in a motion.
+    pub name: String,
+    /// Its number; empty if it has none.
+    pub number: String,
+    /// Where its joint values are, bytes.
+    pub angles: Vec<Range<usize>>,
+}
+
+/// Why a point is not read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// It is a Cartesian position.
+    Cartesian,
+    /// A joint value is no number.
+    NotNumbers,
+    /// It has fewer joint values than other points of the program.
+    SomeAxes,
+    /// It is the distance of a relative motion.
+    Relative,
+}
+
+impl Reason {
+    /// The reason in words.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Cartesian => "a Cartesian position has no joint values",
+            Self::NotNumbers => "its joint values are not all numbers",
+            Self::SomeAxes => "it has fewer joint values than the other points",
+            Self::Relative => "it belongs to a relative motion",
+        }
+    }
+}
+
+/// A point that is not read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Other {
+    pub(super) at: usize,
+    pub(super) name: String,
+    pub(super) reason: Reason,
+}
+
+/// What a program has.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Found {
+    pub(super) points: Vec<Point>,
+    pub(super) others: Vec<Other>,
+}
+
+impl Found {
+    pub(super) fn is_empty(&self) -> bool {
+        self.points.is_empty() && self.others.is_empty()
+    }
+
+    pub(super) fn other(&mut self, at: usize, name: &str, reason: Reason) {
+        self.others.push(Other {
+            at,
+            name: name.to_owned(),
+            reason,
+        });
+    }
+
+    /// Adds a point. Its joint values must be numbers; otherwise it is not read.
+    pub(super) fn point(&mut self, text: &str, at: usize, name: &str, angles: Vec<Range<usize>>) {
+        let is_usable = (1..=MAX_AXES).contains(&angles.len());
+        if !is_usable || !angles.iter().all(|angle| is_number(&text[angle.clone()])) {
+            return self.other(at, name, Reason::NotNumbers);
+        }
+        self.points.push(Point {
+            at,
+            number: number_of(name),
+            name: name.to_owned(),
+            angles,
+        });
+    }
+
+    /// Moves points with fewer joint values than most to the points that are not read, and numbers those without a name.
+    pub(super) fn finish(&mut self) {
+        let count = |point: &Point| point.angles.len();
+        let most = self.points.iter().map(count).max().unwrap_or(0);
+        for point in self.points.extract_if(.., |point| count(point) < most) {
+            self.others.push(Other {
+                at: point.at,
+                name: point.name,
+                reason: Reason::SomeAxes,
+            });
+        }
+        self.others.sort_by_key(|other| other.at);
+        let unnamed = self.points.iter_mut().filter(|point| point.name.is_empty());
+        for (number, point) in (1..).zip(unnamed) {
+            point.number = format!("{number}");
+            point.name = point.number.clone();
+        }
+    }
+}
+
+/// The digits at the end of a name.
+fn number_of(name: &str) -> String {
+    let name = name.trim_end_matches([']', '}']);
+    let digits = name.len() - name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    name[name.len() - digits..].to_owned()
+}

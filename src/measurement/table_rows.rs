@@ -1,0 +1,278 @@
+//! The rows of a table: reads them one by one to points and join keys, and refuses those that hold no measurement.
+
+use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
+use crate::measurement::csv_columns::Column;
+use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
+use crate::measurement::number_text::without_unit;
+use crate::measurement::set::Point;
+use crate::measurement::table::{Next, Table};
+use crate::measurement::table_lines::is_numeric;
+use crate::measurement::table_resolution::Used;
+use crate::measurement::table_statistics::{is_statistic, rows_not_measured};
+
+/// The rows that were read so far.
+#[derive(Default)]
+pub(super) struct Rows {
+    pub(super) points: Vec<Point>,
+    pub(super) lines: Vec<usize>,
+    pub(super) keys: Vec<(String, Vec<String>)>,
+    pub(super) issues: Vec<(Issue, Option<usize>)>,
+    pub(super) n_skipped: usize,
+    n_rows: usize,
+    /// Number of rows that begin with a number.
+    n_numbered: usize,
+    /// For each column, the number of cells with the column's unit behind their number, and the first row with a cell without it: row and line.
+    with_unit: Vec<(usize, Option<(usize, usize)>)>,
+    /// Rows that begin with the name of a statistic.
+    summaries: Vec<Summary>,
+}
+
+/// A row that begins with the name of a statistic.
+struct Summary {
+    row: usize,
+    line: usize,
+    word: String,
+    /// Whether this cell is read as a label.
+    is_label: bool,
+}
+
+/// The columns that are read, and their use.
+pub(super) struct Layout {
+    /// Indices of the columns whose cells become points. `columns` and `names` are their types and names.
+    pub(super) places: Vec<usize>,
+    pub(super) columns: Vec<Column>,
+    pub(super) names: csv::StringRecord,
+    /// The unit of each column, for joints and positions.
+    pub(super) units: Vec<Option<&'static str>>,
+    /// The columns of join keys.
+    pub(super) keys: Vec<Used>,
+    /// Minimum number of cells of a row.
+    pub(super) n_needed: usize,
+    /// Whether the file is a stored upload that is read again in the same way.
+    pub(super) is_read_again: bool,
+    /// Whether the rows have positions.
+    pub(super) has_positions: bool,
+}
+
+impl Layout {
+    /// The cell with which a row begins, if it may be the name of a statistic, and whether it is read as a label.
+    fn first<'r>(&self, row: &'r csv::StringRecord) -> Option<(&'r str, bool)> {
+        let mut cells = row.iter().enumerate();
+        let (place, first) = cells.find(|(_, cell)| !cell.trim().is_empty())?;
+        let read = self.places.iter().position(|read| *read == place);
+        let is_label = match read.map(|at| self.columns[at]) {
+            None => false,
+            Some(Column::Configuration | Column::Station | Column::Session) => true,
+            Some(_) => return None,
+        };
+        Some((first.trim(), is_label))
+    }
+}
+
+impl Rows {
+    pub(super) fn new(layout: &Layout) -> Self {
+        let keys = layout.keys.iter();
+        Self {
+            keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
+            with_unit: vec![(0, None); layout.places.len()],
+            ..Self::default()
+        }
+    }
+
+    /// Refuses rows that hold no measurement. Of a file that was accepted once, all rows are measurements.
+    pub(super) fn refuse_no_measurements(&mut self, layout: &Layout) {
+        if layout.is_read_again {
+            return;
+        }
+        self.refuse_summaries();
+        self.refuse_some_units(layout);
+        if layout.has_positions && self.issues.is_empty() {
+            self.refuse_not_measured();
+        }
+    }
+
+    /// Refuses rows that begin with the name of a statistic, if they are less than a quarter of all rows, or if all others begin with a number. In other
+    /// files the word is part of a normal column.
+    fn refuse_summaries(&mut self) {
+        let is_numbered =
+            self.n_numbered > 0 && self.n_numbered + self.summaries.len() == self.n_rows;
+        let is_rare = 4 * self.summaries.len() < self.n_rows;
+        for found in std::mem::take(&mut self.summaries) {
+            let Summary {
+                row,
+                line,
+                word,
+                is_label,
+            } = found;
+            if is_numbered || is_rare && !is_label {
+                let detail = format!(
+                    "row {row} begins with {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
+                );
+                self.issue(Some(row), Some(line), "summary_row", detail);
+            }
+        }
+    }
+
+    /// Refuses columns in which some numbers have a unit behind them and others have none.
+    fn refuse_some_units(&mut self, layout: &Layout) {
+        for (column, (n, without)) in std::mem::take(&mut self.with_unit).into_iter().enumerate() {
+            if let Some((row, line)) = without.filter(|_| n > 0) {
+                let name = &layout.names[column];
+                let detail = format!(
+                    "row {row}, column {name}: the number has no unit, and others of the column have one: write it behind every number, or only into the column's name"
+                );
+                self.issue(Some(row), Some(line), "mixed_units", detail);
+            }
+        }
+    }
+
+    /// A cell without the unit of its column behind the number.
+    ///
+    /// # Errors
+    /// If it has another unit.
+    fn bare<'r>(
+        &mut self,
+        (row, line): (usize, usize),
+        cell: &'r str,
+        column: usize,
+        layout: &Layout,
+    ) -> Result<&'r str, String> {
+        let Some(own) = layout.units[column] else {
+            return Ok(cell);
+        };
+        let (number, unit) = without_unit(cell);
+        let (n, without) = &mut self.with_unit[column];
+        match unit {
+            None => {
+                without.get_or_insert((row, line));
+            }
+            Some(unit) if unit == own => *n += 1,
+            Some(unit) => {
+                let name = &layout.names[column];
+                return Err(format!(
+                    "row {row}, column {name}: {cell:?} is in {unit}, and the column in {own}: write the numbers in one unit, and the unit into the column's name"
+                ));
+            }
+        }
+        Ok(number)
+    }
+
+    fn refuse_not_measured(&mut self) {
+        let found = rows_not_measured(&self.points);
+        let n = found.len();
+        for (at, position) in found.into_iter().take(MAX_ISSUES) {
+            // No row was refused, so points and rows are counted alike.
+            let detail = format!(
+                "row {at}: the position is {position}, as in {n} rows: so instruments write what they have not measured; remove these rows, or put # before them"
+            );
+            self.issue(Some(at), Some(self.lines[at]), "not_measured", detail);
+        }
+    }
+
+    pub(super) fn issue(
+        &mut self,
+        row: Option<usize>,
+        line: Option<usize>,
+        code: &'static str,
+        detail: String,
+    ) {
+        let issue = Issue {
+            row,
+            column: None,
+            code,
+            detail,
+        };
+        self.issues.push((issue, line));
+    }
+
+    /// Reads the next row. Returns false if no further rows are wanted.
+    pub(super) fn take(
+        &mut self,
+        next: Next,
+        table: &Table,
+        layout: &Layout,
+        reading: &Reading,
+    ) -> bool {
+        let row = match next {
+            Next::Row(row) => row,
+            Next::Skipped => {
+                self.n_skipped += 1;
+                return true;
+            }
+            Next::Bad(line, code, detail) => {
+                let row = self.n_rows;
+                self.issue(
+                    Some(row),
+                    Some(line),
+                    code,
+                    format!("row {row} cannot be read: {detail}"),
+                );
+                self.n_rows += 1;
+                return self.issues.len() < MAX_ISSUES;
+            }
+        };
+        let index = self.n_rows;
+        if index >= MAX_ROWS {
+            self.issues.clear();
+            let detail = format!("more than {MAX_ROWS} rows; split the campaign into several sets");
+            self.issue(None, None, "too_many_rows", detail);
+            return false;
+        }
+        self.n_rows += 1;
+        let too_many = row
+            .cells
+            .iter()
+            .skip(table.header.len())
+            .any(|cell| !cell.trim().is_empty());
+        if row.cells.len() < layout.n_needed || too_many {
+            let detail = wrong_cell_count(
+                index,
+                &row.cells,
+                table.header.len(),
+                table.separator.byte(),
+            );
+            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
+            return self.issues.len() < MAX_ISSUES;
+        }
+        let mut cells = csv::StringRecord::new();
+        for (column, place) in layout.places.iter().enumerate() {
+            match self.bare((index, row.line), &row.cells[*place], column, layout) {
+                Ok(cell) => cells.push_field(cell),
+                Err(detail) => {
+                    self.issue(Some(index), Some(row.line), "mixed_units", detail);
+                    return self.issues.len() < MAX_ISSUES;
+                }
+            }
+        }
+        let mut issues = Vec::new();
+        let point = parse_row(
+            index,
+            &cells,
+            &layout.names,
+            &layout.columns,
+            reading,
+            &mut issues,
+        );
+        self.issues
+            .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
+        if let Some((first, is_label)) = layout.first(&row.cells) {
+            self.n_numbered += usize::from(is_numeric(first));
+            if is_statistic(first) {
+                self.summaries.push(Summary {
+                    row: index,
+                    line: row.line,
+                    word: first.to_owned(),
+                    is_label,
+                });
+            }
+        }
+        if let Some(point) = point {
+            self.points.push(point);
+            self.lines.push(row.line);
+            for (used, (_, cells)) in layout.keys.iter().zip(&mut self.keys) {
+                cells.push(row.cells.get(used.place).unwrap_or("").trim().to_owned());
+            }
+        }
+        self.issues.len() < MAX_ISSUES
+    }
+}
