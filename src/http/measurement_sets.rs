@@ -98,7 +98,7 @@ struct Upload {
     post, path = "/v1/robots/{robot_id}/measurement-sets", tag = "measurement sets", operation_id = "createMeasurementSet",
     params(("robot_id" = String, Path, description = "The robot"), UploadQuery),
     request_body(
-        description = "A table: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`, or columns that `columns` maps; of poses also `quat_w quat_x quat_y quat_z`, or `rx_deg ry_deg rz_deg` with `rotation`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm` or `std_x_mm std_y_mm std_z_mm`, `std_rotation_deg` or `std_rx_deg std_ry_deg std_rz_deg`, `kind`, `station`, `session`, `sequence`, `temperature_c`. A form has the parts `robot` and `instrument` (two files that are joined), or `table`, and perhaps `columns`",
+        description = "A table: `q1_deg … qn_deg` or `q1_rad …`, `x_mm y_mm z_mm` or `x_m …`, or columns that `columns` maps; of poses also `quat_w quat_x quat_y quat_z`, or `rx_deg ry_deg rz_deg` with `rotation`; optional `configuration`, `target`, `subset`, `measured_at`, `std_mm` or `std_x_mm std_y_mm std_z_mm` or `cov_xx_mm2 cov_xy_mm2 cov_xz_mm2 cov_yy_mm2 cov_yz_mm2 cov_zz_mm2`, `std_rotation_deg` or `std_rx_deg std_ry_deg std_rz_deg`, `kind`, `station`, `session`, `sequence`, `temperature_c`. A form has the parts `robot` and `instrument` (two files that are joined), or `table`, and perhaps `columns`",
         content(
             (String = "text/csv"),
             (MeasurementSetBody = "application/json"),

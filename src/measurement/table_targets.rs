@@ -84,7 +84,7 @@ pub struct Targets {
 pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, TableError> {
     let table = Table::find(source.clone(), mapping)?;
     let mut mapping = mapping.clone();
-    let mut commanded = commanded_joints(&table);
+    let mut commanded = commanded_joints(&table, &mapping);
     if commanded.len() < n_joints_named(&table, &mapping).unwrap_or(0) {
         commanded.clear();
     }
@@ -202,11 +202,21 @@ fn commanded(header: &str, below: Option<Unit>) -> Known {
     }
 }
 
+/// The columns that the mapping does not leave aside: index and name.
+fn names<'t>(table: &'t Table, mapping: &Mapping) -> impl Iterator<Item = (usize, &'t String)> {
+    let ignored = mapping.ignore.iter();
+    let ignored: Vec<usize> = ignored
+        .filter_map(|column| table.place(column).ok())
+        .collect();
+    let names = table.header.iter().enumerate();
+    names.filter(move |(place, _)| !ignored.contains(place))
+}
+
 /// The columns of commanded joint values: meaning, and index of the column. Empty unless each joint has one with a unit.
-fn commanded_joints(table: &Table) -> Vec<(String, usize)> {
+fn commanded_joints(table: &Table, mapping: &Mapping) -> Vec<(String, usize)> {
     let units = table.units.as_ref();
     let below = |place: usize| units.and_then(|units| units.get(place).copied().flatten());
-    let names = table.header.iter().enumerate();
+    let names = names(table, mapping);
     let mut found: BTreeMap<usize, (usize, Unit)> = BTreeMap::new();
     for (place, name) in names {
         if let Known::Joint(number, unit) = commanded(name, below(place)) {
@@ -233,7 +243,7 @@ fn commanded_joints(table: &Table) -> Vec<(String, usize)> {
 fn n_joints_named(table: &Table, mapping: &Mapping) -> Option<usize> {
     let stated = mapping.columns.iter();
     let stated = stated.filter_map(|(means, _)| joint(means).map(|(number, _)| number));
-    let known = table.header.iter().map(|name| recognise(name, None));
+    let known = names(table, mapping).map(|(_, name)| recognise(name, None));
     let named = known.filter_map(|known| match known {
         Known::Joint(number, _) => Some(number),
         _ => None,
@@ -284,7 +294,7 @@ fn all_there<const N: usize>(columns: [Option<usize>; N]) -> Option<[usize; N]> 
 #[cfg(test)]
 mod tests {
     use super::{Targets, read_targets};
-    use crate::measurement::column_mapping::Mapping;
+    use crate::measurement::column_mapping::{ColumnRef, Mapping};
     use crate::measurement::table_text::Source;
 
     fn targets(text: &str) -> Targets {
@@ -317,6 +327,17 @@ mod tests {
             columns("J1 [deg],J2 [deg],Target J1 [deg]\n1,2,3\n"),
             ["J1 [deg]", "J2 [deg]"]
         );
+    }
+
+    #[test]
+    fn a_column_that_is_left_aside_is_no_joint() {
+        let source = Source::decode(b"J1 [deg],J2 [deg],J3 [deg]\n1,2,3\n").unwrap();
+        let mapping = Mapping {
+            ignore: vec![ColumnRef::Header("J3 [deg]".into())],
+            ..Mapping::default()
+        };
+        let found = read_targets(&source, &mapping).unwrap();
+        assert_eq!(found.joints.len(), 2);
     }
 
     #[test]

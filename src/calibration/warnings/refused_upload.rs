@@ -53,3 +53,23 @@ pub fn advised(told: Warning, refused_as: Option<&str>) -> Warning {
         _ => told,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{JOINT_MAP, NO_FIT, with_unread};
+    use crate::calibration::report::Warning;
+
+    #[test]
+    fn columns_that_are_not_read_are_named_where_nothing_fits() {
+        let told = |code| {
+            let told = Warning {
+                code,
+                detail: "that is no fit".into(),
+                rows: vec![],
+            };
+            with_unread(told, Some("Not read: \"Target\"")).detail
+        };
+        assert_eq!(told(NO_FIT), "that is no fit. Not read: \"Target\"");
+        assert_eq!(told(JOINT_MAP), "that is no fit");
+    }
+}
