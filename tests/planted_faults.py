@@ -59,10 +59,27 @@ FAULTS = [
     Fault("a number with two readings is taken", "core", "one_number_with_two_readings", [
         ("if is_grouped && thousands.parse()", "if false && is_grouped && thousands.parse()")], "src/measurement"),
     Fault("another table's target is a reflector", "core", "another_tables_target_is_no_reflector", [
-        ("Known::Plain(means) if is_own && self.needs != Needs::Joints => {", "Known::Plain(means) if self.needs != Needs::Joints => {")],
+        ("Known::Plain(means) if is_own || is_exact(means) => {", "Known::Plain(means) if true || is_own || is_exact(means) => {")],
         "src/measurement"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
-        (".find(|(_, other)| as_they_are.is_none() && contradicts(other))", ".find(|(_, other)| false && contradicts(other))")], "src/measurement"),
+        ("let is_clear = as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));", "let is_clear = true || as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));")], "src/measurement"),
+    # Rotations, noise and scale
+    Fault("rotations may turn the base, too", "service", "rotations_that_do_not_belong_to_the_positions", [
+        ("(found.rms_mm <= comes_near_mm).then_some(found.model.t_instrument_base.rotation)", "(found.rms_mm < 0.0 * comes_near_mm).then_some(found.model.t_instrument_base.rotation)")], "src/calibration"),
+    Fault("a turned pose is like the others", "service", "turned_poses_are_named", [
+        ("(*angle_rad > limit_rad).then_some(TurnedPose {", "(*angle_rad > 4.0 + limit_rad).then_some(TurnedPose {")], "src/calibration"),
+    Fault("any rotation fits", "service", "a_set_whose_rotations_do_not_fit", [
+        ("let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), NO_FIT_RAD);", "let by_rotation = || missed(&|point| Some(0.0 * point.rotation_rad?[1]), NO_FIT_RAD);")], "src/calibration"),
+    Fault("any stated noise is right", "core", "a_stated_noise_far_above", [
+        ("let is_overstated = ratio * OVERSTATED * OVERSTATED < redundant as f64;", "let is_overstated = ratio * OVERSTATED * OVERSTATED < 0.0 * redundant as f64;")], "src/calibration"),
+    Fault("an instrument that is off is released", "service", "a_reference_states_the_scale", [
+        ("let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
+    Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [
+        ("if self.station.as_deref() == Some(*of_parameters) {", "if self.station.as_deref() == Some(*of_parameters) || true {")], "src/wire"),
+    Fault("withdrawn sets are exported", "service", "a_withdrawn_set_does_not_return_with_other_options", [
+        ("if row.status == ParameterSetStatus::Withdrawn {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        return Err(Error::Conflict {", "if row.status == ParameterSetStatus::Withdrawn && false {\n        let reason = row.withdraw_reason.as_deref().unwrap_or_default();\n        return Err(Error::Conflict {")], "src/http"),
+    Fault("a plan runs into the fixture", "core", "the_arm_keeps_out_of_boxes", [
+        ("!self.keep_out_mm.iter().any(|b| meets(&from, p, b))", "!self.keep_out_mm.iter().any(|b| meets(p, p, b))")], "src/planning"),
     # What a partial recalibration holds
     Fault("the upload of a held set is another session", "service", "the_upload_of_a_held_set_is_no_other_session", [
         ("points_of(input.uploads().chain(&input.sources), request)?", "points_of(input.uploads(), request)?")], "src/jobs"),
@@ -87,7 +104,7 @@ FAULTS = [
     Fault("one pose lies too close together", "service", "one_pose_that_was_read_thirty_times", [
         ("flange_spread_mm(&model.links, observations) > SAME_POSE * reach_mm {", "flange_spread_mm(&model.links, observations) >= 0.0 {")], "src/calibration"),
     Fault("an insisted file is advised a joint map", "service", "the_advice_is_that_of_its_refusal", [
-        ("let fit = fit.map(|told| advised(told, request.refused_as.as_deref()));", "let fit = fit.map(|told| advised(told, None));")], "src/calibration"),
+        (".map(|told| advised(told, request.refused_as.as_deref()));", ".map(|told| advised(told, None));")], "src/calibration"),
     Fault("what fits nothing has not changed", "core", "of_points_that_fit_no_robot", [
         ("if request.previous.is_some() && !is_no_fit {", "if request.previous.is_some() && (!is_no_fit || true) {")], "src/calibration"),
     Fault("nine times worse is as good", "service", "a_session_several_times_worse", [
@@ -352,7 +369,7 @@ FAULTS = [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
     # What is uploaded and asked
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
-        ("let insisted_on = check_upload(path, robot, &set, arguments)?;", "let insisted_on: Option<&'static str> = None;")]),
+        ("let insisted_on = check_upload(path, robot, &set, arguments, unread.as_deref())?;", "let insisted_on: Option<&'static str> = None;")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
         ("configurations.first_row_like(&o.q_rad, row)", "configurations.first_row_like(&[row as f64], row)")]),
     Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [

@@ -113,7 +113,7 @@ function save(poses, robot, kind) {
   const stations = poses.some((pose) => pose.set_up);
   const measured = ["x_mm", "y_mm", "z_mm", ...kind === "pose" ? ["quat_w", "quat_x", "quat_y", "quat_z"] : []];
   const header = ["configuration", ...stations ? ["station"] : [], ...robot.links.map((_, k) => `q${k + 1}_deg`), ...measured].join(",");
-  const quoted = (name) => (/[",]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name);
+  const quoted = (name) => (/[",\r\n]/.test(name) || name.trim() !== name ? `"${name.replaceAll('"', '""')}"` : name);
   const lines = poses.map((pose, i) => [(pose.repeats ?? i) + 1, ...stations ? [quoted(pose.set_up)] : [], ...pose.q_deg, ...measured.map(() => "")].join(","));
   saveText(`${header}\n${lines.join("\n")}\n`, "poses.csv", "text/csv");
 }

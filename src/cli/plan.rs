@@ -147,7 +147,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// A name as a field of a CSV row.
 fn quoted(name: &str) -> String {
-    if name.contains([',', '"']) {
+    if name.contains([',', '"', '\n', '\r']) || name.trim() != name {
         format!("\"{}\"", name.replace('"', "\"\""))
     } else {
         name.to_owned()

@@ -1,10 +1,11 @@
-//! A program with joint or Cartesian targets, as a table or in the language of a robot: reads it, and writes it again with corrected targets. Everything
-//! else stays as it is, to the byte.
+//! A program with joint or Cartesian targets, as a table: reads it, and writes it again with corrected targets. Everything else stays as it is, to the
+//! byte.
 
 use super::failure::Refused;
 use super::files::{self, cannot_be_used};
 use super::usage::Usage;
 use crate::measurement::Decimal;
+use crate::measurement::column_mapping::Separator;
 use crate::measurement::number_text::value;
 use crate::measurement::programs;
 use crate::measurement::table_targets::{Targets, read_targets};
@@ -33,26 +34,17 @@ struct Place {
     quaternion: Option<[Range<usize>; 4]>,
 }
 
-/// How numbers are written.
-#[derive(Clone, Copy)]
-enum Digits {
-    /// With enough decimals for any use.
-    All,
-    /// With as many decimals as the number had, but at least as many as are needed.
-    AsBefore,
-}
-
 /// A program.
 pub struct Program {
     text: String,
     encoding: Encoding,
     has_mark: bool,
     places: Vec<Place>,
-    /// The name of each joint's column; empty for a robot program.
+    /// The name of each joint's column.
     columns: Vec<String>,
     is_rad: bool,
     decimal: Decimal,
-    digits: Digits,
+    separator: Separator,
     /// What the user has to know about how it was read.
     pub notes: Vec<String>,
 }
@@ -73,11 +65,13 @@ impl Program {
             }
             None => Source::decode(bytes).map_err(|error| refused(error.into()))?,
         };
-        if !is_workbook
-            && let Some(program) =
-                programs::find(&source.text).map_err(|error| refused(error.into()))?
-        {
-            return Ok(Self::of_robot(source, has_mark(bytes), &program));
+        if !is_workbook && programs::find(&source.text).map_or(true, |found| found.is_some()) {
+            let text = format!(
+                "{}: a robot program is not corrected in place: which of its points are targets, and of which tool, its text does not say. Write the joint \
+                 values of its targets as a table with the columns q1_deg, q2_deg and so on, and correct that",
+                path.display()
+            );
+            return Err(Usage(text).into());
         }
         let targets = read_targets(&source, &mapping).map_err(refused)?;
         let mut program = Self::of_table(source, has_mark(bytes), targets)
@@ -87,53 +81,6 @@ impl Program {
             program.notes.push(note.into());
         }
         Ok(program)
-    }
-
-    fn of_robot(source: Source, has_mark: bool, program: &programs::Program) -> Self {
-        let text = source.text.into_owned();
-        let is_rad = program.language.unit() == "rad";
-        let place = |(point, line): (&programs::Point, &usize)| {
-            let angle = |at: &Range<usize>| {
-                let angle = value(&text[at.clone()], Decimal::Point).unwrap_or_default();
-                if is_rad { angle.to_degrees() } else { angle }
-            };
-            Place {
-                target: ProgramTarget::Joints(point.angles.iter().map(angle).collect()),
-                line: *line,
-                joints: point.angles.clone(),
-                position: None,
-                quaternion: None,
-            }
-        };
-        let points = program.points.iter().zip(&program.lines);
-        let places: Vec<Place> = points.map(place).collect();
-        let mut notes = vec![format!(
-            "{} points with joint values are corrected",
-            places.len()
-        )];
-        if !program.unread.is_empty() {
-            let lines: Vec<String> = program
-                .unread
-                .iter()
-                .map(|point| format!("{} ({})", point.line, point.reason.as_str()))
-                .collect();
-            notes.push(format!(
-                "warning (points_left): {} points stay as they are: lines {}",
-                lines.len(),
-                lines.join(", ")
-            ));
-        }
-        Self {
-            places,
-            encoding: source.encoding,
-            has_mark,
-            columns: vec![],
-            is_rad,
-            decimal: Decimal::Point,
-            digits: Digits::AsBefore,
-            notes,
-            text,
-        }
     }
 
     fn of_table(source: Source, has_mark: bool, targets: Targets) -> Result<Self, String> {
@@ -185,7 +132,7 @@ impl Program {
             columns: names,
             is_rad,
             decimal: targets.decimal,
-            digits: Digits::All,
+            separator: targets.separator,
             notes,
             text,
         })
@@ -262,9 +209,9 @@ impl Program {
             replaced.extend(angles.map(|(at, q_deg)| (at, self.angle(at, *q_deg))));
             if let Some(pose) = answer.poses.as_ref().and_then(|poses| poses.get(i)) {
                 let position = place.position.iter().flatten().zip(pose.position_mm);
-                replaced.extend(position.map(|(at, mm)| (at, self.marked(format!("{mm:.5}")))));
+                replaced.extend(position.map(|(at, mm)| (at, self.marked(at, format!("{mm:.5}")))));
                 let quaternion = place.quaternion.iter().flatten().zip(pose.quaternion);
-                replaced.extend(quaternion.map(|(at, q)| (at, self.marked(format!("{q:.9}")))));
+                replaced.extend(quaternion.map(|(at, q)| (at, self.marked(at, format!("{q:.9}")))));
             }
         }
         replaced.sort_by_key(|(at, _)| at.start);
@@ -280,26 +227,24 @@ impl Program {
     }
 
     fn angle(&self, at: &Range<usize>, q_deg: f64) -> String {
-        let (angle, all, least) = match self.is_rad {
-            true => (q_deg.to_radians(), 9, 6),
-            false => (q_deg, 7, 4),
-        };
-        let before = self.text[at.clone()].split_once('.');
-        let before = before.map_or(0, |(_, fraction)| {
-            fraction.bytes().take_while(u8::is_ascii_digit).count()
-        });
-        let decimals = match self.digits {
-            Digits::All => all,
-            Digits::AsBefore => before.max(least),
-        };
-        self.marked(format!("{angle:.decimals$}"))
+        self.marked(
+            at,
+            match self.is_rad {
+                true => format!("{:.9}", q_deg.to_radians()),
+                false => format!("{q_deg:.7}"),
+            },
+        )
     }
 
-    /// A number with the program's decimal mark.
-    fn marked(&self, number: String) -> String {
-        match self.decimal {
-            Decimal::Point => number,
+    /// A number with the program's decimal mark. In a table whose separator is that mark, it is in quotes.
+    fn marked(&self, at: &Range<usize>, number: String) -> String {
+        let number = match self.decimal {
+            Decimal::Point => return number,
             Decimal::Comma => number.replace('.', ","),
+        };
+        match self.separator == Separator::Comma && !self.text[..at.start].ends_with('"') {
+            true => format!("\"{number}\""),
+            false => number,
         }
     }
 }
@@ -377,23 +322,24 @@ mod tests {
     }
 
     #[test]
-    fn robot_programs_are_corrected_in_place() {
-        let kuka = "DEFDAT CAL\r\nDECL E6POS XP1={X 1.0,Y 2.0,Z 3}\r\nDECL E6AXIS XP2={A1 10.12345,A2 -90,E1 0.0} ; A1 10\r\n";
-        let program = parse(kuka.as_bytes(), "{}").unwrap();
-        let found = corrected(&program, &[&[10.2, -89.99996]]);
-        let wanted = "DEFDAT CAL\r\nDECL E6POS XP1={X 1.0,Y 2.0,Z 3}\r\nDECL E6AXIS XP2={A1 10.20000,A2 -90.0000,E1 0.0} ; A1 10\r\n";
+    fn a_comma_in_a_number_is_no_separator() {
+        let text = "Name,J1 [deg],J2 [deg]\nP1,\"10,5\",20\n";
+        let program = parse(text.as_bytes(), "{}").unwrap();
+        let found = corrected(&program, &[&[10.75, 20.5]]);
+        let wanted = "Name,J1 [deg],J2 [deg]\nP1,\"10,7500000\",\"20,5000000\"\n";
         assert_eq!(String::from_utf8(found).unwrap(), wanted);
-        assert!(
-            program.notes[1].contains("lines 2 (a Cartesian"),
-            "{:?}",
-            program.notes
-        );
-        let script = "movej([1, -1.5, 0, 0, 0, 0], a=1)\n";
-        let program = parse(script.as_bytes(), "{}").unwrap();
-        let found = corrected(&program, &[&[90.0, 0.0, 0.0, 0.0, 0.0, 0.0]]);
-        let wanted = "movej([1.570796, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000], a=1)\n";
-        assert_eq!(String::from_utf8(found).unwrap(), wanted);
-        let error = parse(b"movel(p[1,2,3,4,5,6])\n", "{}").err().unwrap();
-        assert!(error.to_string().contains("Cartesian"), "{error}");
+    }
+
+    #[test]
+    fn robot_programs_are_refused_with_the_way_round() {
+        let kuka = "DEFDAT CAL\nDECL E6AXIS XP2={A1 10,A2 -90,A3 0,A4 0,A5 0,A6 0}\nENDDAT\n";
+        for text in [
+            kuka,
+            "DECL E6POS XP1={X 1.0,Y 2.0,Z 3}\n",
+            "/JOB\n///PULSE\n",
+        ] {
+            let error = parse(text.as_bytes(), "{}").err().unwrap().to_string();
+            assert!(error.contains("q1_deg"), "{error}");
+        }
     }
 }

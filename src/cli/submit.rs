@@ -203,9 +203,13 @@ enum Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// An argument that begins like an id and is no file is an id.
+    /// An argument that is an id and no file names a set of the server.
     fn of(path: &'a Path, table: &TableOptions) -> anyhow::Result<Self> {
-        let id = path.to_str().filter(|text| text.starts_with("set_"));
+        let is_id = |text: &&str| {
+            let digits = text.strip_prefix("set_").unwrap_or_default();
+            digits.len() == 32 && digits.bytes().all(|byte| byte.is_ascii_hexdigit())
+        };
+        let id = path.to_str().filter(is_id);
         match id.filter(|_| !path.exists()) {
             Some(id) => Ok(Self::OnServer(id)),
             None => Ok(Self::Files(path, read_measured(path, table)?)),

@@ -63,6 +63,7 @@ pub async fn put_work_frame(
 ) -> Result<Response, Error> {
     let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.fitting_work_frame("/points")?;
+    body.check_std()?;
     if let Some(id) = &body.measurement_set_id {
         let set = measurement_sets::get(&app.store, id).await;
         let Some(set) = set.ok().filter(|set| set.robot_id == robot_id) else {

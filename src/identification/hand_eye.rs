@@ -63,6 +63,25 @@ pub fn robust_angles_rad(pairs: &[(Rotation3<f64>, Rotation3<f64>)]) -> Option<V
     Some(angles_rad)
 }
 
+/// As [`target_rotation`]; the quarter of the poses that fits worst has no influence.
+pub fn robust_target_rotation(
+    base: &Rotation3<f64>,
+    pairs: &[(Rotation3<f64>, Rotation3<f64>)],
+) -> Option<Rotation3<f64>> {
+    let n_kept = pairs.len() - pairs.len() / LEFT_OUT;
+    let mut kept = pairs.to_vec();
+    for _ in 0..CONCENTRATIONS {
+        let target = target_rotation(base, &kept)?;
+        let angle_rad = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
+            rotation_log(&((base * flange * target).inverse() * measured)).norm()
+        };
+        kept = pairs.to_vec();
+        kept.sort_by(|a, b| angle_rad(a).total_cmp(&angle_rad(b)));
+        kept.truncate(n_kept);
+    }
+    target_rotation(base, &kept)
+}
+
 /// Rotation of a target in the flange frame for a given rotation of the base: the mean over its poses.
 pub fn target_rotation(
     base: &Rotation3<f64>,

@@ -316,7 +316,14 @@ fn pair(
                     is_loose: true,
                     n_robot,
                 })),
-                None => plain(strict),
+                None => Ok(Some(Pairing {
+                    by,
+                    pairs: strict,
+                    clock: None,
+                    // numbers stand for names in a file without these
+                    is_loose: by == JoinBy::Name && !(has_name(robot) && has_name(instrument)),
+                    n_robot,
+                })),
             }
         }
     }
@@ -325,7 +332,10 @@ fn pair(
 /// Pairs names such as `P1` and `Point 1` by their numbers, if no number is missing or has two names in one file.
 fn by_numbers_in_names(robot: &Content, ours: &[String], theirs: &[String]) -> Option<Pairs> {
     let form = |label: &str| only_number(label).unwrap_or_default();
-    match are_numbered(ours) && are_numbered(theirs) {
+    // the same name in every row is not that of a point
+    let are_several = |labels: &[String]| labels.iter().any(|label| label != &labels[0]);
+    let can_pair = are_several(ours) && are_several(theirs);
+    match can_pair && are_numbered(ours) && are_numbered(theirs) {
         true => paired_as(robot, ours, theirs, form).ok(),
         false => None,
     }

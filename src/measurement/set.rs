@@ -164,6 +164,15 @@ impl MeasurementSet {
         posed.map(|p| p.target).collect()
     }
 
+    /// The largest stated standard uncertainty of a component of a rotation, rad; 0 if none is stated.
+    pub fn stated_rotation_std_rad(&self) -> f64 {
+        let stated = self
+            .points
+            .iter()
+            .filter_map(|point| point.std_rotation_rad);
+        stated.fold(0.0, f64::max)
+    }
+
     /// Number of targets: one more than the largest index.
     pub fn n_targets(&self) -> usize {
         self.points.iter().map(|p| p.target + 1).max().unwrap_or(0)

@@ -25,7 +25,10 @@ pub(super) fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)])
     for (place, known) in known {
         let name = resolution.table.name(*place);
         let is_exact = |means: &str| {
-            name.trim() == means
+            let is_of_noise = means.starts_with("std_") || means.starts_with("cov_");
+            // in a table of the robot a configuration may be the posture of the arm
+            means != "configuration"
+                && (name.trim() == means || is_of_noise && name.trim().eq_ignore_ascii_case(means))
                 && (means != "target" || has_label || resolution.needs != Needs::Positions)
         };
         match known {

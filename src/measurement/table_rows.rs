@@ -10,6 +10,15 @@ use crate::measurement::table_lines::is_numeric;
 use crate::measurement::table_resolution::Used;
 use crate::measurement::table_statistics::{is_statistic, rows_not_measured};
 
+/// Cells of a column with and without a unit behind the number: how many, and row and line of the first one.
+#[derive(Clone, Copy, Debug, Default)]
+struct UnitsOfCells {
+    n_with: usize,
+    first_with: Option<(usize, usize)>,
+    n_without: usize,
+    first_without: Option<(usize, usize)>,
+}
+
 /// The rows that were read so far.
 #[derive(Default)]
 pub(super) struct Rows {
@@ -21,8 +30,8 @@ pub(super) struct Rows {
     n_rows: usize,
     /// Number of rows that begin with a number.
     n_numbered: usize,
-    /// For each column, the number of cells with the column's unit behind their number, and the first row with a cell without it: row and line.
-    with_unit: Vec<(usize, Option<(usize, usize)>)>,
+    /// For each column, the cells with and without its unit behind the number.
+    with_unit: Vec<UnitsOfCells>,
     /// Rows that begin with the name of a statistic.
     summaries: Vec<Summary>,
 }
@@ -74,7 +83,7 @@ impl Rows {
         let keys = layout.keys.iter();
         Self {
             keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
-            with_unit: vec![(0, None); layout.places.len()],
+            with_unit: vec![UnitsOfCells::default(); layout.places.len()],
             ..Self::default()
         }
     }
@@ -115,14 +124,25 @@ impl Rows {
 
     /// Refuses columns in which some numbers have a unit behind them and others have none.
     fn refuse_some_units(&mut self, layout: &Layout) {
-        for (column, (n, without)) in std::mem::take(&mut self.with_unit).into_iter().enumerate() {
-            if let Some((row, line)) = without.filter(|_| n > 0) {
-                let name = &layout.names[column];
-                let detail = format!(
-                    "row {row}, column {name}: the number has no unit, and others of the column have one: write it behind every number, or only into the column's name"
-                );
-                self.issue(Some(row), Some(line), "mixed_units", detail);
-            }
+        for (column, units) in std::mem::take(&mut self.with_unit).into_iter().enumerate() {
+            let (Some(with), Some(without)) = (units.first_with, units.first_without) else {
+                continue;
+            };
+            let ((row, line), has) = match units.n_with < units.n_without {
+                true => (with, "has a unit, and others of the column have none"),
+                false => (without, "has no unit, and others of the column have one"),
+            };
+            let name = &layout.names[column];
+            let detail = format!(
+                "row {row}, column {name}: the number {has}: write it behind every number, or only into the column's name"
+            );
+            let issue = Issue {
+                row: Some(row),
+                column: Some((*name).to_owned()),
+                code: "mixed_units",
+                detail,
+            };
+            self.issues.push((issue, Some(line)));
         }
     }
 
@@ -141,12 +161,16 @@ impl Rows {
             return Ok(cell);
         };
         let (number, unit) = without_unit(cell);
-        let (n, without) = &mut self.with_unit[column];
+        let units = &mut self.with_unit[column];
         match unit {
             None => {
-                without.get_or_insert((row, line));
+                units.n_without += 1;
+                units.first_without.get_or_insert((row, line));
             }
-            Some(unit) if unit == own => *n += 1,
+            Some(unit) if unit == own => {
+                units.n_with += 1;
+                units.first_with.get_or_insert((row, line));
+            }
             Some(unit) => {
                 let name = &layout.names[column];
                 return Err(format!(

@@ -73,6 +73,8 @@ pub struct Targets {
     pub other_poses: Vec<String>,
     /// The decimal mark.
     pub decimal: Decimal,
+    /// The separator of its columns.
+    pub separator: Separator,
     /// The rows.
     pub rows: Vec<TargetRow>,
 }
@@ -84,7 +86,7 @@ pub struct Targets {
 pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, TableError> {
     let table = Table::find(source.clone(), mapping)?;
     let mut mapping = mapping.clone();
-    let mut commanded = commanded_joints(&table, &mapping);
+    let mut commanded = commanded_joints(&table, &mapping)?;
     if commanded.len() < n_joints_named(&table, &mapping).unwrap_or(0) {
         commanded.clear();
     }
@@ -161,6 +163,7 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
         quaternion: all_there(QUATERNION.map(named)),
         other_poses: other_poses.iter().map(|place| table.name(*place)).collect(),
         decimal,
+        separator: table.separator,
         joints,
     })
 }
@@ -212,15 +215,26 @@ fn names<'t>(table: &'t Table, mapping: &Mapping) -> impl Iterator<Item = (usize
     names.filter(move |(place, _)| !ignored.contains(place))
 }
 
-/// The columns of commanded joint values: meaning, and index of the column. Empty unless each joint has one with a unit.
-fn commanded_joints(table: &Table, mapping: &Mapping) -> Vec<(String, usize)> {
+/// The columns of commanded joint values: meaning, and index of the column. Empty unless each joint has one.
+///
+/// # Errors
+/// If a joint has two such columns, or one without a unit: measured values must not be corrected in their place.
+fn commanded_joints(table: &Table, mapping: &Mapping) -> Result<Vec<(String, usize)>, ParseError> {
     let units = table.units.as_ref();
     let below = |place: usize| units.and_then(|units| units.get(place).copied().flatten());
     let names = names(table, mapping);
     let mut found: BTreeMap<usize, (usize, Unit)> = BTreeMap::new();
     for (place, name) in names {
-        if let Known::Joint(number, unit) = commanded(name, below(place)) {
-            found.entry(number).or_insert((place, unit));
+        if let Known::Joint(number, unit) = commanded(name, below(place))
+            && let Some((other, _)) = found.insert(number, (place, unit))
+        {
+            let detail = format!(
+                "columns {} and {} are both commanded values of one joint: leave one of them aside (--ignore {:?})",
+                table.name(other),
+                table.name(place),
+                table.name(place)
+            );
+            return Err(whole("duplicate_column", detail));
         }
     }
     let first = found.keys().next().copied().unwrap_or(1);
@@ -228,15 +242,21 @@ fn commanded_joints(table: &Table, mapping: &Mapping) -> Vec<(String, usize)> {
     let column = |(number, (place, unit)): (usize, (usize, Unit))| {
         let unit = match unit {
             Unit::Is(unit) => Some(unit),
-            _ => None,
-        }?;
-        Some((format!("q{}_{unit}", number + 1 - first), place))
+            _ => mapping.joint_unit,
+        };
+        let Some(unit) = unit else {
+            let detail = format!(
+                "column {} has commanded joint values and no unit: state it (--joint-unit deg, --joint-unit rad)",
+                table.name(place)
+            );
+            return Err(whole("missing_unit", detail));
+        };
+        Ok((format!("q{}_{unit}", number + 1 - first), place))
     };
     match is_whole {
-        true => found.into_iter().map(column).collect::<Option<_>>(),
-        false => None,
+        true => found.into_iter().map(column).collect(),
+        false => Ok(vec![]),
     }
-    .unwrap_or_default()
 }
 
 /// Number of joints that a mapping or the names of columns count.
@@ -322,6 +342,22 @@ mod tests {
             ["A1 Soll [°]", "A2 Soll [°]"]
         );
         assert_eq!(columns("q1_measured_deg,q1_cmd_deg\n1,2\n"), ["q1_cmd_deg"]);
+        // Measured values are not corrected in place of commanded ones.
+        let refused = |text: &str, mapping: &Mapping| {
+            let source = Source::decode(text.as_bytes()).unwrap();
+            read_targets(&source, mapping).unwrap_err().issues[0].0.code
+        };
+        let text = "Target J1,Target J2,Actual J1 [deg],Actual J2 [deg]\n1,2,3,4\n";
+        assert_eq!(refused(text, &Mapping::default()), "missing_unit");
+        let stated = Mapping {
+            joint_unit: Some("deg"),
+            ..Mapping::default()
+        };
+        let source = Source::decode(text.as_bytes()).unwrap();
+        let found = read_targets(&source, &stated).unwrap();
+        assert_eq!(found.joints[0].name, "Target J1");
+        let text = "J1 cmd [deg],J2 cmd [deg],J1 ref [deg],J2 ref [deg]\n1,2,3,4\n";
+        assert_eq!(refused(text, &Mapping::default()), "duplicate_column");
         // Not every joint has a commanded value.
         assert_eq!(
             columns("J1 [deg],J2 [deg],Target J1 [deg]\n1,2,3\n"),

@@ -88,8 +88,11 @@ fn too_little_room(request: &PosePlanBody, error: &TooLittleRoom) -> Invalid {
     )
 }
 
-/// Warns of a plan that a job cannot identify from.
+/// Warns of a plan that a job cannot identify from. What was measured already may be fitted together with it.
 fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
+    if !request.measured.is_empty() {
+        return vec![];
+    }
     let n_rows = match request.kind.unwrap_or_default() {
         PlanKind::Position => 3,
         PlanKind::Pose => 6,

@@ -324,6 +324,24 @@ fn of_lane<const ROWS: usize>(m: &Symmetric<ROWS>, lane: usize) -> SMatrix<f64, 
     SMatrix::from_fn(|i, j| m[i.max(j)][i.min(j)][lane])
 }
 
+/// E·C of each lane.
+fn product<const ROWS: usize>(
+    e: &[[Lanes; ROWS]; ROWS],
+    c: &SMatrix<f64, ROWS, ROWS>,
+) -> [[Lanes; ROWS]; ROWS] {
+    let mut product = [[[0.0; LANES]; ROWS]; ROWS];
+    for (row, of) in product.iter_mut().zip(e) {
+        for (column, sum) in row.iter_mut().enumerate() {
+            for (k, of) in of.iter().enumerate() {
+                for lane in 0..LANES {
+                    sum[lane] += of[lane] * c[(k, column)];
+                }
+            }
+        }
+    }
+    product
+}
+
 impl<const ROWS: usize> Block<ROWS> {
     /// With E = J·U, F = J·V, V = A·W·U and S = Uᵀ·W·U: J·A·Jᵀ decreases by E·C·Eᵀ, and J·A·W·A·Jᵀ changes by − E·C·Fᵀ − F·C·Eᵀ + E·C·S·C·Eᵀ.
     fn update(
@@ -334,18 +352,15 @@ impl<const ROWS: usize> Block<ROWS> {
         s: &SMatrix<f64, ROWS, ROWS>,
     ) {
         let (e, f) = (self.times(u), self.times(v));
-        let csc = c * s * c;
+        let (ec, ecsc, fc) = (product(&e, c), product(&e, &(c * s * c)), product(&f, c));
         for i in 0..ROWS {
             for j in 0..=i {
                 for lane in 0..LANES {
                     let (mut spread, mut worth) = (0.0, 0.0);
                     for k in 0..ROWS {
-                        for l in 0..ROWS {
-                            let (ei, ej) = (e[i][k][lane], e[j][l][lane]);
-                            let (fi, fj) = (f[i][k][lane], f[j][l][lane]);
-                            spread += ei * c[(k, l)] * ej;
-                            worth += ei * csc[(k, l)] * ej - c[(k, l)] * (ei * fj + fi * ej);
-                        }
+                        let (ej, fj) = (e[j][k][lane], f[j][k][lane]);
+                        spread += ec[i][k][lane] * ej;
+                        worth += (ecsc[i][k][lane] - fc[i][k][lane]) * ej - ec[i][k][lane] * fj;
                     }
                     self.spread[i][j][lane] -= spread;
                     self.worth[i][j][lane] += worth;

@@ -148,8 +148,12 @@ fn mounting(sources: &Sources<'_>) -> String {
 /// Fields to be filled in by hand for facts that the service does not know, and the signature of the responsible person.
 pub fn signature(sources: &Sources<'_>) -> Markup {
     let released = sources.parameter_set.and_then(|set| {
-        let by = set.released_by_name.as_ref().or(set.released_by.as_ref());
-        by.zip(set.release_reason.as_deref())
+        let id = set.released_by.as_deref()?;
+        let by = match &set.released_by_name {
+            Some(name) => format!("{name} ({id})"),
+            None => id.to_owned(),
+        };
+        Some((by, set.release_reason.as_deref()?))
     });
     html! {
         section.signature {

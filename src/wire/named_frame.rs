@@ -43,7 +43,7 @@ pub struct WorkFrameBody {
     /// With a measurement set of several stations: the station from which the numbers were measured. It has to be the one whose frame the identified
     /// parameters have.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(min_length = 1, max_length = 100)]
+    #[schema(min_length = 1, max_length = 200)]
     pub station: Option<String>,
     /// Origin of the work frame, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -155,10 +155,6 @@ impl WorkFrameBody {
     /// As [`Self::work_frame`], and [`Invalid`] for points that do not fit.
     pub fn fitting_work_frame(&self, pointer: &str) -> Result<WorkFrame, Invalid> {
         let frame = self.work_frame()?;
-        if self.points.is_none() && self.std_mm.is_some() {
-            let detail = "std_mm is the uncertainty of measured points, and this frame is typed. Stated uncertainties of targets take a typed frame as exact: remove it";
-            return Err(Invalid::at("/std_mm", "mixed_kinds", detail));
-        }
         let std_mm = self.std_mm.unwrap_or(0.0);
         match FixtureMisfit::of(&self.fixture_points(), &frame, std_mm) {
             Some(misfit) => {
@@ -169,34 +165,54 @@ impl WorkFrameBody {
         }
     }
 
+    /// Refuses an uncertainty that the stated uncertainties of targets would not contain. Frames that were stored before this check stay usable.
+    ///
+    /// # Errors
+    /// [`Invalid`] if the frame is typed and has `std_mm`.
+    pub fn check_std(&self) -> Result<(), Invalid> {
+        if self.points.is_some() || self.std_mm.is_none() {
+            return Ok(());
+        }
+        let detail = "std_mm is the uncertainty of measured points, and this frame is typed. Stated uncertainties of targets take a typed frame as \
+                      exact: remove it";
+        Err(Invalid::at("/std_mm", "mixed_kinds", detail))
+    }
+
     /// Checks that the numbers are in the measuring frame of parameters that are identified from the set. If it has several stations, that is the frame
     /// of the last one, or of the first one in the base frame.
     ///
     /// # Errors
     /// [`Invalid`] if the set has several stations and another one, or none, is stated.
     pub fn check_station(&self, set: &MeasurementSet) -> Result<(), Invalid> {
-        let mut stations: Vec<(i64, &str)> = vec![];
-        for point in &set.points {
-            let Some(station) = point.station.as_deref() else {
-                continue;
-            };
-            match stations.iter_mut().find(|(_, known)| *known == station) {
-                Some((first, _)) => *first = point.sequence.min(*first),
-                None => stations.push((point.sequence, station)),
+        let labelled = set.points.iter().enumerate();
+        let mut labelled: Vec<(i64, usize, &str)> = labelled
+            .filter_map(|(row, point)| Some((point.sequence, row, point.station.as_deref()?)))
+            .collect();
+        labelled.sort_unstable();
+        let mut all: Vec<&str> = vec![];
+        for (.., station) in &labelled {
+            if !all.contains(station) {
+                all.push(station);
             }
         }
-        stations.sort_unstable();
         let of_parameters = match set.frame {
-            Frame::Instrument => stations.last(),
-            Frame::Base => stations.first(),
+            Frame::Instrument => labelled.last(),
+            Frame::Base => labelled.first(),
         };
-        let (Some((_, of_parameters)), true) = (of_parameters, stations.len() > 1) else {
-            return Ok(());
+        let stated = self.station.as_deref();
+        let Some((.., of_parameters)) = of_parameters else {
+            return match stated {
+                Some(_) => Err(Invalid::at(
+                    "/station",
+                    "not_applicable",
+                    "the set has no stations: remove it",
+                )),
+                None => Ok(()),
+            };
         };
-        if self.station.as_deref() == Some(*of_parameters) {
+        if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {
             return Ok(());
         }
-        let all: Vec<&str> = stations.iter().map(|(_, station)| *station).collect();
         let detail = format!(
             "the set has the stations {}, and parameters identified from it are in the frame of {of_parameters}: measure the work frame from there, and say \
              so with station: {of_parameters:?}",
@@ -243,6 +259,10 @@ impl WorkFrameBody {
                 "it goes with reference measuring; numbers in the base frame need no set",
             ),
             _ => (),
+        }
+        if self.reference == WorkFrameReference::Base && self.station.is_some() {
+            let detail = "a station goes with reference measuring: remove it";
+            checker.note("/station", "not_of_base", detail);
         }
         if let Some(id) = &self.measurement_set_id {
             checker.text("/measurement_set_id", id, MAX_ID);

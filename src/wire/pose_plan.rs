@@ -426,7 +426,7 @@ impl PosePlanBody {
         }
         for (i, set_up) in self.set_ups.iter().enumerate() {
             let at = format!("/set_ups/{i}");
-            checker.text(&format!("{at}/name"), &set_up.name, MAX_NAME);
+            checker.words(&format!("{at}/name"), &set_up.name, MAX_NAME);
             if self.set_ups[..i]
                 .iter()
                 .any(|other| other.name == set_up.name)

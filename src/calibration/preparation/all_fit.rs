@@ -10,6 +10,7 @@ use crate::identification::objective::weighted_residuals;
 use crate::identification::outliers::{Linearised, ROUNDING_PER_REACH};
 use crate::identification::problem::reach_mm;
 use crate::identification::steps::Columns;
+use crate::kinematics::Link;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
 
@@ -21,6 +22,8 @@ pub(super) struct AllFit {
     pub features: DMatrix<f64>,
     pub columns: Columns,
     pub reach_mm: f64,
+    /// The fitted links.
+    pub links: Vec<Link>,
 }
 
 /// Least squares on all points except `without`, with the motions between set-ups fitted as well. Also returns the linear problem of all points.
@@ -69,5 +72,6 @@ pub(super) fn fit_all(
         features,
         least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
         reach_mm,
+        links: model.links,
     })
 }

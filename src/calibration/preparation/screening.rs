@@ -17,6 +17,7 @@ use crate::identification::drift::{Drift, Session};
 use crate::identification::outliers::Outliers;
 use crate::identification::steps::{Campaign, Moved, Step, TargetShift};
 use crate::identification::whitening::Whitened;
+use crate::kinematics::Link;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 use nalgebra::Vector3;
@@ -110,8 +111,11 @@ pub fn screen(
     let mut screening = Screening::default();
     place_setups(request, observed, &mut arrangement, watch)?;
     if request.preset == Preset::Default {
-        let (mut outliers, mut fitted_without) =
-            search(request, observed, &mut arrangement, &mut screening, watch)?;
+        let Searched {
+            mut outliers,
+            gross: mut fitted_without,
+            links,
+        } = search(request, observed, &mut arrangement, &mut screening, watch)?;
         for _ in 0..MAX_SEARCHES {
             // the fit without these outliers is already known
             if outliers
@@ -136,7 +140,7 @@ pub fn screen(
             outliers = again;
         }
         screening.unfitted_rows = arrangement.join_unfitted(observed);
-        let turned = turned_poses(&request.robot.links, observed, &arrangement);
+        let turned = turned_poses(&links, observed, &arrangement);
         if outliers.is_some() || !turned.is_empty() {
             leave_out(
                 request,
@@ -162,14 +166,23 @@ pub fn screen(
     Ok((screening, arrangement))
 }
 
-/// Finds steps one after another, and the remaining outliers. Also returns the points that the last fit left out.
+/// Result of a search for steps and outliers.
+struct Searched {
+    outliers: Option<Outliers>,
+    /// The points that the last fit left out.
+    gross: Vec<usize>,
+    /// The links of the last fit.
+    links: Vec<Link>,
+}
+
+/// Finds steps one after another, and the remaining outliers.
 fn search(
     request: &CalibrationRequest,
     observed: &mut Observed,
     arrangement: &mut Arrangement,
     screening: &mut Screening,
     watch: &Watch<'_>,
-) -> Result<(Option<Outliers>, Vec<usize>), Error> {
+) -> Result<Searched, Error> {
     let WithoutGross {
         gross,
         mut fit,
@@ -251,7 +264,11 @@ fn search(
     let outlying = outliers.as_ref().map_or(vec![], |w| w.points.clone());
     let belonging = others(&others(&arrangement.order, &gross), &outlying);
     screening.drift = drift(observed, &fit, &belonging, watch);
-    Ok((outliers, gross))
+    Ok(Searched {
+        outliers,
+        gross,
+        links: fit.links,
+    })
 }
 
 /// Searches for outliers again, from the fit without those found; `None` if none were found. Points that are off by metres move the fit so far that

@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 
 /// Minimum number of poses of a target from one set-up.
 const FEWEST_POSES: usize = 8;
-/// A turned pose is off by more than this, rad (2°), and by more than [`TIMES_MEDIAN`] times the median. The nominal robot is off by some tenths of a
-/// degree at every pose.
+/// A turned pose is off by more than this, rad (2°), and by more than [`TIMES_MEDIAN`] times the median.
 const LEAST_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const TIMES_MEDIAN: f64 = 10.0;
 
@@ -22,9 +21,9 @@ pub struct TurnedPose {
     pub angle_rad: f64,
 }
 
-/// The turned poses, by point. Base and target are rotated for the best fit of the nominal robot, for each target and set-up.
+/// The turned poses, by point. `links` are those that fit the positions. Base and target are rotated for the best fit, for each target and set-up.
 pub fn turned_poses(
-    nominal: &[Link],
+    links: &[Link],
     observed: &Observed,
     arrangement: &Arrangement,
 ) -> Vec<TurnedPose> {
@@ -38,15 +37,15 @@ pub fn turned_poses(
     let mut turned: Vec<TurnedPose> = groups
         .into_values()
         .filter(|points| points.len() >= FEWEST_POSES)
-        .flat_map(|points| turned_of(nominal, observed, &points))
+        .flat_map(|points| turned_of(links, observed, &points))
         .collect();
     turned.sort_by_key(|pose| pose.point);
     turned
 }
 
-fn turned_of(nominal: &[Link], observed: &Observed, points: &[usize]) -> Vec<TurnedPose> {
+fn turned_of(links: &[Link], observed: &Observed, points: &[usize]) -> Vec<TurnedPose> {
     let pair = |point: &usize| {
-        let flange = t_base_flange(nominal, &observed.all[*point].q_rad);
+        let flange = t_base_flange(links, &observed.all[*point].q_rad);
         Some((flange.rotation, observed.rotations[*point]?))
     };
     let pairs: Vec<_> = points.iter().filter_map(pair).collect();

@@ -2,7 +2,7 @@
 //! positions, and the target is rotated for the best fit, for the stated convention and for all others.
 
 use crate::calibration::upload_checks::alignment::{base_rotation, links_with_fitted_zeros};
-use crate::identification::hand_eye::{base_and_target_rotation, target_rotation};
+use crate::identification::hand_eye::{base_and_target_rotation, robust_target_rotation};
 use crate::kinematics::rotation::rotation_log;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::measurement::{MeasurementSet, Point, RotationConvention};
@@ -19,6 +19,8 @@ const FEWEST_WITHOUT_BASE: usize = 4;
 const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
 /// A fifth of the poses is off by more than this only if the rotations are wrong, or if a joint is unmastered, rad (5°).
 const OFF_RAD: f64 = 5.0 * FITS_RAD;
+/// Four of five angles are below this many times a stated standard deviation of one component; by noise alone they are below 2.2 times.
+const STATED_STDS: f64 = 4.0;
 /// Another reading has to fit better by this factor.
 const BETTER: f64 = 5.0;
 
@@ -38,7 +40,12 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     let stated = stated?;
     let placed = Placed::nominal(robot, set, &poses);
     let own_rad = placed.most_rad(&poses, &stated)?;
-    if own_rad <= FITS_RAD {
+    let std_rad = set.stated_rotation_std_rad();
+    let (fits_rad, off_rad) = (
+        FITS_RAD.max(STATED_STDS * std_rad),
+        OFF_RAD.max(STATED_STDS * std_rad),
+    );
+    if own_rad <= fits_rad {
         return None;
     }
     let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
@@ -78,13 +85,13 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
             best.most_rad.to_degrees()
         ));
     }
-    if own_rad <= OFF_RAD || placed.base.is_none() {
+    if own_rad <= off_rad || placed.base.is_none() {
         return None;
     }
     // an unmastered joint turns the flange, too
     let with_zeros = Placed::with_fitted_zeros(robot, set, &poses);
     let fits = with_zeros.and_then(|placed| placed.most_rad(&poses, &stated));
-    if fits.is_some_and(|most_rad| most_rad <= OFF_RAD) {
+    if fits.is_some_and(|most_rad| most_rad <= off_rad) {
         return None;
     }
     Some(format!(
@@ -144,7 +151,7 @@ impl<'a> Placed<'a> {
             .zip(rotations.iter().copied())
             .collect();
         let (base, target) = match self.base {
-            Some(base) => (base, target_rotation(&base, &pairs)?),
+            Some(base) => (base, robust_target_rotation(&base, &pairs)?),
             None => base_and_target_rotation(&pairs)?,
         };
         let angle = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
@@ -152,7 +159,7 @@ impl<'a> Placed<'a> {
         };
         let mut angles: Vec<f64> = pairs.iter().map(angle).collect();
         angles.sort_by(f64::total_cmp);
-        angles.get(angles.len() * 4 / 5).copied()
+        angles.get((4 * angles.len()).div_ceil(5) - 1).copied()
     }
 }
 

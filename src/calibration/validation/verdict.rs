@@ -147,13 +147,18 @@ pub fn no_fit_mm(nominal: &[Link]) -> f64 {
     NO_FIT_PER_REACH * reach_mm(nominal)
 }
 
-/// Median angle above which the identified robot does not fit measured rotations, rad (2°). It is far above the noise of any instrument that measures
-/// poses.
+/// Half of the angles are below this many times a stated standard deviation of one component; by noise alone they are below 1.5 times.
+const STATED_STDS: f64 = 3.0;
+/// Median angle above which the identified robot does not fit measured rotations, rad (2°). It is far above the noise of trackers.
 const NO_FIT_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 /// Warning if the identified robot does not fit its identify points, or those of the same upload that were held out: their positions or, for poses,
-/// their rotations.
-pub fn no_fit(per_point: &[PointErrors], nominal: &[Link]) -> Option<Warning> {
+/// their rotations. `rotation_std_rad` is the stated noise of a component of a rotation, 0 if none is stated.
+pub fn no_fit(
+    per_point: &[PointErrors],
+    nominal: &[Link],
+    rotation_std_rad: f64,
+) -> Option<Warning> {
     let median = |subset: Subset, error: &dyn Fn(&PointErrors) -> Option<f64>| {
         let of_subset = per_point.iter().filter(|point| point.subset == subset);
         let mut errors: Vec<f64> = of_subset.filter_map(error).collect();
@@ -168,7 +173,8 @@ pub fn no_fit(per_point: &[PointErrors], nominal: &[Link]) -> Option<Warning> {
         }
     };
     let by_position = missed(&|point| Some(point.after_mm), no_fit_mm(nominal));
-    let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), NO_FIT_RAD);
+    let no_fit_rad = NO_FIT_RAD.max(STATED_STDS * rotation_std_rad);
+    let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);
     let detail = if let Some((which, median_mm)) = by_position {
         format!(
             "half of {which} are {median_mm:.3} mm or more from where the identified robot has them: that is no fit. Do joints and positions of a \

@@ -10,7 +10,7 @@ pub const NOISE_OVERSTATED: &str = "noise_overstated";
 
 /// The stated noise is overstated if it is more than this many times the scatter. Model errors only add to the scatter.
 const OVERSTATED: f64 = 3.0;
-/// Minimum number of redundant equations for the comparison. With them, right statements are this far off by chance in fewer than one of 10⁸ files.
+/// Minimum number of redundant equations for the comparison. With them, right statements are this far off by chance in fewer than one of 10⁶ files.
 const FEWEST_REDUNDANT: usize = 20;
 
 /// Stated noise and scatter, one standard deviation of a coordinate.

@@ -1,8 +1,8 @@
-//! Points of ABB: `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`, and `MoveAbsJ [[…],[…]], …;`. RAPID is free in spaces, lines and letter
-//! case, so statements are read up to their semicolon.
+//! Points of ABB: `CONST jointtarget p10:=[[0,-30,20,0,30,0],[9E+09,…]];`. RAPID is free in spaces, lines and letter case, so statements are read up to
+//! their semicolon.
 
 use crate::measurement::programs::point::{Found, Reason};
-use crate::measurement::programs::text::{Node, code, is_word, last_word, list};
+use crate::measurement::programs::text::{Node, code, last_word, list};
 
 /// Number of axes in each part of a `jointtarget`: the robot's own, and external ones.
 const N_AXES: usize = 6;
@@ -12,15 +12,14 @@ const DECLARING: [&str; 6] = ["LOCAL", "TASK", "CONST", "PERS", "VAR", "ALIAS"];
 /// The points of a module.
 pub(super) fn points(text: &str) -> Found {
     let mut found = Found::default();
-    let has_points = text.contains('[') && [":=", "ove", "OVE"].iter().any(|w| text.contains(w));
-    if !has_points {
+    if !text.contains(":=") {
         return found;
     }
     let code = code(text, '!', &['"']);
     let mut start = 0;
     for text in code.split(';') {
         if let Some(open) = text.find('[') {
-            statement(&code, start, start + open, &mut found);
+            statement(&code[..start + text.len()], start, start + open, &mut found);
         }
         start += text.len() + 1;
     }
@@ -69,39 +68,25 @@ fn declared(head: &str, start: usize) -> Declared<'_> {
 /// Reads the statement that begins at `start` and has its first bracket at `open`.
 fn statement(code: &str, start: usize, open: usize, found: &mut Found) {
     let head = code[start..open].trim_end();
-    let value = list(code, open).map(|(node, _)| node);
-    if let Some(head) = head.strip_suffix(":=") {
-        let Declared { name, of_type, at } = declared(head, start);
-        let is_joints = of_type.eq_ignore_ascii_case("jointtarget");
-        match value {
-            Some(value) if is_target(&value) => target(code, at, name, &value, found),
-            Some(value) if is_array(&value) => {
-                for (number, value) in (1..).zip(value.list()) {
-                    target(code, at, &format!("{name}{{{number}}}"), value, found);
-                }
-            }
-            _ if is_joints => found.other(at, name, Reason::NotNumbers),
-            _ if of_type.eq_ignore_ascii_case("robtarget") => {
-                found.other(at, name, Reason::Cartesian);
-            }
-            _ => {}
-        }
-        return;
-    }
-    let mut words = head.rsplit(|c: char| !is_word(c));
-    let Some(motion) = words.find(|word| is_motion(word)) else {
+    let Some(head) = head.strip_suffix(":=") else {
         return;
     };
-    // Both are slices of the same text.
-    let at = start + (motion.as_ptr() as usize - head.as_ptr() as usize);
-    if let Some(value) = value.filter(is_target) {
-        target(code, at, "", &value, found);
+    let Declared { name, of_type, at } = declared(head, start);
+    if of_type.eq_ignore_ascii_case("robtarget") {
+        return found.other(at, name, Reason::Cartesian);
     }
-}
-
-fn is_motion(word: &str) -> bool {
-    word.get(..4)
-        .is_some_and(|start| start.eq_ignore_ascii_case("move"))
+    if !of_type.eq_ignore_ascii_case("jointtarget") {
+        return;
+    }
+    match list(code, open).map(|(node, _)| node) {
+        Some(value) if is_joints(&value) => target(code, at, name, &value, found),
+        Some(value) if !value.list().is_empty() && value.list().iter().all(is_joints) => {
+            for (number, value) in (1..).zip(value.list()) {
+                target(code, at, &format!("{name}{{{number}}}"), value, found);
+            }
+        }
+        _ => found.other(at, name, Reason::NotNumbers),
+    }
 }
 
 fn length(node: Option<&Node>) -> usize {
@@ -113,23 +98,8 @@ fn is_joints(node: &Node) -> bool {
     parts.len() == 2 && length(parts.first()) == N_AXES && length(parts.get(1)) == N_AXES
 }
 
-/// Position, quaternion, configuration and external axes.
-fn is_cartesian(node: &Node) -> bool {
-    let parts: Vec<usize> = node.list().iter().map(|part| part.list().len()).collect();
-    parts == [3, 4, 4, N_AXES]
-}
-
-fn is_target(node: &Node) -> bool {
-    is_joints(node) || is_cartesian(node)
-}
-
-fn is_array(node: &Node) -> bool {
-    !node.list().is_empty() && node.list().iter().all(is_target)
-}
-
 fn target(code: &str, at: usize, name: &str, value: &Node, found: &mut Found) {
     match value.list().first().and_then(Node::items) {
-        _ if is_cartesian(value) => found.other(at, name, Reason::Cartesian),
         Some(angles) => found.point(code, at, name, angles),
         None => found.other(at, name, Reason::NotNumbers),
     }

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 /// Whether a text is a listing.
 pub(super) fn is_listing(text: &str) -> bool {
-    text.contains("/POS") && text.contains("P[")
+    text.lines().any(|line| line.trim() == "/POS") && text.contains("P[")
 }
 
 /// The points of a listing.
@@ -41,9 +41,10 @@ fn point(text: &str, head: &str, range: Range<usize>, found: &mut Found) {
     };
     let at = range.start;
     let body = &text[range.clone()];
+    let open = body.find('{').map_or(body.len(), |open| open + 1);
     // Further motion groups (GP2, …) are other machines.
-    let end = body.find("GP2").map_or(range.end, |length| at + length);
-    let begin = text[at..end].find('{').map_or(end, |open| at + open + 1);
+    let groups = body[open..].find("GP2").map(|length| at + open + length);
+    let (begin, end) = (at + open, groups.unwrap_or(range.end));
     let mut entries = Vec::new();
     let mut from = begin;
     for part in text[begin..end].split([',', '\n']) {

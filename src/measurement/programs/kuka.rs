@@ -1,4 +1,4 @@
-//! Points of KUKA: `DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0}` of a data list, and `PTP {A1 10.0, …}`. An aggregate in braces is on one line.
+//! Points of KUKA: `DECL E6AXIS XP1={A1 10.0,A2 -90.0,…,E1 0.0}` of a data list. An aggregate in braces is on one line.
 
 use crate::measurement::programs::point::{Found, Reason};
 use crate::measurement::programs::text::{code, last_word, trimmed};
@@ -85,32 +85,20 @@ fn aggregate(code: &str, head: &str, inner: Range<usize>, found: &mut Found) {
             .find(is_it)
             .map(|(_, value)| value.clone())
     };
-    let head = head.trim_end();
-    let declared = head.strip_suffix('=').map(str::trim_end);
-    let (name, before) = declared.map_or(("", head), |declared| {
-        declared
-            .rsplit_once(char::is_whitespace)
-            .map_or((declared, ""), |(before, name)| (name, before))
-    });
+    let declared = head.trim_end().strip_suffix('=').map(str::trim_end);
+    let Some((before, name)) = declared.and_then(|d| d.rsplit_once(char::is_whitespace)) else {
+        return;
+    };
     let word = last_word(before);
     let is_type = |types: &[&str]| types.iter().any(|known| word.eq_ignore_ascii_case(known));
     let name = name
         .strip_prefix(['X', 'x'])
         .filter(|rest| !rest.is_empty())
         .unwrap_or(name);
-    let is_motion = declared.is_none()
-        && ["PTP", "LIN", "CIRC"].iter().any(|motion| {
-            let word = word.to_ascii_uppercase();
-            word.trim_start_matches('S').starts_with(motion)
-        });
-    let has_axis = component("A1").is_some() || is_type(&JOINT_TYPES);
-    let has_length = ["X", "Y", "Z"].iter().any(|axis| component(axis).is_some());
-    if is_motion && word.to_ascii_uppercase().ends_with("_REL") {
-        found.other(at, name, Reason::Relative);
-    } else if has_axis && (declared.is_some() || is_motion) {
+    if is_type(&JOINT_TYPES) {
         let angles = (1..=6).map_while(|number| component(&format!("A{number}")));
         found.point(code, at, name, angles.collect());
-    } else if has_length && (is_motion || is_type(&CARTESIAN_TYPES)) {
+    } else if is_type(&CARTESIAN_TYPES) {
         found.other(at, name, Reason::Cartesian);
     }
 }

@@ -1,12 +1,11 @@
-//! Reads joint values from robot programs (data lists and sources of KUKA, modules of ABB, listings of FANUC, scripts of Universal Robots) as tables
-//! with one row per point. In these languages the unit of joint values is defined.
+//! Reads declared joint targets of robot programs (data lists of KUKA, modules of ABB, listings of FANUC) as tables with one row per point. In these
+//! languages joint values are in degrees. Targets that are written into a motion are not read: nothing says which measurement belongs to them.
 
 mod abb;
 mod fanuc;
 mod kuka;
 mod point;
 mod text;
-mod universal_robots;
 
 pub use point::{Point, Reason};
 
@@ -25,33 +24,18 @@ pub enum Language {
     Abb,
     /// A listing of a TP program.
     Fanuc,
-    /// Script.
-    UniversalRobots,
 }
 
 impl Language {
-    /// Unit of joint values: `deg` or `rad`.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Kuka | Self::Abb | Self::Fanuc => "deg",
-            Self::UniversalRobots => "rad",
-        }
-    }
-
     /// What to export in place of Cartesian points.
     fn remedy(self) -> &'static str {
         match self {
-            Self::Kuka => {
-                "Write them as joint values (E6AXIS, or PTP {A1 …, A6 …}), or log $AXIS_ACT at each of them"
-            }
+            Self::Kuka => "Declare them as joint values (E6AXIS), or log $AXIS_ACT at each of them",
             Self::Abb => {
                 "Write them as jointtarget (CJointT() or CalcJointT), or log the joint values at each of them"
             }
             Self::Fanuc => {
                 "Change the representation of the positions to joint values (POSITION, REPRE, Joint) and export the listing again"
-            }
-            Self::UniversalRobots => {
-                "Write joint values (movej([…]), NAME_q=[…]), or log actual_q at each of them"
             }
         }
     }
@@ -62,7 +46,7 @@ impl Language {
 pub struct Unread {
     /// The line on which it begins, counted from 1.
     pub line: usize,
-    /// Its name; empty for a target in a motion.
+    /// Its name.
     pub name: String,
     /// Why it is not read.
     pub reason: Reason,
@@ -95,7 +79,7 @@ pub struct ProgramRows {
 /// Finds the points of a program. None if the text is not a known program.
 ///
 /// # Errors
-/// If none of its points has joint values in degrees or radians.
+/// If none of its points has joint values in degrees.
 pub fn find(text: &str) -> Result<Option<Program>, ParseError> {
     refuse_yaskawa(text)?;
     let found: Vec<(Language, Found)> = if fanuc::is_listing(text) {
@@ -104,7 +88,6 @@ pub fn find(text: &str) -> Result<Option<Program>, ParseError> {
         vec![
             (Language::Kuka, kuka::points(text)),
             (Language::Abb, abb::points(text)),
-            (Language::UniversalRobots, universal_robots::points(text)),
         ]
     };
     let mut found: Vec<(Language, Found)> =
@@ -140,10 +123,9 @@ pub(super) fn table(text: &str) -> Result<Option<(String, ProgramRows)>, ParseEr
     let Some(program) = find(text)? else {
         return Ok(None);
     };
-    let unit = program.language.unit();
     let n_axes = program.points.first().map_or(0, |point| point.angles.len());
     let joints: Vec<String> = (1..=n_axes)
-        .map(|joint| format!("J{joint} [{unit}]"))
+        .map(|joint| format!("J{joint} [deg]"))
         .collect();
     let mut rows = format!("name\tnumber\t{}\n", joints.join("\t"));
     for point in &program.points {
@@ -192,10 +174,7 @@ fn refuse_yaskawa(text: &str) -> Result<(), ParseError> {
 }
 
 fn no_joint_values(program: &Program) -> ParseError {
-    let name = |point: &Unread| match point.name.as_str() {
-        "" => format!("line {}", point.line),
-        name => format!("{name} (line {})", point.line),
-    };
+    let name = |point: &Unread| format!("{} (line {})", point.name, point.line);
     let named: Vec<String> = program.unread.iter().take(MAX_NAMED).map(name).collect();
     let n = program.unread.len();
     let more = if n > named.len() { ", …" } else { "" };
@@ -251,24 +230,14 @@ mod tests {
             GLOBAL E6AXIS P5={E6AXIS: A1 1,A2 2,A3 3,A4 4,A5 5,A6 x}\n\
             PTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6} ; home\n\
             PTP_REL {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nPTP {A1 5}\n\
-            LIN {X 1,Y 2,Z 3} C_DIS\nspTP {a1 7,a2 2,a3 3,a4 4,a5 5,a6 6}\nENDDAT\n";
-        assert_eq!(
-            rows(text),
-            [
-                "4: P2 2 1.5 -90.0 90 0.0 -1E1 0.25",
-                "8: 1 1 1 2 3 4 5 6",
-                "12: 2 2 7 2 3 4 5 6"
-            ]
-        );
+            DECL MYLIMIT LIM={A1 170,A2 1,A3 1,A4 1,A5 1,A6 1}\nIF $AXIS_ACT=={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6} THEN\nENDDAT\n";
+        assert_eq!(rows(text), ["4: P2 2 1.5 -90.0 90 0.0 -1E1 0.25"]);
         let own = |line, name: &str, reason| (line, name.to_owned(), reason);
         assert_eq!(
             unread(text),
             [
                 own(3, "P1", Reason::Cartesian),
-                own(7, "P5", Reason::NotNumbers),
-                own(9, "", Reason::Relative),
-                own(10, "", Reason::SomeAxes),
-                own(11, "", Reason::Cartesian)
+                own(7, "P5", Reason::NotNumbers)
             ]
         );
     }
@@ -281,14 +250,13 @@ mod tests {
             local pers JOINTTARGET b2\n  :=[ [1,\n 2,3 ,4,5,6 ],{EXTERNAL} ];CONST robtarget p:=[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}];\n\
             PROC main()\n  TPWrite \"jointtarget x:=[[;\";\n  MoveAbsJ \\Conc, [[7,2,3,4,5,6],{EXTERNAL}]\\NoEOffs, v100, fine, tool0;\n\
             VAR jointtarget many{{2}}:=[[[8,2,3,4,5,6],{EXTERNAL}],[[9,2,3,4,5,6],{EXTERNAL}]];\n\
-            CONST jointtarget c:=[[x,2,3,4,5,6],{EXTERNAL}];\nMoveL [[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}],v100,z1,tool0;\nENDMODULE"
+            CONST jointtarget c:=[[x,2,3,4,5,6],{EXTERNAL}];\nCONST jointtarget d:=[[9E9,9E9,9E9,9E9,9E9,9E9],[1,2,3,4,5,6]];\nCONST num soft{{2,6}}:=[[1,2,3,4,5,6],[1,2,3,4,5,6]];\nx:=[;y:=[[1,2,3,4,5,6],{EXTERNAL}];\nENDMODULE"
         );
         assert_eq!(
             rows(&text),
             [
                 "2: cal_10 10 1 -2.5 3 4 5 6",
                 "4: b2 2 1 2 3 4 5 6",
-                "9: 1 1 7 2 3 4 5 6",
                 "10: many{1} 1 8 2 3 4 5 6",
                 "10: many{2} 2 9 2 3 4 5 6"
             ]
@@ -299,7 +267,7 @@ mod tests {
             [
                 own(6, "p", Reason::Cartesian),
                 own(11, "c", Reason::NotNumbers),
-                own(12, "", Reason::Cartesian)
+                own(12, "d", Reason::NotNumbers)
             ]
         );
     }
@@ -308,30 +276,12 @@ mod tests {
     fn points_of_a_listing_are_read_and_cartesian_ones_are_named() {
         let text = "/PROG CAL\n/MN\n 1:J P[1] 10% FINE ;\n/POS\nP[1:\"T 1\"]{\n   GP1:\n\tUF : 0, UT : 1,\t\n\
             \tJ1=    10.000 deg,\tJ2=   -30.000 deg,\tJ3=     5.500 deg,\n\tJ4=     0.000 deg,\tJ5=   -90.000 deg,\tJ6=     1.000 deg\n};\n\
-            P[2]{\n   GP1:\n\tUF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm\n};\n/END\n";
+            P[2:\"GP2 x\"]{\n   GP1:\n\tUF : 0, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n\tX = 1.0 mm\n};\n/END\n";
         assert_eq!(
             rows(text),
             ["5: T 1 1 10.000 -30.000 5.500 0.000 -90.000 1.000"]
         );
-        assert_eq!(unread(text), [(11, "P2".to_owned(), Reason::Cartesian)]);
-    }
-
-    #[test]
-    fn scripts_of_universal_robots_are_in_radians() {
-        let text = "def cal():\n  global P1_p=p[.1,.2,.3,0,0,0]\n  global P1_q=[0.1, -1.5, 1, 0, 1.5, 0]\n  # movej([9,9,9,9,9,9])\n\
-            \x20 global far_p=p[.1,.2,.3,0,0,0]\n  set_tcp(p[0,0,0,0,0,0])\n  home = [0,-1,1,0,1,0]\n  other=[1,2,3,4,5,6]\n  movej(home, a=1.4)\n\
-            \x20 movej([1,2,3,4,5,6], a=1.4, v=1.05)\n  movel(p[1,2,3,4,5,6])\n  movej(get_inverse_kin(p[1,2,3,4,5,6]))\n  movej([d2r(1),2,3,4,5,6])\nend\n";
-        assert_eq!(
-            rows(text),
-            [
-                "3: P1 1 0.1 -1.5 1 0 1.5 0",
-                "7: home  0 -1 1 0 1 0",
-                "10: 1 1 1 2 3 4 5 6"
-            ]
-        );
-        assert!(table(text).unwrap().unwrap().0.contains("J6 [rad]"));
-        let lines: Vec<usize> = unread(text).iter().map(|(line, ..)| *line).collect();
-        assert_eq!(lines, [5, 11, 12, 13]);
+        assert_eq!(unread(text), [(11, "GP2 x".to_owned(), Reason::Cartesian)]);
     }
 
     #[test]
@@ -349,7 +299,6 @@ mod tests {
                 "/POS\nP[2]{\n GP1:\n UF : 0,\n X = 1.0 mm\n};\n/END\n",
                 ["P2 (line 2)", "REPRE"],
             ),
-            ("movel(p[1,2,3,4,5,6], a=1)\n", ["line 1", "movej"]),
         ] {
             let detail = refusal(text);
             assert!(detail.contains("Cartesian"), "{detail}");
@@ -359,6 +308,7 @@ mod tests {
         for table in [
             "q1_deg,x_mm\n1,2\n",
             "J1 [deg];note\n1;moved {A1 3}\n",
+            "# start: PTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\n# movej([0,-1,0,0,0,0])\nJ1 [deg]\n1\n",
             "# frame: base={X 1,Y 2,Z 3}\nJ1 [deg]\n1\n",
         ] {
             assert!(find(table).unwrap().is_none(), "{table}");

@@ -3,6 +3,8 @@
 use crate::measurement::programs::text::is_number;
 use std::ops::Range;
 
+/// Values from this on stand for an axis without a value, such as ABB's 9E9.
+const NO_ANGLE: f64 = 1e6;
 /// Maximum number of joints of a point, including external axes.
 const MAX_AXES: usize = 12;
 
@@ -11,7 +13,7 @@ const MAX_AXES: usize = 12;
 pub struct Point {
     /// Where its declaration begins, bytes.
     pub at: usize,
-    /// Its name; empty for a target in a motion.
+    /// Its name.
     pub name: String,
     /// Its number; empty if it has none.
     pub number: String,
@@ -28,8 +30,6 @@ pub enum Reason {
     NotNumbers,
     /// It has fewer joint values than other points of the program.
     SomeAxes,
-    /// It is the distance of a relative motion.
-    Relative,
 }
 
 impl Reason {
@@ -37,9 +37,8 @@ impl Reason {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Cartesian => "a Cartesian position has no joint values",
-            Self::NotNumbers => "its joint values are not all numbers",
+            Self::NotNumbers => "its joint values are not all numbers (9E9 is none)",
             Self::SomeAxes => "it has fewer joint values than the other points",
-            Self::Relative => "it belongs to a relative motion",
         }
     }
 }
@@ -75,7 +74,11 @@ impl Found {
     /// Adds a point. Its joint values must be numbers; otherwise it is not read.
     pub(super) fn point(&mut self, text: &str, at: usize, name: &str, angles: Vec<Range<usize>>) {
         let is_usable = (1..=MAX_AXES).contains(&angles.len());
-        if !is_usable || !angles.iter().all(|angle| is_number(&text[angle.clone()])) {
+        let is_angle = |angle: &Range<usize>| {
+            let angle = &text[angle.clone()];
+            is_number(angle) && angle.parse().is_ok_and(|angle: f64| angle.abs() < NO_ANGLE)
+        };
+        if !is_usable || !angles.iter().all(is_angle) {
             return self.other(at, name, Reason::NotNumbers);
         }
         self.points.push(Point {
@@ -86,7 +89,7 @@ impl Found {
         });
     }
 
-    /// Moves points with fewer joint values than most to the points that are not read, and numbers those without a name.
+    /// Moves points with fewer joint values than most to the points that are not read.
     pub(super) fn finish(&mut self) {
         let count = |point: &Point| point.angles.len();
         let most = self.points.iter().map(count).max().unwrap_or(0);
@@ -98,11 +101,6 @@ impl Found {
             });
         }
         self.others.sort_by_key(|other| other.at);
-        let unnamed = self.points.iter_mut().filter(|point| point.name.is_empty());
-        for (number, point) in (1..).zip(unnamed) {
-            point.number = format!("{number}");
-            point.name = point.number.clone();
-        }
     }
 }
 

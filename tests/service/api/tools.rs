@@ -105,14 +105,8 @@ fn a_program_is_corrected_by_a_file_and_by_a_server_alike() {
             );
         }
     }
-    // The same targets in the language of a robot, and in UTF-16 beside what was measured.
-    let kuka = "DEFDAT CAL\n; DECL E6AXIS XP0={A1 1,A2 1,A3 1,A4 1,A5 1,A6 1}\nDECL E6AXIS XP1={A1 10.00000,A2 -30.00000,A3 20.00000,A4 15.00000,A5 40.00000,A6 5.00000}\nENDDAT\n";
-    let kuka = path(folder.path(), "program.dat", kuka);
-    let corrected = kincal(&["compensate", &parameters, &kuka]);
-    let text = String::from_utf8(corrected.stdout).unwrap();
+    // The same targets in UTF-16 beside what was measured.
     let angle: f64 = after[1][1].parse().unwrap();
-    assert!(text.contains(&format!("XP1={{A1 {angle:.5},")), "{text}");
-    assert!(text.contains("; DECL E6AXIS XP0={A1 1,A2 1"), "{text}");
     let names = |what: &str| -> String { (1..=6).map(|j| format!(";{what} J{j} [deg]")).collect() };
     let both = format!(
         "name{}{};X;Y;Z\r\nA;9;9;9;9;9;9;10,0;-30,0;20,0;15,0;40,0;5,0;1;2;3\r\n",

@@ -338,6 +338,21 @@ async fn a_work_frame_is_measured_from_the_station_of_the_parameters() {
     put(&app, &path, &typed(json!({"station": "right"})))
         .await
         .ok(200);
+    // the instrument came back to its first place: the base is that of the last point
+    let back: String = stations(60)
+        .lines()
+        .enumerate()
+        .map(|(i, line)| match i > 90 {
+            true => format!("{}\n", line.replace("right", "left")),
+            false => format!("{line}\n"),
+        })
+        .collect();
+    let sets = format!("{robot}/measurement-sets?frame=instrument");
+    let back = app.post(&sets, "text/csv", back).await.ok(201);
+    for (station, status) in [("left", 200), ("right", 422)] {
+        let body = json!({"reference": "measuring", "measurement_set_id": back["id"], "translation_mm": [1.0, 2.0, 3.0], "station": station});
+        assert_eq!(put(&app, &path, &body).await.status, status, "{station}");
+    }
     // the uncertainty of a typed frame would be passed over in silence
     let refused = put(
         &app,

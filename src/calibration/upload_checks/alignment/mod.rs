@@ -13,11 +13,14 @@ mod suspect;
 pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD};
 pub use hypotheses::{Hypothesis, hypotheses};
 
+use crate::identification::KinematicModel;
+use crate::identification::objective::{Observation, weighted_jacobian};
+use crate::identification::parameters::placement_parameters;
 use crate::kinematics::{Link, Robot};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
 use fitting::{placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
-use nalgebra::Rotation3;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use suspect::Suspect;
 
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
@@ -28,6 +31,11 @@ pub enum Alignment {
     /// It does not fit: rms, mm.
     Misses(f64),
 }
+
+/// The base's rotation is known if its standard deviation is at most this, rad (0.5°).
+const KNOWN_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Least misfit of a nominal robot, as a share of its reach.
+const LEAST_NOISE: f64 = 1e-4;
 
 /// Code of the refusal of rotations that do not fit.
 pub const ROTATION_SUSPECT: &str = "rotation_suspect";
@@ -67,8 +75,27 @@ pub(super) fn base_rotation(
 ) -> Option<Rotation3<f64>> {
     let observations = observations(robot, points);
     let found = placed(links, &observations, frame)?;
-    let comes_near_mm = COMES_NEAR * reach_mm(links, &observations);
-    (found.rms_mm <= comes_near_mm).then_some(found.model.t_instrument_base.rotation)
+    let reach_mm = reach_mm(links, &observations);
+    let is_known = frame == Frame::Base || {
+        let noise_mm = found.rms_mm.max(LEAST_NOISE * reach_mm) / 3f64.sqrt();
+        base_rotation_std_rad(&found.model, &observations, noise_mm)
+            .is_some_and(|std| std <= KNOWN_RAD)
+    };
+    (found.rms_mm <= COMES_NEAR * reach_mm && is_known)
+        .then_some(found.model.t_instrument_base.rotation)
+}
+
+/// Standard deviation of the base's rotation about its least known axis, rad. `None` if the positions do not determine it.
+fn base_rotation_std_rad(
+    model: &KinematicModel,
+    observations: &[Observation],
+    noise_mm: f64,
+) -> Option<f64> {
+    let parameters = placement_parameters(model.targets_mm.len());
+    let rows = weighted_jacobian(model, &parameters, observations, &Vector3::zeros());
+    let covariance = rows.tr_mul(&rows).cholesky()?.inverse();
+    let rotation: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
+    Some(rotation.symmetric_eigenvalues().max().max(0.0).sqrt() * noise_mm)
 }
 
 /// The links with the joint zeros that fit the positions of one station best.
