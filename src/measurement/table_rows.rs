@@ -128,18 +128,26 @@ impl Rows {
             let (Some(with), Some(without)) = (units.first_with, units.first_without) else {
                 continue;
             };
-            let ((row, line), has) = match units.n_with < units.n_without {
-                true => (with, "has a unit, and others of the column have none"),
-                false => (without, "has no unit, and others of the column have one"),
+            let ((row, line), code, what) = match units.n_with < units.n_without {
+                true => (
+                    with,
+                    "not_a_number",
+                    "the cell is not a number: it has a unit, and others of the column have none",
+                ),
+                false => (
+                    without,
+                    "cell_unit",
+                    "the number has no unit, and others of the column have one",
+                ),
             };
             let name = &layout.names[column];
             let detail = format!(
-                "row {row}, column {name}: the number {has}: write it behind every number, or only into the column's name"
+                "row {row}, column {name}: {what}: write it behind every number, or only into the column's name"
             );
             let issue = Issue {
                 row: Some(row),
                 column: Some((*name).to_owned()),
-                code: "mixed_units",
+                code,
                 detail,
             };
             self.issues.push((issue, Some(line)));
@@ -156,7 +164,7 @@ impl Rows {
         cell: &'r str,
         column: usize,
         layout: &Layout,
-    ) -> Result<&'r str, String> {
+    ) -> Result<&'r str, Issue> {
         let Some(own) = layout.units[column] else {
             return Ok(cell);
         };
@@ -173,9 +181,15 @@ impl Rows {
             }
             Some(unit) => {
                 let name = &layout.names[column];
-                return Err(format!(
-                    "row {row}, column {name}: {cell:?} is in {unit}, and the column in {own}: write the numbers in one unit, and the unit into the column's name"
-                ));
+                let detail = format!(
+                    "row {row}, column {name}: {cell:?} is not a number of this column: it is in {unit}, and the column in {own}: write the numbers in one unit, and the unit into the column's name"
+                );
+                return Err(Issue {
+                    row: Some(row),
+                    column: Some((*name).to_owned()),
+                    code: "not_a_number",
+                    detail,
+                });
             }
         }
         Ok(number)
@@ -262,8 +276,8 @@ impl Rows {
         for (column, place) in layout.places.iter().enumerate() {
             match self.bare((index, row.line), &row.cells[*place], column, layout) {
                 Ok(cell) => cells.push_field(cell),
-                Err(detail) => {
-                    self.issue(Some(index), Some(row.line), "mixed_units", detail);
+                Err(issue) => {
+                    self.issues.push((issue, Some(row.line)));
                     return self.issues.len() < MAX_ISSUES;
                 }
             }

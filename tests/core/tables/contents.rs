@@ -159,7 +159,7 @@ pub fn contents() -> Vec<Habit> {
                 ..Written::default()
             }
             .text(),
-            "mixed_units",
+            "cell_unit",
             "write it behind every number",
         ),
         refused(
@@ -170,7 +170,7 @@ pub fn contents() -> Vec<Habit> {
                 ..Written::default()
             }
             .text(),
-            "mixed_units",
+            "not_a_number",
             "and the column in mm",
         ),
         taken(
