@@ -324,9 +324,12 @@ fn names_that_differ_in_signs_and_zeros_are_one() {
     let numbered = log(12, |i| i.to_string()).replace("Point,", "No.,");
     let found = belongs(&numbered, &export("Name", 12, |i| format!("{i:03}")), 12);
     assert!(found.join.loose_names);
-    let (_, detail) = refusal(&robot, &export("Name", 12, |i| format!("Point {i}")), "");
+    let found = belongs(&robot, &export("Name", 12, |i| format!("Point {i}")), 12);
+    assert!(found.join.loose_names);
+    let letter = |i: usize| format!("corner {}", char::from(b'a' + i as u8));
+    let (_, detail) = refusal(&robot, &export("Name", 12, letter), "");
     assert!(
-        detail.contains("\"P1\", \"P2\"") && detail.contains("\"Point 1\""),
+        detail.contains("\"P1\", \"P2\"") && detail.contains("\"corner "),
         "{detail}"
     );
     // P1_2 is not P12

@@ -140,7 +140,12 @@ pub fn screen(
             outliers = again;
         }
         screening.unfitted_rows = arrangement.join_unfitted(observed);
-        let turned = turned_poses(&links, observed, &arrangement);
+        // positions may leave the flange of the fitted links open, and the nominal ones have unmastered joints: a pose is turned for both
+        let for_nominal = turned_poses(&request.robot.links, observed, &arrangement);
+        let turned: Vec<TurnedPose> = turned_poses(&links, observed, &arrangement)
+            .into_iter()
+            .filter(|pose| for_nominal.iter().any(|other| other.point == pose.point))
+            .collect();
         if outliers.is_some() || !turned.is_empty() {
             leave_out(
                 request,

@@ -21,7 +21,7 @@ pub struct TurnedPose {
     pub angle_rad: f64,
 }
 
-/// The turned poses, by point. `links` are those that fit the positions. Base and target are rotated for the best fit, for each target and set-up.
+/// The turned poses, by point. Base and target are rotated for the best fit of these links, for each target and set-up.
 pub fn turned_poses(
     links: &[Link],
     observed: &Observed,

@@ -225,16 +225,6 @@ pub fn forms() -> Vec<Habit> {
             "has a comma",
         ),
         refused(
-            "units in the cells",
-            Written {
-                length: |v| format!("{v:.4} mm"),
-                ..plain()
-            }
-            .text(),
-            "not_a_number",
-            "not a number",
-        ),
-        refused(
             "a binary file",
             [b"q1_deg,x_mm\n".as_slice(), &[0, 1, 2, 3, 255, 254, 0, 7]].concat(),
             "not_text",
