@@ -159,7 +159,7 @@ pub fn contents() -> Vec<Habit> {
                 ..Written::default()
             }
             .text(),
-            "cell_unit",
+            "not_a_number",
             "write it behind every number",
         ),
         refused(
