@@ -14,11 +14,14 @@ const LEFT_OUT: usize = 4;
 /// Maximum number of concentration steps; they converge in a few.
 const CONCENTRATIONS: usize = 10;
 
+/// Rotation of the base in the measuring frame, and of the target in the flange frame.
+pub type BaseAndTarget = (Rotation3<f64>, Rotation3<f64>);
+
 /// (Z, Xᵀ): base in the measuring frame and target in the flange frame. Each pair is a flange in the base frame and its target in the measuring
 /// frame. `None` if the decomposition fails.
 pub fn base_and_target_rotation(
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],
-) -> Option<(Rotation3<f64>, Rotation3<f64>)> {
+) -> Option<BaseAndTarget> {
     let mut k = SMatrix::<f64, 9, 9>::zeros();
     for (flange, measured) in pairs {
         let (f, m) = (flange.matrix().transpose(), measured.matrix().transpose());
@@ -38,48 +41,33 @@ pub fn base_and_target_rotation(
     Some((z, x.inverse()))
 }
 
-/// Angle between each measured target and its prediction, rad, with base and target rotated for the best fit. The quarter of the pairs that fits worst
-/// has no influence (concentration steps [Rousseeuw & Van Driessen 2006]). `None` if the decomposition fails.
-pub fn robust_angles_rad(pairs: &[(Rotation3<f64>, Rotation3<f64>)]) -> Option<Vec<f64>> {
-    let n_kept = pairs.len() - pairs.len() / LEFT_OUT;
-    let mut kept: Vec<usize> = (0..pairs.len()).collect();
-    let mut angles_rad = vec![];
-    for _ in 0..CONCENTRATIONS {
-        let some: Vec<_> = kept.iter().map(|i| pairs[*i]).collect();
-        let (base, target) = base_and_target_rotation(&some)?;
-        let angle_rad = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
-            rotation_log(&((base * flange * target).inverse() * measured)).norm()
-        };
-        angles_rad = pairs.iter().map(angle_rad).collect();
-        let mut order: Vec<usize> = (0..pairs.len()).collect();
-        order.sort_by(|a, b| f64::total_cmp(&angles_rad[*a], &angles_rad[*b]));
-        order.truncate(n_kept);
-        order.sort_unstable();
-        if order == kept {
-            break;
-        }
-        kept = order;
-    }
-    Some(angles_rad)
+/// Angle between a measured target and its prediction, rad.
+pub fn angle_rad(
+    (base, target): &BaseAndTarget,
+    (flange, measured): &(Rotation3<f64>, Rotation3<f64>),
+) -> f64 {
+    rotation_log(&((base * flange * target).inverse() * measured)).norm()
 }
 
-/// As [`target_rotation`]; the quarter of the poses that fits worst has no influence.
-pub fn robust_target_rotation(
-    base: &Rotation3<f64>,
+/// Base and target by `fit` to the three quarters of the pairs that it fits best (concentration steps [Rousseeuw & Van Driessen 2006]). `None` if a
+/// fit fails.
+pub fn robustly(
     pairs: &[(Rotation3<f64>, Rotation3<f64>)],
-) -> Option<Rotation3<f64>> {
+    fit: impl Fn(&[(Rotation3<f64>, Rotation3<f64>)]) -> Option<BaseAndTarget>,
+) -> Option<BaseAndTarget> {
     let n_kept = pairs.len() - pairs.len() / LEFT_OUT;
-    let mut kept = pairs.to_vec();
+    let mut found = fit(pairs)?;
     for _ in 0..CONCENTRATIONS {
-        let target = target_rotation(base, &kept)?;
-        let angle_rad = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
-            rotation_log(&((base * flange * target).inverse() * measured)).norm()
-        };
-        kept = pairs.to_vec();
-        kept.sort_by(|a, b| angle_rad(a).total_cmp(&angle_rad(b)));
+        let mut kept = pairs.to_vec();
+        kept.sort_by(|a, b| angle_rad(&found, a).total_cmp(&angle_rad(&found, b)));
         kept.truncate(n_kept);
+        let next = fit(&kept)?;
+        if next == found {
+            break;
+        }
+        found = next;
     }
-    target_rotation(base, &kept)
+    Some(found)
 }
 
 /// Rotation of a target in the flange frame for a given rotation of the base: the mean over its poses.

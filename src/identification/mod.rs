@@ -6,6 +6,7 @@ pub mod changes;
 mod choices;
 pub mod corrected;
 pub mod corrections;
+mod difference;
 pub mod distributions;
 pub mod drift;
 pub mod estimate;

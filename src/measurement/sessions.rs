@@ -14,8 +14,7 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
     let mut points = Vec::new();
     let mut n_targets = 0;
     for (session, set) in sessions.iter().enumerate() {
-        let mut order: Vec<usize> = (0..set.points.len()).collect();
-        order.sort_by_key(|row| (set.points[*row].sequence, *row));
+        let order = set.measuring_order();
         let n_before = points.len();
         points.extend(set.points.iter().cloned());
         for (place, row) in order.into_iter().enumerate() {

@@ -164,6 +164,13 @@ impl MeasurementSet {
         posed.map(|p| p.target).collect()
     }
 
+    /// The points in measuring order: by their sequence, then by row.
+    pub fn measuring_order(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        order.sort_by_key(|row| (self.points[*row].sequence, *row));
+        order
+    }
+
     /// The largest stated standard uncertainty of a component of a rotation, rad; 0 if none is stated.
     pub fn stated_rotation_std_rad(&self) -> f64 {
         let stated = self

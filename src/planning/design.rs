@@ -38,8 +38,8 @@ struct Block<const ROWS: usize> {
 
 /// The candidates, the selected ones, and A = M⁻¹. A candidate has `ROWS` rows: three if its position is measured, six if its pose is.
 #[derive(Debug)]
-pub struct Design<const ROWS: usize> {
-    candidates: DMatrix<f64>,
+pub struct Design<'a, const ROWS: usize> {
+    candidates: &'a DMatrix<f64>,
     /// Candidate in each lane of the blocks.
     members: Vec<usize>,
     blocks: Vec<Block<ROWS>>,
@@ -49,9 +49,9 @@ pub struct Design<const ROWS: usize> {
     chosen: Vec<usize>,
 }
 
-impl<const ROWS: usize> Design<ROWS> {
+impl<'a, const ROWS: usize> Design<'a, ROWS> {
     /// A design with nothing selected. `rows` has `ROWS` rows per candidate, `prior` is the prior information, `interest` is W.
-    pub fn new(rows: DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
+    pub fn new(rows: &'a DMatrix<f64>, prior: &DMatrix<f64>, interest: &DMatrix<f64>) -> Self {
         let n = prior.nrows();
         let covariance = inverse(prior.clone()).unwrap_or_else(|| DMatrix::identity(n, n));
         let members = (0..rows.nrows() / ROWS).collect();
@@ -258,7 +258,7 @@ impl<const ROWS: usize> Design<ROWS> {
         self.blocks = self
             .members
             .chunks(LANES)
-            .map(|members| block(&self.candidates, members, p, &self.covariance, &wawa))
+            .map(|members| block(self.candidates, members, p, &self.covariance, &wawa))
             .collect();
     }
 }

@@ -7,7 +7,7 @@ mod request;
 mod room;
 
 pub use request::{Noise, PlanRequest, SetUp};
-pub use room::{AcceptanceCone, BaseCylinder, Box3, LineOfSight, Room};
+pub use room::{AcceptanceCone, AlignedBox, BaseCylinder, LineOfSight, Room};
 
 use crate::identification::identifiability::{
     Decomposition, VISIBLE_PER_REACH, decompose, prior_scales,
@@ -140,7 +140,7 @@ fn choose(
                 let q = candidates[other].q_model(request, &chosen[other]);
                 sum + tool.information_from_another_base(&q)
             });
-            let rows = rows[set_up].clone();
+            let rows = &rows[set_up];
             let n = wanted.n_configurations - wanted.n_repeated();
             chosen[set_up] = if request.is_of_poses {
                 Design::<6>::new(rows, &known, &interest).choose(n)

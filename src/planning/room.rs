@@ -6,15 +6,15 @@ use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A box along the axes of the base frame: lowest and highest corner, mm.
-pub type Box3 = (Vector3<f64>, Vector3<f64>);
+pub type AlignedBox = (Vector3<f64>, Vector3<f64>);
 
 /// Allowed boxes, obstacles and line of sight, in the base frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Room {
     /// The target has to be in one of these boxes. Without boxes it may be anywhere.
-    pub boxes_mm: Vec<Box3>,
+    pub boxes_mm: Vec<AlignedBox>,
     /// The straight lines from the axis of joint 2 over the link origins and the flange to the target do not enter these boxes.
-    pub keep_out_mm: Vec<Box3>,
+    pub keep_out_mm: Vec<AlignedBox>,
     /// No checked point may be below this, mm.
     pub floor_z_mm: Option<f64>,
     /// No checked point may be inside this.
@@ -104,12 +104,12 @@ impl Room {
     }
 }
 
-fn is_within(p: &Vector3<f64>, (low, high): &Box3) -> bool {
+fn is_within(p: &Vector3<f64>, (low, high): &AlignedBox) -> bool {
     (0..3).all(|k| (low[k]..=high[k]).contains(&p[k]))
 }
 
 /// True if the straight line between two points meets the box: the shares of the line that lie between the faces of each axis overlap.
-fn meets(from: &Vector3<f64>, to: &Vector3<f64>, (low, high): &Box3) -> bool {
+fn meets(from: &Vector3<f64>, to: &Vector3<f64>, (low, high): &AlignedBox) -> bool {
     let (mut first, mut last) = (0.0f64, 1.0f64);
     for k in 0..3 {
         let way = to[k] - from[k];

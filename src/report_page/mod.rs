@@ -5,6 +5,7 @@
 
 mod axes;
 mod check;
+mod errors;
 mod figures;
 mod quality;
 mod sections;
@@ -61,7 +62,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::warnings(&report.warnings))
             (sections::facts(sources))
             (quality::statement(sources))
-            (sections::errors(sources))
+            (errors::errors(sources))
             (figures::per_point(&report.per_point, sources.before()))
             div.pair {
                 (figures::histogram(&report.per_point, sources.before()))

@@ -37,6 +37,7 @@ pub mod notices;
 mod open;
 pub mod overview;
 mod page;
+mod parameter_set_row;
 pub mod parameter_sets;
 pub mod policies;
 pub mod report_summaries;

@@ -1,82 +1,23 @@
 //! Parameter sets. A job has at most one parameter set, a robot has at most one released parameter set, and a release needs passed checks. The schema
 //! enforces each of these rules.
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::audit::{Audited, ExpectedEntry};
 use super::database::new_id;
 use super::estimates;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_queries};
+pub use super::parameter_set_row::ParameterSetRow;
+use super::parameter_set_row::{as_created, as_released, as_withdrawn};
 use super::policies::ABSENT;
 use super::robots::RobotCheck;
 use super::{
     AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
     verifications, withdrawals,
 };
-use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
-
-/// A parameter set.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ParameterSetRow {
-    /// `par_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The job that identified it.
-    pub job_id: String,
-    /// Its state.
-    pub status: ParameterSetStatus,
-    /// The parameters in JSON.
-    pub body_json: String,
-    /// SHA-256 of the parameters, hexadecimal.
-    pub sha256: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// When it was last released.
-    pub released_at_ms: Option<i64>,
-    /// Reason of its last release.
-    pub release_reason: Option<String>,
-    /// Gates of its last release, in JSON.
-    pub release_checks_json: Option<String>,
-    /// Number of gates that passed.
-    pub release_n_passed: Option<i64>,
-    /// Number of gates that failed.
-    pub release_n_failed: Option<i64>,
-    /// When it was withdrawn.
-    pub withdrawn_at_ms: Option<i64>,
-    /// Reason of the withdrawal.
-    pub withdraw_reason: Option<String>,
-    /// Who last released it.
-    pub released_by: Option<String>,
-    /// Name of the key that last released it.
-    pub released_by_name: Option<String>,
-    /// Who withdrew it.
-    pub withdrawn_by: Option<String>,
-    /// Name of the key that withdrew it.
-    pub withdrawn_by_name: Option<String>,
-    /// Strength of the verification behind its last release.
-    pub release_evidence: Option<Evidence>,
-    /// The tool's largest uncertainty over the workspace at its last release, mm.
-    pub release_uncertainty_mm: Option<f64>,
-    /// Number of its last release. All releases of a robot are numbered by one counter.
-    pub release_seq: Option<i64>,
-    /// The set that its last release superseded.
-    pub supersedes_id: Option<String>,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Version of the robot that the set was identified with.
-    pub robot_version: i64,
-    /// Version of the robot's joint map that the set was identified with.
-    pub joint_map_version: i64,
-}
-
-from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, released_by_name, withdrawn_by, withdrawn_by_name, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
-
-list_row!(ParameterSetRow);
 
 /// A parameter set to be stored with the job that identified it.
 #[derive(Clone, Debug, PartialEq)]
@@ -236,34 +177,6 @@ const BY_ID: &str = concat!(
     columns!(),
     " from parameter_set where id > $1 order by id limit cast($2 as bigint)"
 );
-
-fn as_created(row: &ParameterSetRow) -> Value {
-    json!({"robot_id": row.robot_id, "job_id": row.job_id, "sha256": row.sha256, "created_at_ms": row.created_at_ms,
-        "body_sha256": canonical::sha256_hex(row.body_json.as_bytes())})
-}
-
-fn as_released(row: &ParameterSetRow) -> Option<(i64, Value)> {
-    // A release writes all of these columns. If only some are set, an edit outside the service wrote them. Then the time is 0, and the comparison
-    // with the audit chain fails.
-    let is_set = row.release_reason.is_some() || row.released_by.is_some();
-    let is_set = is_set || row.release_evidence.is_some() || row.release_uncertainty_mm.is_some();
-    let at_ms = row.released_at_ms.or(is_set.then_some(0))?;
-    let checks_sha256 = row
-        .release_checks_json
-        .as_ref()
-        .map(|checks| canonical::sha256_hex(checks.as_bytes()));
-    let detail = json!({"reason": row.release_reason, "sha256": row.sha256, "checks_sha256": checks_sha256, "evidence": row.release_evidence.map(Evidence::as_str),
-        "uncertainty_mm": row.release_uncertainty_mm, "released_by": row.released_by, "released_at_ms": row.released_at_ms,
-        "n_passed": row.release_n_passed, "n_failed": row.release_n_failed, "release_seq": row.release_seq, "supersedes_id": row.supersedes_id});
-    Some((at_ms, detail))
-}
-
-fn as_withdrawn(row: &ParameterSetRow) -> Option<(i64, Value)> {
-    let is_set = row.withdraw_reason.is_some() || row.withdrawn_by.is_some();
-    let at_ms = row.withdrawn_at_ms.or(is_set.then_some(0))?;
-    let detail = json!({"reason": row.withdraw_reason, "withdrawn_by": row.withdrawn_by, "withdrawn_at_ms": row.withdrawn_at_ms});
-    Some((at_ms, detail))
-}
 
 impl Audited for ParameterSetRow {
     const BY_ID: &'static str = BY_ID;

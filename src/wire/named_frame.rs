@@ -11,6 +11,7 @@ use crate::wire::robot::MAX_LENGTH_MM;
 use crate::wire::tool::{ToolBody, check_lengths, check_rotation, rotation};
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
 /// Maximum number of points of a measured frame.
@@ -184,23 +185,17 @@ impl WorkFrameBody {
     /// # Errors
     /// [`Invalid`] if the set has several stations and another one, or none, is stated.
     pub fn check_station(&self, set: &MeasurementSet) -> Result<(), Invalid> {
-        let labelled = set.points.iter().enumerate();
-        let mut labelled: Vec<(i64, usize, &str)> = labelled
-            .filter_map(|(row, point)| Some((point.sequence, row, point.station.as_deref()?)))
+        let order = set.measuring_order();
+        let stations = order.iter();
+        let stations: Vec<&str> = stations
+            .filter_map(|row| set.points[*row].station.as_deref())
             .collect();
-        labelled.sort_unstable();
-        let mut all: Vec<&str> = vec![];
-        for (.., station) in &labelled {
-            if !all.contains(station) {
-                all.push(station);
-            }
-        }
         let of_parameters = match set.frame {
-            Frame::Instrument => labelled.last(),
-            Frame::Base => labelled.first(),
+            Frame::Instrument => stations.last(),
+            Frame::Base => stations.first(),
         };
         let stated = self.station.as_deref();
-        let Some((.., of_parameters)) = of_parameters else {
+        let Some(of_parameters) = of_parameters else {
             return match stated {
                 Some(_) => Err(Invalid::at(
                     "/station",
@@ -210,13 +205,14 @@ impl WorkFrameBody {
                 None => Ok(()),
             };
         };
+        let all: BTreeSet<&str> = stations.iter().copied().collect();
         if stated == Some(*of_parameters) || stated.is_none() && all.len() == 1 {
             return Ok(());
         }
         let detail = format!(
             "the set has the stations {}, and parameters identified from it are in the frame of {of_parameters}: measure the work frame from there, and say \
              so with station: {of_parameters:?}",
-            all.join(", ")
+            all.into_iter().collect::<Vec<_>>().join(", ")
         );
         Err(Invalid::at("/station", "other_station", detail))
     }

@@ -1,6 +1,6 @@
 //! Pose plans: which poses to measure next.
 
-use crate::planning::{AcceptanceCone, BaseCylinder, Box3, LineOfSight, Room};
+use crate::planning::{AcceptanceCone, AlignedBox, BaseCylinder, LineOfSight, Room};
 use crate::wire::id;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::job::Model;
@@ -262,8 +262,8 @@ impl PosePlanBody {
             half_angle_rad: half_angle_deg.to_radians(),
         });
         Room {
-            boxes_mm: boxes.iter().map(Box3::from).collect(),
-            keep_out_mm: self.keep_out.iter().map(Box3::from).collect(),
+            boxes_mm: boxes.iter().map(AlignedBox::from).collect(),
+            keep_out_mm: self.keep_out.iter().map(AlignedBox::from).collect(),
             floor_z_mm: self.floor_z_mm,
             base_cylinder: self.base_cylinder.map(|c| BaseCylinder {
                 radius_mm: c.radius_mm,
@@ -468,7 +468,7 @@ fn check_boxes(at: &str, boxes: &[BoxBody], checker: &mut Checker) {
     }
 }
 
-impl From<&BoxBody> for Box3 {
+impl From<&BoxBody> for AlignedBox {
     fn from(b: &BoxBody) -> Self {
         (Vector3::from(b.min_mm), Vector3::from(b.max_mm))
     }

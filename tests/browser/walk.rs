@@ -167,6 +167,21 @@ fn archived_robots_are_found_and_jobs_are_counted_by_the_service() {
     });
 }
 
+/// The table of a plan, as it is downloaded.
+async fn downloaded_plan(browser: &Browser, hall: &Plant) -> String {
+    let folder = hall.folder.path().join("downloads");
+    browser.download_to(&folder).await;
+    browser
+        .button("Download as CSV")
+        .await
+        .click()
+        .await
+        .unwrap();
+    let file = folder.join("poses.csv");
+    browser.until_there_is(&file).await;
+    std::fs::read_to_string(&file).unwrap()
+}
+
 #[test]
 fn a_plan_is_downloaded_with_a_row_for_each_pose() {
     let Some(driver) = Driver::start() else {
@@ -183,18 +198,12 @@ fn a_plan_is_downloaded_with_a_row_for_each_pose() {
         browser.until_it_says("Joint values").await;
         // The last poses repeat the first ones, and say so.
         browser.until_it_says("pose 3").await;
-        let folder = hall.folder.path().join("downloads");
-        browser.download_to(&folder).await;
-        browser
-            .button("Download as CSV")
-            .await
-            .click()
-            .await
-            .unwrap();
-        let file = folder.join("poses.csv");
-        browser.until_there_is(&file).await;
-        let lines = std::fs::read_to_string(&file).unwrap().lines().count();
-        assert_eq!(lines, 1 + 30, "a header and a row for each pose");
+        let table = downloaded_plan(browser, &hall).await;
+        assert_eq!(
+            table.lines().count(),
+            1 + 30,
+            "a header and a row for each pose"
+        );
         browser.assert_quiet(&[]).await;
     });
 }
@@ -226,17 +235,7 @@ fn a_plan_keeps_out_of_the_boxes_that_were_typed() {
         browser.button("Plan").await.click().await.unwrap();
         browser.until_it_says("Joint values").await;
         browser.until_it_says("place 2").await;
-        let folder = hall.folder.path().join("downloads");
-        browser.download_to(&folder).await;
-        browser
-            .button("Download as CSV")
-            .await
-            .click()
-            .await
-            .unwrap();
-        let file = folder.join("poses.csv");
-        browser.until_there_is(&file).await;
-        let table = std::fs::read_to_string(&file).unwrap();
+        let table = downloaded_plan(browser, &hall).await;
         let mut lines = table.lines();
         let header = lines.next().unwrap();
         assert_eq!(

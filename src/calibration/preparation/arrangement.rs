@@ -75,8 +75,7 @@ impl Arrangement {
     /// Arrangement as stated in the file, without detected motions: one set-up per station.
     pub fn of(request: &CalibrationRequest) -> Self {
         let points = &request.set.points;
-        let mut order: Vec<usize> = (0..points.len()).collect();
-        order.sort_by_key(|i| (points[*i].sequence, *i));
+        let order = request.set.measuring_order();
         let mut number: BTreeMap<&Option<String>, usize> = BTreeMap::new();
         let mut setups = vec![0; points.len()];
         for i in &order {

@@ -2,7 +2,7 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
-use crate::identification::hand_eye::robust_angles_rad;
+use crate::identification::hand_eye::{angle_rad, base_and_target_rotation, robustly};
 use crate::kinematics::{Link, t_base_flange};
 use std::collections::BTreeMap;
 
@@ -49,9 +49,10 @@ fn turned_of(links: &[Link], observed: &Observed, points: &[usize]) -> Vec<Turne
         Some((flange.rotation, observed.rotations[*point]?))
     };
     let pairs: Vec<_> = points.iter().filter_map(pair).collect();
-    let Some(angles_rad) = robust_angles_rad(&pairs) else {
+    let Some(placed) = robustly(&pairs, base_and_target_rotation) else {
         return vec![];
     };
+    let angles_rad: Vec<f64> = pairs.iter().map(|pair| angle_rad(&placed, pair)).collect();
     let mut sorted = angles_rad.clone();
     sorted.sort_by(f64::total_cmp);
     let median_rad = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);

@@ -2,8 +2,9 @@
 //! positions, and the target is rotated for the best fit, for the stated convention and for all others.
 
 use crate::calibration::upload_checks::alignment::{base_rotation, links_with_fitted_zeros};
-use crate::identification::hand_eye::{base_and_target_rotation, robust_target_rotation};
-use crate::kinematics::rotation::rotation_log;
+use crate::identification::hand_eye::{
+    angle_rad, base_and_target_rotation, robustly, target_rotation,
+};
 use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::measurement::{MeasurementSet, Point, RotationConvention};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
@@ -150,14 +151,11 @@ impl<'a> Placed<'a> {
             .map(flange)
             .zip(rotations.iter().copied())
             .collect();
-        let (base, target) = match self.base {
-            Some(base) => (base, robust_target_rotation(&base, &pairs)?),
+        let placed = match self.base {
+            Some(base) => robustly(&pairs, |some| Some((base, target_rotation(&base, some)?)))?,
             None => base_and_target_rotation(&pairs)?,
         };
-        let angle = |(flange, measured): &(Rotation3<f64>, Rotation3<f64>)| {
-            rotation_log(&((base * flange * target).inverse() * measured)).norm()
-        };
-        let mut angles: Vec<f64> = pairs.iter().map(angle).collect();
+        let mut angles: Vec<f64> = pairs.iter().map(|pair| angle_rad(&placed, pair)).collect();
         angles.sort_by(f64::total_cmp);
         angles.get((4 * angles.len()).div_ceil(5) - 1).copied()
     }
