@@ -181,8 +181,7 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
         target: arguments.target,
         tool: arguments.tool_mm.map(|translation_mm| ToolBody {
             translation_mm,
-            quaternion: None,
-            rotation: None,
+            ..ToolBody::default()
         }),
         tool_name: arguments.tool_name.clone(),
         mode: arguments.mode,

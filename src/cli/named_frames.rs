@@ -80,6 +80,9 @@ struct SetTool {
     /// Orientation in the flange frame [default: as the flange].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
     quaternion: Option<[f64; 4]>,
+    /// Standard uncertainty of one coordinate, mm, of a tool that was measured on the flange of this robot [default: the tool is from a drawing].
+    #[arg(long, value_name = "MM")]
+    std_mm: Option<f64>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -155,7 +158,8 @@ pub fn tools(arguments: &ToolArguments) -> anyhow::Result<()> {
             let body = ToolBody {
                 translation_mm: set.mm,
                 quaternion: set.quaternion,
-                rotation: None,
+                std_mm: set.std_mm,
+                ..ToolBody::default()
             };
             keep(&set.named, "tools", serde_json::to_vec(&body)?)
         }

@@ -337,8 +337,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
         q_deg: arguments.q_deg.iter().flat_map(|q| q.0.clone()).collect(),
         tool: arguments.tool_mm.map(|translation_mm| ToolBody {
             translation_mm,
-            quaternion: None,
-            rotation: None,
+            ..ToolBody::default()
         }),
         shown_position_mm: arguments.shown_mm,
     };

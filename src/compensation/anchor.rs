@@ -162,8 +162,8 @@ fn change_of_last_d_mm(identified: &[Link], nominal: &[Link]) -> f64 {
     flange.translation.z
 }
 
-/// Usual error of the sum of these d, mm.
-fn usual_error_of_last_d_mm(nominal: &[Link]) -> f64 {
+/// Usual error of the sum of the d of the last link and of those before it that are parallel to it, mm.
+pub fn usual_error_of_last_d_mm(nominal: &[Link]) -> f64 {
     let n = nominal.len() - last_group_start(nominal);
     usual_length_mm(reach_mm(nominal)) * (n as f64).sqrt()
 }

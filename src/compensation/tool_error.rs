@@ -3,14 +3,16 @@
 //! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
 //! of [`misfit`](crate::identification::misfit). Both errors have the root R of their mean square error from the identification. One standard
 //! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange
-//! depend on the links. Where the identification held the reflector at the flange, the error of the flange along the last axis is added in squares.
-
-use crate::compensation::anchor::{Anchor, HeldReflector, anchor_in, contains_tool};
+//! depend
+use crate::compensation::anchor::{
+    Anchor, HeldReflector, anchor_in, contains_tool, usual_error_of_last_d_mm,
+};
 use crate::compensation::mode::Base;
 use crate::compensation::targets::Tool;
 use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::identification::parameters::{Parameter, apply};
+use crate::identification::problem::USUAL_OFFSET_RAD;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::{DMatrix, IsometryMatrix3, Matrix3xX, Point3, Vector3};
 
@@ -45,7 +47,7 @@ impl PerturbedRobot {
             ToolPoint::Target(target) => {
                 (self.anchor.t_anchored_flange * Point3::from(self.model.targets_mm[target])).coords
             }
-            ToolPoint::Tcp(tcp_mm) => tcp_mm,
+            ToolPoint::Tcp { flange_mm, .. } => flange_mm,
         }
     }
 
@@ -68,16 +70,52 @@ impl PerturbedRobot {
 pub enum ToolPoint {
     /// 0-based.
     Target(usize),
-    /// Position in the nominal flange frame, mm.
-    Tcp(Vector3<f64>),
+    /// A tool centre point that was not identified.
+    Tcp {
+        /// Position in the nominal flange frame, mm.
+        flange_mm: Vector3<f64>,
+        /// Standard uncertainty of one coordinate of this position relative to the flange of the real robot, mm. `None` for a position from a drawing: the flange
+        /// then misses by the usual errors of theta_offset and d of the last link, which measured positions of a reflector do not show.
+        std_mm: Option<f64>,
+    },
 }
 
 impl ToolPoint {
-    /// The centre of a tool; `target` is the number of [`Tool::Target`].
-    pub fn of(tool: &Tool, target: usize) -> Self {
+    /// The centre of a tool. `target` is the number of [`Tool::Target`], `std_mm` is that of a [`Tool::Tcp`].
+    pub fn of(tool: &Tool, target: usize, std_mm: Option<f64>) -> Self {
         match tool {
             Tool::Target(_) => Self::Target(target),
-            Tool::Tcp(pose) => Self::Tcp(pose.translation.vector),
+            Tool::Tcp(pose) => Self::Tcp {
+                flange_mm: pose.translation.vector,
+                std_mm,
+            },
+        }
+    }
+}
+
+/// Error of the flange at the tool that the covariance does not contain (3-D), mm. Along the last axis it is that of d of the last link: the
+/// [`anchor`](crate::compensation::anchor) leaves d nominal, or the reflector was held at the flange. About the last axis it is that of theta_offset of
+/// the last link, times the tool's distance from the axis. An identified target does not depend on either, unless it was held at the flange.
+fn flange_error_mm(nominal: &Robot, estimate: &Estimate, base: Base, tool: &ToolPoint) -> f64 {
+    let links = &nominal.links;
+    let held = HeldReflector::of(&estimate.model, links).filter(|_| base == Base::Measured);
+    let held_mm = held.map(|held| held.flange_error_mm());
+    match *tool {
+        ToolPoint::Target(_) => held_mm.unwrap_or(0.0),
+        ToolPoint::Tcp {
+            std_mm: Some(std_mm),
+            ..
+        } => libm::hypot(3f64.sqrt() * std_mm, held_mm.unwrap_or(0.0)),
+        ToolPoint::Tcp { flange_mm, .. } => {
+            let is_in_estimate =
+                base == Base::Measured && !contains_tool(&estimate.model.links, links);
+            let along_mm = match held_mm {
+                None if is_in_estimate => 0.0,
+                None => usual_error_of_last_d_mm(links),
+                Some(held_mm) => held_mm,
+            };
+            let off_axis_mm = libm::hypot(flange_mm.x, flange_mm.y);
+            libm::hypot(along_mm, USUAL_OFFSET_RAD * off_axis_mm)
         }
     }
 }
@@ -97,7 +135,7 @@ pub struct ToolError<'a> {
     identified: PerturbedRobot,
     /// For each parameter: its step, mm or rad, and the robot with this step to both sides.
     moved: Vec<(f64, [PerturbedRobot; 2])>,
-    /// See [`HeldReflector::flange_error_mm`]; 0 if it does not count.
+    /// Error of the flange that the estimate does not contain (3-D), mm; see [`flange_error_mm`].
     flange_error_mm: f64,
 }
 
@@ -106,8 +144,6 @@ impl<'a> ToolError<'a> {
     pub fn new(nominal: &'a Robot, estimate: &'a Estimate, base: Base, tool: ToolPoint) -> Self {
         let step_mm = STEP_RAD * reach_mm(&nominal.links);
         let has_tool = contains_tool(&estimate.model.links, &nominal.links);
-        let held = HeldReflector::of(&estimate.model, &nominal.links);
-        let held = held.filter(|_| base == Base::Measured);
         let moved = |parameter: &Parameter| {
             let step = if parameter.is_angle() {
                 STEP_RAD
@@ -122,7 +158,7 @@ impl<'a> ToolError<'a> {
         };
         Self {
             identified: PerturbedRobot::new(estimate.model.clone(), nominal, base, has_tool),
-            flange_error_mm: held.map_or(0.0, |held| held.flange_error_mm()),
+            flange_error_mm: flange_error_mm(nominal, estimate, base, &tool),
             moved: estimate.parameters.iter().map(moved).collect(),
             nominal,
             estimate,
@@ -154,7 +190,7 @@ impl<'a> ToolError<'a> {
             errors += self.features(&poses.corrected_rad) * root.rows(p, root.nrows() - p);
         }
         // a fixed position of the reflector itself does not depend on where the flange is
-        let is_of_flange = wanted != ToolGoal::Fixed || matches!(self.tool, ToolPoint::Tcp(_));
+        let is_of_flange = wanted != ToolGoal::Fixed || matches!(self.tool, ToolPoint::Tcp { .. });
         let flange_error_mm = if is_of_flange {
             self.flange_error_mm
         } else {

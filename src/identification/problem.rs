@@ -36,6 +36,9 @@ pub fn usual_length_mm(reach_mm: f64) -> f64 {
 /// Usual error of an angle between two axes, rad.
 pub const USUAL_ANGLE_RAD: f64 = ANGLE_RAD;
 
+/// Usual error of a joint offset, rad.
+pub const USUAL_OFFSET_RAD: f64 = OFFSET_RAD;
+
 /// Length that converts a pose's angles to mm before its noise is known, mm/rad. Lengths and angles are assumed as uncertain as those of links.
 pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
     usual_length_mm(reach_mm) / ANGLE_RAD

@@ -71,10 +71,10 @@ pub fn compensate(
         || Tool::Target(identified.target_mm(target)),
         |tool| Tool::Tcp(IsometryMatrix3::from(tool)),
     );
-    let point = ToolPoint::of(&tool, target);
+    let point = ToolPoint::of(&tool, target, tool_body.and_then(|tool| tool.std_mm));
     let has_target = |estimate: &&Estimate| match point {
         ToolPoint::Target(target) => target < estimate.model.targets_mm.len(),
-        ToolPoint::Tcp(_) => true,
+        ToolPoint::Tcp { .. } => true,
     };
     let error = from.estimate.filter(has_target);
     let error = error.map(|estimate| ToolError::new(robot, estimate, base, point));

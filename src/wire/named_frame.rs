@@ -7,8 +7,7 @@ use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::robot::MAX_LENGTH_MM;
-use crate::wire::tool::{ToolBody, check_lengths, check_rotation, rotation};
+use crate::wire::tool::{ToolBody, check_lengths, check_rotation, check_std, rotation};
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -108,6 +107,9 @@ pub struct ToolAnswer {
     pub name: String,
     /// Pose of the tool in the flange frame.
     pub t_flange_tool: Transform,
+    /// Standard uncertainty of one coordinate of the tool centre point, mm; absent for a tool from a drawing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_mm: Option<f64>,
     /// RFC 3339, UTC.
     pub created_at: String,
 }
@@ -288,13 +290,7 @@ impl WorkFrameBody {
             lengths("nominal_mm", &point.nominal_mm);
             lengths("measured_mm", &point.measured_mm);
         }
-        if self
-            .std_mm
-            .is_some_and(|std_mm| !(0.0..=MAX_LENGTH_MM).contains(&std_mm))
-        {
-            let detail = format!("a standard uncertainty is from 0 to {MAX_LENGTH_MM} mm");
-            checker.note("/std_mm", "out_of_range", detail);
-        }
+        check_std(&mut checker, "", self.std_mm);
         checker.finish("invalid_work_frame")
     }
 
@@ -324,6 +320,7 @@ impl ToolBody {
         ToolAnswer {
             name,
             t_flange_tool: Transform::from(&IsometryMatrix3::from(self)),
+            std_mm: self.std_mm,
             created_at,
         }
     }

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 pub(super) const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// A tool: its pose in the flange frame of the nominal robot, as stored in the controller.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolBody {
     /// Position of the tool centre point in the flange frame, mm.
@@ -22,6 +22,10 @@ pub struct ToolBody {
     /// Rotation matrix, row by row; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
+    /// Standard uncertainty of one coordinate of `translation_mm`, mm, for a tool that was measured on the flange of this robot. Default: the tool is
+    /// from a drawing, and the flange misses by the usual errors of `theta_offset` and `d` of the last link.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_mm: Option<f64>,
 }
 
 /// The rotation of a quaternion or a matrix; the identity if neither is given.
@@ -77,12 +81,22 @@ pub(super) fn check_lengths(checker: &mut Checker, at: &str, lengths_mm: &[f64; 
     }
 }
 
+/// Checks a standard uncertainty of lengths. `at` is the JSON pointer of the object that contains it.
+pub(super) fn check_std(checker: &mut Checker, at: &str, std_mm: Option<f64>) {
+    if std_mm.is_some_and(|std_mm| !(0.0..=MAX_LENGTH_MM).contains(&std_mm)) {
+        let detail =
+            format!("the standard uncertainty of one coordinate is from 0 to {MAX_LENGTH_MM} mm");
+        checker.note(format!("{at}/std_mm"), "out_of_range", detail);
+    }
+}
+
 impl ToolBody {
     /// Checks the tool. `at` is its JSON pointer.
     pub(super) fn check_into(&self, at: &str, checker: &mut Checker) {
         let lengths = format!("{at}/translation_mm");
         check_lengths(checker, &lengths, &self.translation_mm, MAX_LENGTH_MM);
         check_rotation(checker, at, self.quaternion, self.rotation);
+        check_std(checker, at, self.std_mm);
     }
 
     /// Checks a tool that is a whole request body.

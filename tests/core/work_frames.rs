@@ -1,7 +1,9 @@
 //! Cartesian targets in work frames, and the uncertainty of corrected tools. The true robots are simulated.
 
 use crate::data::paper_robot;
-use crate::simulation::{Campaign, Normal, anchored_robot, limited, measure, poses, true_robot};
+use crate::simulation::{
+    Campaign, Normal, anchored_robot, limited, measure, poses, robot_of_the_priors, true_robot,
+};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::compensation::{
     Base, Compensation, FixtureMisfit, FixtureMistake, FixturePoint, Mode, Status, Tool, ToolError,
@@ -142,6 +144,54 @@ fn the_uncertainty_of_a_tool_is_that_of_predictions_and_of_simulated_robots() {
     let ratio = (stated / squares).sqrt();
     println!("stated over true, corrected targets in the robot's base: {ratio:.3}");
     assert!((0.67..1.5).contains(&ratio), "{ratio}");
+}
+
+/// A drawing knows the tool relative to the nominal flange. Positions do not show where the real flange is along and about the last axis.
+#[test]
+fn a_tool_from_a_drawing_is_as_uncertain_as_the_flange_of_simulated_robots() {
+    let nominal = limited(paper_robot());
+    let tcp = isometry([120.0, -60.0, 160.0], [0.0; 3]);
+    let point = |std_mm| ToolPoint::of(&Tool::Tcp(tcp), 0, std_mm);
+    for base in [Base::Robot, Base::Measured] {
+        let (mut squares, mut stated, mut measured_tool) = (0.0, 0.0, 0.0);
+        for seed in 0..30 {
+            let mut truth = robot_of_the_priors(&nominal, 3, &mut Normal::new(200 + seed));
+            let frame = match base {
+                Base::Robot => Frame::Instrument,
+                Base::Measured => Frame::Base,
+            };
+            if base == Base::Measured {
+                truth.t_instrument_base = cell(&nominal, seed).t_instrument_base;
+            }
+            let report = identified(&nominal, &truth, seed, frame);
+            let estimate = report.estimate.as_ref().expect("an estimate");
+            let drawn = ToolError::new(&nominal, estimate, base, point(None));
+            let measured = ToolError::new(&nominal, estimate, base, point(Some(0.0)));
+            let robot = ParameterSetContent::from(&report).identified_robot(None);
+            let compensation = Compensation::of(&nominal, &robot, base);
+            let real = Compensation::new(&nominal, &truth.links);
+            let t_frame_base = match base {
+                Base::Robot => real.anchor().t_base_anchored.inverse(),
+                Base::Measured => truth.t_instrument_base,
+            };
+            for q in poses(10, &mut Normal::new(300 + seed)) {
+                let corrected = compensation.correct(&q, &Tool::Tcp(tcp), Mode::Position);
+                let q_corrected = &corrected.q_controller_rad;
+                let wanted = ToolGoal::AsNominal(&q);
+                stated += drawn.std_mm(q_corrected, wanted).powi(2);
+                measured_tool += measured.std_mm(q_corrected, wanted).powi(2);
+                let there = t_frame_base * t_base_flange(&truth.links, q_corrected) * tcp;
+                let missed = there.translation.vector
+                    - (t_base_flange(&nominal.links, &q) * tcp).translation.vector;
+                squares += missed.norm_squared();
+            }
+        }
+        let ratio = (stated / squares).sqrt();
+        let without = (measured_tool / squares).sqrt();
+        println!("{base:?}: stated over true {ratio:.3}, without the flange {without:.3}");
+        assert!((0.67..1.5).contains(&ratio), "{base:?} {ratio}");
+        assert!(without < ratio, "{base:?} {without}");
+    }
 }
 
 #[test]
@@ -335,8 +385,8 @@ fn cartesian_targets_in_a_measured_work_frame_are_met_within_the_stated_uncertai
             frame: Some("fixture".into()),
             tool: Some(ToolBody {
                 translation_mm: tool.translation_mm,
-                quaternion: None,
                 rotation: Some(tool.rotation),
+                ..ToolBody::default()
             }),
             base: Some(Base::Measured),
             ..CompensateBody::default()
