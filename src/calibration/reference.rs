@@ -38,18 +38,24 @@ impl InstrumentScale {
         }
         let error =
             sum(&|l| weight(l) * l.nominal_mm * (l.measured_mm - l.nominal_mm)) / information;
-        let chi_square = sum(&|l| {
-            let left_mm = l.measured_mm - l.nominal_mm * (1.0 + error);
-            weight(l) * left_mm * left_mm
-        });
+        let alone = Self {
+            error,
+            std: 1.0 / information.sqrt(),
+        };
+        let chi_square = sum(&|l| alone.residual_stds(l).powi(2));
         let birge = match lengths.len() {
             1 => 1.0,
             n => (chi_square / (n - 1) as f64).sqrt().max(1.0),
         };
         Some(Self {
-            error,
-            std: birge / information.sqrt(),
+            std: birge * alone.std,
+            ..alone
         })
+    }
+
+    /// What is left of a length after the error of the scale, in its standard uncertainties.
+    pub fn residual_stds(&self, length: &ReferenceLength) -> f64 {
+        (length.measured_mm - length.nominal_mm * (1.0 + self.error)) / length.std_mm
     }
 
     /// Whether the reference shows an error of the instrument.
@@ -124,6 +130,7 @@ mod tests {
         let both = [length(1000.0, 20e-6, 0.01), length(1000.0, -20e-6, 0.01)];
         let scale = InstrumentScale::of(&both).unwrap();
         assert!(scale.error.abs() < 1e-15 && !scale.is_off());
+        assert!((scale.residual_stds(&both[0]) - 2.0).abs() < 1e-9);
         assert!((scale.std - 8.0_f64.sqrt() * 1e-5 / 2.0_f64.sqrt()).abs() < 1e-12);
         assert_eq!(InstrumentScale::of(&[]), None);
     }

@@ -3,7 +3,8 @@
 use crate::measurement::column_mapping::Separator;
 use std::ops::Range;
 
-/// The place of each cell of a line, without spaces and quotes around it.
+/// The place of each cell of a line, without spaces and quotes around it. As in the reader of the cells, a quote opens a quoted cell only as its first
+/// character: `5"` is a length in inches.
 pub(super) fn cell_places(line: &str, separator: Separator) -> Vec<Range<usize>> {
     let is_separator = |c: char| match separator {
         Separator::Spaces => matches!(c, ' ' | '\t'),
@@ -12,7 +13,7 @@ pub(super) fn cell_places(line: &str, separator: Separator) -> Vec<Range<usize>>
     let mut places = Vec::new();
     let (mut from, mut is_quoted) = (0, false);
     for (at, c) in line.char_indices() {
-        is_quoted ^= c == '"';
+        is_quoted ^= c == '"' && (is_quoted || at == from);
         if !is_quoted && is_separator(c) {
             places.push(from..at);
             from = at + c.len_utf8();
@@ -49,8 +50,12 @@ mod tests {
             places.into_iter().map(|place| &line[place]).collect()
         };
         assert_eq!(
-            cells("P1, \"10,5\" ,,2 ", Separator::Comma),
+            cells("P1,\"10,5\" ,,2 ", Separator::Comma),
             ["P1", "10,5", "", "2"]
+        );
+        assert_eq!(
+            cells("5\",\"a, \"\"b\"\"\",7", Separator::Comma),
+            ["5", "a, \"\"b", "7"]
         );
         assert_eq!(cells("  1   2\t\t3 ", Separator::Spaces), ["1", "2", "3"]);
         assert_eq!(

@@ -65,12 +65,13 @@ fn unquoted_cells(line: &str, separator: char) -> Vec<String> {
     cells.map(|cell| cell.trim().to_owned()).collect()
 }
 
-/// Replaces each run of spaces and tabs outside quotes by one tab.
+/// Replaces each run of spaces and tabs outside quoted cells by one tab. A quote opens a quoted cell only as its first character.
 pub(super) fn with_tabs(line: &str) -> String {
     let mut found = String::with_capacity(line.len());
     let mut is_quoted = false;
     for c in line.trim().chars() {
-        is_quoted ^= c == '"';
+        let begins = found.is_empty() || found.ends_with('\t');
+        is_quoted ^= c == '"' && (is_quoted || begins);
         match c {
             ' ' | '\t' if !is_quoted => {
                 if !found.ends_with('\t') {

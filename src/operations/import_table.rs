@@ -82,7 +82,7 @@ pub fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
 }
 
 /// Parses a table with one row per link, from base to flange. Required columns: a, alpha, d, and theta_offset or theta, each with its unit. Optional
-/// columns: beta, min, max, link.
+/// columns: beta, min, max, link. The numbers of a link column increase by 1.
 ///
 /// # Errors
 /// [`Invalid`] with the row and column of each error.
@@ -111,9 +111,11 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
         limits_rad: vec![],
     };
     let mut issues = Vec::new();
+    let mut numbers = Numbers::new(&cells);
     cells.each_row(|next| {
         match next {
             Next::Row(row) => {
+                issues.extend(numbers.out_of_order(row.line, &row.cells));
                 let (link, limits_rad) = link(
                     (table.links.len(), row.line),
                     &row.cells,
@@ -144,6 +146,39 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     match issues.is_empty() {
         true => Ok(table),
         false => Err(refused(issues)),
+    }
+}
+
+/// The column that numbers the links, and the number of the row before.
+struct Numbers {
+    column: Option<(usize, String)>,
+    before: Option<i64>,
+}
+
+impl Numbers {
+    fn new(cells: &Cells) -> Self {
+        let mut names = cells.header.iter().enumerate();
+        let column = names.find(|(_, name)| NUMBERS.contains(&name.trim().to_lowercase().as_str()));
+        Self {
+            column: column.map(|(place, name)| (place, name.clone())),
+            before: None,
+        }
+    }
+
+    /// The issue of a row whose number does not follow the one before. Cells that are not whole numbers are names, and any names are allowed.
+    fn out_of_order(&mut self, line: usize, cells: &csv::StringRecord) -> Option<Issue> {
+        let (place, name) = self.column.as_ref()?;
+        let number: i64 = cells.get(*place)?.trim().parse().ok()?;
+        let before = self.before.replace(number)?;
+        (number != before + 1).then(|| Issue {
+            line: Some(line),
+            column: Some(name.clone()),
+            code: "links_out_of_order".into(),
+            detail: format!(
+                "link {number} follows link {before}: the rows have to go from the base to the flange, without a gap. Sort them, or remove the column"
+            ),
+            ..Issue::default()
+        })
     }
 }
 
@@ -370,6 +405,11 @@ mod tests {
                 "a_mm,alpha_deg,d_mm,theta_deg\n1,2,x,4\n",
                 "not_a_number",
                 "\"x\"",
+            ),
+            (
+                "link,a_mm,alpha_deg,d_mm,theta_deg\n2,1,2,3,4\n1,1,2,3,4\n",
+                "links_out_of_order",
+                "link 1 follows link 2",
             ),
             (
                 "a_mm;alpha_deg;d_mm;theta_deg\n1,250;2,500;3,500;4,500\n",

@@ -18,6 +18,9 @@ const MAX_LENGTH_MM: f64 = 100_000.0;
 const MIN_STD_MM: f64 = 1e-6;
 /// Largest standard uncertainty of a length, mm.
 const MAX_STD_MM: f64 = 10.0;
+/// A length that misses the common scale of all lengths by more than this many of its standard uncertainties contradicts them: by chance in one of two
+/// million right lengths.
+const MOST_STDS: f64 = 5.0;
 /// Name of a reference without a name.
 const DEFAULT_NAME: &str = "reference";
 
@@ -121,7 +124,33 @@ impl ReferenceBody {
                 checker.note(format!("{at}/std_mm"), "out_of_range", detail);
             }
         }
-        checker.finish("invalid_reference")
+        checker.finish("invalid_reference")?;
+        self.check_agreement()
+    }
+
+    /// Refuses lengths that have no common scale.
+    fn check_agreement(&self) -> Result<(), Invalid> {
+        let Some(scale) = self.scale() else {
+            return Ok(());
+        };
+        let left = |item: &ReferenceLengthBody| scale.residual_stds(&item.into());
+        let all = self.items.iter().enumerate();
+        let worst = all.max_by(|(_, a), (_, b)| left(a).abs().total_cmp(&left(b).abs()));
+        match worst {
+            Some((i, item)) if left(item).abs() > MOST_STDS => Err(Invalid::at(
+                &format!("/items/{i}/measured_mm"),
+                "contradictory_lengths",
+                format!(
+                    "{}: {} mm were measured, {:+.4} mm from the scale that all lengths have in common, {:.0} of its standard uncertainties. Is it the right \
+                     pair of lengths, has the instrument a constant error (another reflector), or is std_mm too small?",
+                    item.name,
+                    item.measured_mm,
+                    left(item) * item.std_mm,
+                    left(item).abs()
+                ),
+            )),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -45,6 +45,21 @@ async fn a_reference_states_the_scale_of_the_instrument_and_counts_in_the_budget
         (&stored["is_off"], &stored["version"]),
         (&json!(false), &json!(1))
     );
+    // a length of another bar
+    let mut mixed = scale_bar(2e-6);
+    mixed["items"][1]["measured_mm"] = json!(1000.4);
+    let refused = app
+        .post_json(&path, &mixed)
+        .await
+        .problem(422, "contradictory_lengths");
+    let issue = &refused["errors"][0];
+    assert_eq!(
+        (&issue["code"], &issue["pointer"]),
+        (
+            &json!("contradictory_lengths"),
+            &json!("/items/1/measured_mm")
+        )
+    );
     let plain = report_with(&app, &robot, "").await;
     assert!(plain["reference"].is_null());
     let report = report_with(&app, &robot, "&reference=bar").await;
