@@ -31,19 +31,18 @@ export const axisZ = (t) => [t[2], t[6], t[10]];
 /** The service's `{rotation, translation_mm}` as a pose. */
 export const poseOf = ({ rotation: r, translation_mm: p }) => [0, 1, 2].flatMap((i) => [...r[i], p[i]]);
 
-/** The model's joint values, rad (mm for a prismatic joint), from those of the controller, degrees: coupling · (sign ∘ q) + offset. */
+/** The model's joint values, rad, from those of the controller, degrees: coupling · (sign ∘ q) + offset. */
 export function modelJoints(robot, q) {
   const { sign, offset_deg: offset, coupling } = robot.joint_map ?? {};
   const turned = q.map((v, i) => v * (sign?.[i] ?? 1));
   const coupled = coupling ? coupling.map((row) => row.reduce((sum, c, i) => sum + c * turned[i], 0)) : turned;
-  return coupled.map((v, i) => (v + (offset?.[i] ?? 0)) * (robot.links[i]?.joint === "prismatic" ? 1 : RAD));
+  return coupled.map((v, i) => (v + (offset?.[i] ?? 0)) * RAD);
 }
 
 /** Link frame in the one before it: Rx(alpha) · Dx(a) · Ry(beta) · Rz(q + theta_offset) · Dz(d). */
 export function linkPose(link, q) {
-  const slides = link.joint === "prismatic";
-  const theta = (link.theta_offset_deg ?? 0) * RAD + (slides ? 0 : q);
-  const d = link.d_mm + (slides ? q : 0);
+  const theta = (link.theta_offset_deg ?? 0) * RAD + q;
+  const d = link.d_mm;
   const [alpha, beta] = [link.alpha_deg * RAD, (link.beta_deg ?? 0) * RAD];
   const [ca, sa, cb, sb, ct, st] = [Math.cos(alpha), Math.sin(alpha), Math.cos(beta), Math.sin(beta), Math.cos(theta), Math.sin(theta)];
   const rx = [1, 0, 0, 0, 0, ca, -sa, 0, 0, sa, ca, 0];
@@ -67,8 +66,8 @@ export const reachOf = (robot) => robot.links.reduce((sum, link) => sum + Math.h
 
 /** Joint values at which the arm is drawn where nothing else is said: the middle of each joint's limits, if 0 is outside of them. */
 export function restOf(robot) {
-  return robot.links.map(({ joint_limits_deg: limits, joint_limits_mm: slide }) => {
-    const [low, high] = limits ?? slide ?? [-Infinity, Infinity];
+  return robot.links.map(({ joint_limits_deg: limits }) => {
+    const [low, high] = limits ?? [-Infinity, Infinity];
     return low <= 0 && high >= 0 ? 0 : (low + high) / 2;
   });
 }

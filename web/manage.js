@@ -17,7 +17,7 @@ export function manageCard(robot, sets, { may, why, signal }) {
       if (error.name !== "AbortError") fill(body, problem(error));
     }
   };
-  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Name, policy of releases, rollback, archive"), body));
+  return el("section.card", {}, el("details", { toggle: open }, el("summary", {}, "Name, joint limits, policy of releases, rollback, archive"), body));
 }
 
 /** How an arm may hang: [value, words]. */
@@ -31,6 +31,9 @@ function editForm(robot) {
   const isOther = robot.mounting && typeof robot.mounting !== "string";
   const mounting = el("select", { id: "edit-mounting" }, [...isOther ? [["other", "as it was stated"]] : [], ...MOUNTINGS].map(([value, words]) => el("option", { value, selected: isOther ? value === "other" : value === (robot.mounting === "floor" ? "" : robot.mounting ?? "") }, words)));
   const before = mounting.value;
+  const limits = robot.links.map(({ joint_limits_deg: known }, i) => ["lower", "upper"].map((end, k) => el("input", { type: "number", step: "any", min: -3600, max: 3600, value: known?.[k] ?? "", "aria-label": `Joint ${i + 1}, ${end} limit, °` })));
+  const stated = () => limits.map(([lower, upper]) => (lower.value === "" && upper.value === "" ? null : [lower, upper].map((input) => (input.value === "" ? null : Number(input.value)))));
+  const knownLimits = JSON.stringify(stated());
   const submit = async (event) => {
     event.preventDefault();
     try {
@@ -38,6 +41,11 @@ function editForm(robot) {
       if (name.value !== robot.name) changes.name = name.value;
       if (serial.value.trim() !== (robot.serial_number ?? "")) changes.serial_number = serial.value.trim() || null;
       if (mounting.value !== before) changes.mounting = mounting.value || "floor";
+      if (JSON.stringify(stated()) !== knownLimits) {
+        const half = stated().findIndex((pair) => pair?.includes(null));
+        if (half >= 0) return fill(out, el("div.problem", { role: "alert" }, el("p", {}, `Joint ${half + 1} has one limit: type both, or neither.`)));
+        changes.joint_limits_deg = stated();
+      }
       if (Object.keys(changes).length === 0) return say("Nothing was changed");
       await patch(`/v1/robots/${robot.id}`, changes);
       location.reload();
@@ -46,7 +54,9 @@ function editForm(robot) {
     }
   };
   return el("form", { submit }, el("h3", {}, "Name"), el("p.note", {}, "The serial number stands in the report, and tells two arms of one type apart. The mounting says which way the arm sags."),
-    el("div.fields", {}, field("edit-name", "Name", name), field("edit-serial", "Serial number", serial), field("edit-mounting", "Mounting", mounting)), out, el("p", {}, el("button", { type: "submit" }, "Store")));
+    el("div.fields", {}, field("edit-name", "Name", name), field("edit-serial", "Serial number", serial), field("edit-mounting", "Mounting", mounting)),
+    el("fieldset", {}, el("legend", {}, "Joint limits, °, lower and upper"), el("p.note", {}, "Pose plans and corrected programs stay within them. A joint without limits stays empty."),
+      el("div.fields", {}, limits.map((pair, i) => el("div.controls", {}, el("span", {}, `Joint ${i + 1}`), pair)))), out, el("p", {}, el("button", { type: "submit" }, "Store")));
 }
 
 /** The decision rules of ILAC-G8 and JCGM 106. */

@@ -49,7 +49,7 @@ async function toVerify(id, { stand, jobs, sets }, signal) {
 }
 
 /** An archived robot is in no list; somebody who has its address sees why. */
-const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, policy of releases, rollback, archive.")) : []);
+const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, joint limits, policy of releases, rollback, archive.")) : []);
 
 /** How a robot that is new here gets its first set. */
 const firstSteps = (robot) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, "This robot has not been calibrated yet."),

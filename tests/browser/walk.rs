@@ -183,7 +183,7 @@ async fn downloaded_plan(browser: &Browser, hall: &Plant) -> String {
 }
 
 #[test]
-fn a_plan_is_downloaded_with_a_row_for_each_pose() {
+fn a_plan_within_typed_joint_limits_is_downloaded_with_a_row_for_each_pose() {
     let Some(driver) = Driver::start() else {
         return;
     };
@@ -193,6 +193,24 @@ fn a_plan_is_downloaded_with_a_row_for_each_pose() {
     in_browser(&driver, &hall.server, async |browser: &Browser| {
         sign_in(browser, &key).await;
         browser.until_it_says("not calibrated").await;
+        browser.go(&format!("/#/robots/{robot}")).await;
+        browser.until_it_says("Name, joint limits, policy").await;
+        browser
+            .run("[...document.querySelectorAll('summary')].find((s) => s.innerText.startsWith('Name, joint limits')).click()")
+            .await;
+        browser
+            .until("document.querySelector(\"[aria-label='Joint 1, upper limit, °']\")")
+            .await;
+        let one_limit = "document.querySelectorAll(\"[aria-label^='Joint 1,']\").forEach((input, i) => { input.value = ['', 40][i]; })";
+        browser.run(one_limit).await;
+        let store = "[...document.querySelectorAll('form')].find((f) => f.innerText.includes('Joint limits')).requestSubmit()";
+        browser.run(store).await;
+        browser.until_it_says("Joint 1 has one limit").await;
+        browser
+            .run(&one_limit.replace("['', 40]", "[-20, 40]"))
+            .await;
+        browser.run(store).await;
+        browser.until_it_says("-20 to 40").await;
         browser.go(&format!("/#/robots/{robot}/plan")).await;
         browser.button("Plan").await.click().await.unwrap();
         browser.until_it_says("Joint values").await;
@@ -204,6 +222,10 @@ fn a_plan_is_downloaded_with_a_row_for_each_pose() {
             1 + 30,
             "a header and a row for each pose"
         );
+        for line in table.lines().skip(1) {
+            let q1_deg: f64 = line.split(',').nth(1).unwrap().parse().unwrap();
+            assert!((-20.0..=40.0).contains(&q1_deg), "{line}");
+        }
         browser.assert_quiet(&[]).await;
     });
 }
