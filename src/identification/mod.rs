@@ -13,6 +13,7 @@ pub mod estimate;
 pub mod evidence;
 pub mod fit;
 pub mod hand_eye;
+pub mod hidden_zeros;
 pub mod identifiability;
 pub mod linearisation;
 pub mod misfit;

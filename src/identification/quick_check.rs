@@ -287,7 +287,7 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
 }
 
 /// Orthonormal columns that span the effects of the placement on the points.
-fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
+pub(super) fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
     let mut scaled = placed.clone();
     for mut column in scaled.column_iter_mut() {
         let norm = column.norm();

@@ -99,8 +99,8 @@ pub fn verify_errors(
 }
 
 /// Reason for stating no uncertainty if the method ended at its iteration limit and no refinement followed.
-const UNFINISHED: &str = "the method did not converge: it ended at its limit of iterations, and nothing refined its answer. Ask for \
-                          `refine: true`, or for method auto";
+const UNFINISHED: &str = "the method did not converge: it ended at its limit of iterations, and nothing refined its answer. Calibrate again with \
+                          refine, or with method auto";
 
 /// What a calibration found.
 pub struct Answer<'a> {
@@ -257,13 +257,28 @@ pub fn report(
                 model: &after.model,
                 observations: &after.observed.all,
             };
-            verdict::of_another_session(&errors_mm, &fitted, &request.robot, refused_as, &scatter)
+            let order = match &request.verify {
+                VerifySource::Set(set) => set.measuring_order(),
+                _ => (0..there.len()).collect(),
+            };
+            verdict::of_another_session(
+                &errors_mm,
+                (&there, &order),
+                &fitted,
+                &request.robot,
+                refused_as,
+                &scatter,
+            )
         });
         let of_set = layout.screening.outliers.iter();
         outliers.extend(of_set.map(|outlier| per_point.len() + outlier.row));
         per_point.extend(there);
         of_verify_set = match &request.verify {
-            VerifySource::Set(set) => shows_little(&request.robot, set),
+            VerifySource::Set(set) => {
+                let placed =
+                    (layout.n_refitted() > 0).then_some((&after.model, &after.observed.all[..]));
+                shows_little(&request.robot, set, placed)
+            }
             _ => None,
         }
         .into_iter()

@@ -1,6 +1,9 @@
 //! How much of the robot the poses of a set show: range of each joint, and spread of the measured points.
 
 use crate::calibration::report::{SHOWS_LITTLE, Warning};
+use crate::identification::KinematicModel;
+use crate::identification::hidden_zeros::hidden_zeros;
+use crate::identification::objective::Observation;
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use nalgebra::Vector3;
@@ -41,9 +44,14 @@ pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)
     (spread_mm < SMALL_CLOUD * reach_mm).then_some((spread_mm, reach_mm))
 }
 
-/// Why a session is no evidence: its points have a small spread, or a joint other than the last one hardly moves. A changed robot fits such points as
-/// well as an unchanged one.
-pub fn shows_little(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
+/// Why a session is no evidence: its points have a small spread, a joint other than the last one hardly moves, or a joint's zero is taken up by base
+/// and targets. A changed robot fits such points as well as an unchanged one. `placed` is the robot whose base and targets were placed on these points,
+/// if they were.
+pub fn shows_little(
+    robot: &Robot,
+    set: &MeasurementSet,
+    placed: Option<(&KinematicModel, &[Observation])>,
+) -> Option<Warning> {
     let mut reasons = Vec::new();
     if let Some((spread_mm, reach_mm)) = narrow_cloud_mm(robot, set) {
         reasons.push(format!(
@@ -60,6 +68,17 @@ pub fn shows_little(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
         reasons.push(format!(
             "these joints move less than 20°: {}",
             still.join(", ")
+        ));
+    }
+    let hidden = placed.map_or(vec![], |(model, points)| hidden_zeros(robot, model, points));
+    let hidden: Vec<String> = hidden
+        .iter()
+        .map(|zero| format!("{} ({:.0} %)", zero.joint + 1, 100.0 * zero.share))
+        .collect();
+    if !hidden.is_empty() {
+        reasons.push(format!(
+            "base and reflector are placed on these points, which then show little of what the zeros of these joints do elsewhere: {}",
+            hidden.join(", ")
         ));
     }
     (!reasons.is_empty()).then(|| Warning {

@@ -15,6 +15,14 @@ pub enum Fit {
 }
 
 impl Fit {
+    /// The fit of a session in which the set is far off at a run of configurations (`has_run`).
+    pub fn with_run(self, has_run: bool) -> Self {
+        match self {
+            Self::Fits if has_run => Self::SetFarOff,
+            other => other,
+        }
+    }
+
     /// Its name in the database.
     pub fn as_str(self) -> &'static str {
         match self {

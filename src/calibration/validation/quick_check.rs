@@ -76,7 +76,7 @@ pub fn check_quick_check(
         return Err(unusable(
             "too_many_points",
             format!(
-                "a quick check takes at most {MOST_POINTS} points, and this set has {n_points}: post a job of kind verify, it says more"
+                "a quick check takes at most {MOST_POINTS} points, and this set has {n_points}: a verification says more"
             ),
         ));
     }
@@ -85,8 +85,8 @@ pub fn check_quick_check(
         return Err(unusable(
             "under_determined",
             format!(
-                "a quick check takes points from one station of the instrument, and these are from {stations}: upload those of one station, or post a job of \
-                 kind verify"
+                "a quick check takes points from one station of the instrument, and these are from {stations}: upload those of one station, or verify \
+                 the set on them"
             ),
         ));
     }

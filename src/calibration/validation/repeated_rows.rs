@@ -9,7 +9,8 @@
 //!   correlated with the residuals of the first and positively with those of the second. Noise that is added to a copy is not correlated with the
 //!   residuals of the original, and a copy that is only transformed has no noise.
 //!
-//! A constant displacement of each reflector in the flange frame is removed as well: somebody has mounted it again. So is a constant offset of all
+//! Another scale of all positions is removed as well: a file is easily converted to another temperature. So are a constant displacement of each
+//! reflector in the flange frame, because somebody may have mounted it again, and a constant offset of all
 //! values of the first or the last joint: it only rotates the base or the reflector, which are placed anew.
 //!
 //! Positions that differ by much more than both files scatter are no copy either: the robot has changed in between.

@@ -112,12 +112,13 @@ impl PlacedRows {
         pairs
     }
 
-    /// Removes from the differences of position what a small motion of the instrument and a reflector that was mounted again explain, in the sense of least
-    /// squares: difference = shift + rotation × position + R_flange · δ, with δ of each target in the flange frame.
+    /// Removes from the differences of position what a small motion of the instrument, another scale (positions converted to another temperature) and a
+    /// reflector that was mounted again explain, in the sense of least squares: difference = shift + rotation × position + scale · position + R_flange · δ,
+    /// with δ of each target in the flange frame.
     pub fn remove_placement(&self, pairs: &mut [Pair], points: &[Point]) {
         let rows = &self.rows;
         let n_targets = pairs.iter().map(|pair| points[pair.row].target + 1).max();
-        let n = 6 + 3 * n_targets.unwrap_or(0);
+        let n = 7 + 3 * n_targets.unwrap_or(0);
         let size_mm = rows
             .iter()
             .map(|row| row.here_mm.norm())
@@ -128,8 +129,9 @@ impl PlacedRows {
             effects.fixed_columns_mut::<3>(0).fill_with_identity();
             let turned = -row.here_mm.cross_matrix() / size_mm;
             effects.fixed_columns_mut::<3>(3).copy_from(&turned);
+            effects.set_column(6, &(row.here_mm / size_mm));
             effects
-                .fixed_columns_mut::<3>(6 + 3 * target)
+                .fixed_columns_mut::<3>(7 + 3 * target)
                 .copy_from(&row.r_flange);
             effects
         };

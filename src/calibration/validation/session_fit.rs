@@ -4,6 +4,7 @@
 //! which one is smaller. The expected errors are known from the set's own identification, where the set and the nominal robot were scored on held-out
 //! points. Errors above a share of the robot's reach ([`FITS`]) never fit, whatever is known of the set, and however few the points are.
 
+use crate::calibration::report::PointErrors;
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::identification::KinematicModel;
@@ -14,6 +15,7 @@ use crate::identification::problem::Problem;
 use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// A valid set has errors on another session below this multiple of its errors on its own held-out points: an order of magnitude.
@@ -27,6 +29,8 @@ const AS_BEFORE: f64 = 2.0;
 const FINEST: f64 = 1e-5;
 /// Ratio of rms to median of the length of a 3-D normal error: √3 over 1.5382. A few outliers do not move a median.
 const RMS_OVER_MEDIAN: f64 = 1.126;
+/// Minimum number of successive configurations of a [`FarRun`].
+const FEWEST_OF_RUN: usize = 4;
 /// Maximum number of points for estimating the scatter of a session.
 const MAX_FITTED: usize = 2_000;
 /// Minimum share of the equations that is assumed to be left by a fit of the session: priors hold what few points do not determine.
@@ -205,6 +209,49 @@ pub fn fitted_as_well_as_can_be(
     let start = vec![0.0; parameters.len()];
     let go_on = &mut |_| ControlFlow::Continue(());
     Some(estimate(&problem, &start, 0.0, go_on).model)
+}
+
+/// Successive configurations at all of whose points a set is far off, while it fits the others: the robot changed during the session.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FarRun {
+    /// Label of the first configuration.
+    pub first: String,
+    /// Number of configurations.
+    pub n_configurations: usize,
+    /// Errors of the set at their points, rms, mm.
+    pub rms_mm: f64,
+    /// Their rows, in measuring order.
+    pub rows: Vec<usize>,
+}
+
+/// The longest run of at least [`FEWEST_OF_RUN`] configurations whose errors are all above [`FAR`] times those of the held-out points. `order` has the
+/// rows of `points` in measuring order. Rows that are wrong one by one, as those of a lost beam, are outliers and no run.
+pub fn far_run(
+    points: &[PointErrors],
+    order: &[usize],
+    held_out: &HeldOut,
+    links: &[Link],
+) -> Option<FarRun> {
+    let limit_mm = FAR * held_out.identified_rms_mm.max(FINEST * reach_mm(links));
+    let error_mm = |row: &usize| {
+        let [_, links_mm, corrected_mm] = points[*row].errors_mm();
+        links_mm.min(corrected_mm)
+    };
+    let runs = order.chunk_by(|a, b| (error_mm(a) > limit_mm) == (error_mm(b) > limit_mm));
+    let far = runs.filter(|rows| error_mm(&rows[0]) > limit_mm);
+    let run = |rows: &[usize]| {
+        let labels = rows.iter().map(|row| points[*row].configuration.as_str());
+        let squares: f64 = rows.iter().map(|row| error_mm(row).powi(2)).sum();
+        FarRun {
+            first: points[rows[0]].configuration.clone(),
+            n_configurations: labels.collect::<BTreeSet<_>>().len(),
+            rms_mm: (squares / rows.len() as f64).sqrt(),
+            rows: rows.to_vec(),
+        }
+    };
+    far.map(run)
+        .filter(|run| run.n_configurations >= FEWEST_OF_RUN)
+        .max_by_key(|run| run.n_configurations)
 }
 
 /// rms of normal errors with the median of `errors_mm`.

@@ -8,7 +8,7 @@ use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::{RobustComparison, robust_comparison};
 use crate::calibration::validation::session_fit::{
-    HeldOut, SessionScatter, session_fit, times_worse,
+    FarRun, HeldOut, SessionScatter, far_run, session_fit, times_worse,
 };
 use crate::calibration::warnings::plausibility;
 use crate::calibration::warnings::refused_upload::advice;
@@ -23,7 +23,7 @@ pub const NO_BETTER: &str = "no_better_than_nominal";
 pub const WORSE_THAN_IDENTIFIED: &str = "worse_than_identified";
 /// Warning: a parameter set misses a session by several times the error of a robot that is fitted to that session alone.
 pub const MISSES_SESSION: &str = "misses_session";
-const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is frame=instrument), with joints counted otherwise, or of another robot";
+const WHY_NOT: &str = "Is it in another frame (a tracker's own frame is the frame instrument), with joints counted otherwise, or of another robot";
 
 /// Verdict of the points on the parameter set.
 pub struct Verdict {
@@ -35,6 +35,8 @@ pub struct Verdict {
     pub fit: Fit,
     /// Errors on held-out points when the set was identified.
     pub held_out: Option<HeldOut>,
+    /// Configurations at which the set is far off, although it fits the session as a whole. `fit` is then [`Fit::SetFarOff`].
+    pub far_run: Option<FarRun>,
     /// See [`times_worse`]; `None` if the set's errors at its identification are unknown.
     pub times_worse: Option<f64>,
     /// See [`SessionScatter::times`].
@@ -99,6 +101,18 @@ impl Verdict {
                 ),
             ),
             _ if !self.is_identified => return None,
+            Fit::SetFarOff if let Some(run) = &self.far_run => {
+                return Some(Warning {
+                    code: SET_FAR_OFF,
+                    detail: format!(
+                        "at {} successive configurations, from {:?} on, the calibrated robot misses by {:.4} mm rms; at most of the others it \
+                         fits{at_identification}: the robot, its tool or the instrument has changed during the session. Check the robot, and measure a \
+                         session anew",
+                        run.n_configurations, run.first, run.rms_mm
+                    ),
+                    rows: run.rows.clone(),
+                });
+            }
             Fit::SetFarOff => (
                 SET_FAR_OFF,
                 format!(
@@ -196,9 +210,11 @@ pub fn no_fit(
 }
 
 /// Judges the identified robot by another session. `errors_mm` are as in [`session_fit`], `fitted` are the errors of the points that it was
-/// identified from. Warns if the session does not fit the robot, or if it fits and the set misses it by far.
+/// identified from, `points` all points of the session and `order` their measuring order. Warns if the session does not fit the robot, or if it fits and
+/// the set misses it by far.
 pub fn of_another_session(
     errors_mm: &[[f64; 3]],
+    (points, order): (&[PointErrors], &[usize]),
     fitted: &SubsetErrors,
     robot: &Robot,
     refused_as: Option<&str>,
@@ -209,8 +225,12 @@ pub fn of_another_session(
         identified_rms_mm: fitted.after.rms_mm,
     };
     let comparison = robust_comparison(errors_mm);
+    let far_run = far_run(points, order, &held_out, &robot.links);
+    let fit = session_fit(errors_mm, Some(&held_out), robot, || scatter.own_mm());
     let verdict = Verdict {
         is_identified: true,
+        fit: fit.with_run(far_run.is_some()),
+        far_run,
         times_worse: times_worse(
             comparison.after_rms_mm,
             held_out.identified_rms_mm,
@@ -218,7 +238,6 @@ pub fn of_another_session(
         ),
         times_its_scatter: scatter.times(comparison.after_rms_mm, &robot.links),
         comparison,
-        fit: session_fit(errors_mm, Some(&held_out), robot, || scatter.own_mm()),
         held_out: Some(held_out),
         refused_as: refused_as.map(str::to_owned),
     };

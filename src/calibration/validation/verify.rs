@@ -16,7 +16,7 @@ use crate::calibration::validation::errors::{
 };
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{
-    SessionScatter, nominal_fit, session_fit, times_worse,
+    SessionScatter, far_run, nominal_fit, session_fit, times_worse,
 };
 use crate::calibration::validation::verdict::{NO_BETTER, Verdict};
 use crate::calibration::validation::verification_set::{Layout, Placed, n_stations};
@@ -27,6 +27,7 @@ use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, cost};
+use crate::identification::start::fit_base_and_targets;
 use crate::measurement::set::n_shared_points;
 use crate::measurement::{Frame, MeasurementSet};
 use crate::solvers::watch::Watch;
@@ -50,7 +51,7 @@ const BASE_PLACED_ANEW: &str = "the positions are in the base frame, but the bas
 /// Reason if points in the instrument's frame are scored on a set whose base was identified in the base frame.
 const BASE_NOT_MEASURED: &str = "the parameter set was identified from positions in the base frame, and these are in the instrument's frame, where the \
                                  base is placed anew: they show the links, and a wrong base does not show. No evidence for a release. Measure the \
-                                 base frame anew and upload a session as frame=base, or identify in the instrument's frame, where no base is used";
+                                 base frame anew and upload a session in the frame base, or identify in the instrument's frame, where no base is used";
 
 /// A parameter set and the nominal robot, scored on a request's points.
 struct Scored {
@@ -106,9 +107,13 @@ pub enum Serves {
 /// What the request's set can be used for. `refit`: base and targets are placed anew instead of taken as they are.
 pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
     let set = &request.set;
-    if let Err(error) = check_enough(&observe_to_verify(request).all, set, refit) {
+    let points = observe_to_verify(request).all;
+    if let Err(error) = check_enough(&points, set, refit) {
         return Serves::Nothing(error.to_string());
     }
+    let is_placed = refit && n_stations(set) == 1;
+    let nominal =
+        is_placed.then(|| fit_base_and_targets(&request.robot.links, &points, set.n_targets()));
     let n_placed = n_placed_where(refit, set);
     let n_points = set.points.len();
     let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
@@ -122,7 +127,11 @@ pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
         Serves::Scores(format!(
             "so few points are no evidence for a release: {of_targets}"
         ))
-    } else if let Some(warning) = shows_little(&request.robot, set) {
+    } else if let Some(warning) = shows_little(
+        &request.robot,
+        set,
+        nominal.as_ref().map(|model| (model, &points[..])),
+    ) {
         Serves::Scores(warning.detail)
     } else if set.frame == Frame::Base && n_placed > 0 {
         Serves::Scores("its base is placed anew, so that a wrong base does not show".into())
@@ -365,6 +374,10 @@ fn report(
         model: &scored.after.model,
         observations: &scored.after.observed.all,
     };
+    let held_out = request.held_out.as_ref().filter(|_| is_identified);
+    let order = request.set.measuring_order();
+    let far_run =
+        held_out.and_then(|held_out| far_run(&per_point, &order, held_out, &request.robot.links));
     let verdict = Verdict {
         is_identified,
         times_its_scatter: is_identified
@@ -381,7 +394,8 @@ fn report(
                 request.held_out.as_ref(),
                 &request.robot,
                 || scatter.own_mm(),
-            ),
+            )
+            .with_run(far_run.is_some()),
             false => nominal_fit(
                 &request.robot,
                 &scored.after.model,
@@ -389,6 +403,7 @@ fn report(
                 scored.n_refitted,
             ),
         },
+        far_run,
         held_out: request.held_out,
         refused_as: request.refused_as.clone(),
     };
@@ -460,7 +475,9 @@ fn warnings(
     scored: &Scored,
     verify: &SubsetErrors,
 ) -> Vec<Warning> {
-    let shows_little = shows_little(&request.robot, &request.set);
+    let after = &scored.after;
+    let placed = (scored.n_refitted > 0).then_some((&after.model, &after.observed.all[..]));
+    let shows_little = shows_little(&request.robot, &request.set, placed);
     // points that show little do not show that a set is no better, either
     let told = verdict.warning();
     let told = told.filter(|told| told.code != NO_BETTER || shows_little.is_none());

@@ -68,7 +68,7 @@ pub fn what_next(found: &Found<'_>) -> String {
         ),
         hidden => format!(
             "{said}. In the instrument's frame, base and reflector are placed anew, and these poses do not show {}: to check these too, measure {FEWEST} poses in the \
-             base frame (frame=base)",
+             base frame",
             names(hidden)
         ),
     }
@@ -89,7 +89,7 @@ fn placement(found: &Found<'_>) -> usize {
 
 fn full(found: &Found<'_>) -> String {
     let n = poses_for(LINK * found.n_links + BASE + TARGET * found.n_targets);
-    format!("calibrate anew from {n} poses over the whole workspace (`kincal plan` chooses them)")
+    format!("calibrate anew from {n} poses over the whole workspace (a pose plan chooses them)")
 }
 
 fn holds(found: &Found<'_>) -> String {
@@ -134,7 +134,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
     };
     if found.blind.is_empty() {
         let frame = match found.is_base_hidden {
-            true => " and in the base frame (frame=base)",
+            true => " and in the base frame",
             false => "",
         };
         return format!(
@@ -187,7 +187,7 @@ fn changed(found: &Found<'_>) -> String {
     } else {
         let one = cause.name.split(' ').next().unwrap_or(&cause.name);
         format!(
-            "measure {} poses over the workspace and identify {one} alone (`parameters: {{\"identify\": [\"{one}\"], \"rest\": \"parameter_set\"}}`); if the \
+            "measure {} poses over the workspace and identify {one} alone, with the rest held at the parameter set; if the \
              result does not verify, {}",
             poses_for(1 + placement(found)),
             full(found)
