@@ -39,8 +39,10 @@ struct UrdfJoint {
     child: String,
     joint: ChainJoint,
     place: OriginPlace,
-    /// Why a chain with this joint is refused.
-    fault: Option<Invalid>,
+    /// Byte at which its element begins.
+    start: usize,
+    /// Why a chain with this joint is refused. The message is written only if it is needed: it counts the lines before the joint.
+    fault: Option<&'static str>,
 }
 
 /// Position of an `<origin>` element in the text: the ranges of the values of its attributes, and the place where an attribute or the element would
@@ -171,10 +173,14 @@ impl<'t> Urdf<'t> {
         };
         for index in &indices {
             let UrdfJoint {
-                name, kind, fault, ..
+                name,
+                kind,
+                fault,
+                start,
+                ..
             } = &self.joints[*index];
             if let Some(fault) = fault {
-                return Err(fault.clone());
+                return Err(wrong_joint(self.text, *start, name, fault));
             }
             if !["revolute", "continuous", "fixed"].contains(&kind.as_str()) {
                 let detail = format!(
@@ -339,15 +345,19 @@ impl<'t> Urdf<'t> {
     }
 }
 
+/// The refusal of a joint whose element begins at byte `start`.
+fn wrong_joint(text: &str, start: usize, name: &str, what: &str) -> Invalid {
+    let line = 1 + text[..start].matches('\n').count();
+    invalid(
+        "invalid_joint",
+        format!("line {line}: joint {name:?} {what}"),
+    )
+}
+
 fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     let name = node.attribute("name").unwrap_or_default().to_owned();
-    let wrong = |what: &str| {
-        let row = node.document().text_pos_at(node.range().start).row;
-        invalid(
-            "invalid_joint",
-            format!("line {row}: joint {name:?} {what}"),
-        )
-    };
+    let start = node.range().start;
+    let wrong = |what: &str| wrong_joint(text, start, &name, what);
     let child = |tag: &str| node.children().find(|child| child.has_tag_name(tag));
     let link = |tag: &str| {
         child(tag)
@@ -372,10 +382,10 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
     let axis = Vector3::from(three(child("axis"), "xyz", [1.0, 0.0, 0.0])?);
     let is_moving = kind != "fixed";
     let fault = match is_moving {
-        true if axis.norm() < 1e-6 => Some(wrong("has an axis of no length")),
-        true if child("mimic").is_some() => Some(wrong(
-            "mimics another: such couplings cannot be calibrated from a URDF",
-        )),
+        true if axis.norm() < 1e-6 => Some("has an axis of no length"),
+        true if child("mimic").is_some() => {
+            Some("mimics another: such couplings cannot be calibrated from a URDF")
+        }
         _ => None,
     };
     let limit = |name: &str| {
@@ -421,6 +431,7 @@ fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
         kind,
         joint: chain_joint,
         place,
+        start,
         fault,
     })
 }

@@ -1,5 +1,5 @@
 //! Checks of a measurement set when it is uploaded. They only warn: a set that is too small to identify from may still serve to verify. The message
-//! then states what a job of kind verify would find.
+//! then states what a verification would find.
 
 pub mod alignment;
 pub mod rotations;
@@ -53,7 +53,7 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     };
     if let Alignment::Misses(rms_mm) = align(robot, set) {
         let detail = format!(
-            "kept, but too small to identify from, and as it was read it does not fit this robot ({rms_mm:.1} mm rms): a job of kind verify would find \
+            "kept, but too small to identify from, and as it was read it does not fit this robot ({rms_mm:.1} mm rms): a verification would find \
              that, and the robot would have to be checked: {detail}"
         );
         return Some(warning("under_determined", detail));
@@ -68,10 +68,10 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     };
     let serves = match serves(&request, refit) {
         Serves::Evidence => format!(
-            "kept: too small to identify from, it can serve to verify (a job of kind verify) a parameter set {of_which}{of_targets}"
+            "kept: too small to identify from, it can serve to verify a parameter set {of_which}{of_targets}"
         ),
         Serves::Scores(why) => format!(
-            "kept: too small to identify from; a job of kind verify scores a parameter set on it, but {why}"
+            "kept: too small to identify from; a verification scores a parameter set on it, but {why}"
         ),
         Serves::Nothing(why) => {
             format!(

@@ -54,7 +54,7 @@ impl Suspicion {
     /// The message if the set is not kept.
     pub fn refusal(&self) -> String {
         format!(
-            "{}{} To keep it as it is all the same: ?insist={}, and no release rests on it",
+            "{}{} To keep it all the same, insist on {}: no release then rests on it",
             self.detail,
             if self.detail.ends_with('?') { "" } else { "." },
             self.code

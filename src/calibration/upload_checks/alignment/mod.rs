@@ -19,9 +19,9 @@ use crate::identification::parameters::placement_parameters;
 use crate::kinematics::{Link, Robot};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
-use fitting::{placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
+use fitting::{Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use suspect::Suspect;
+use suspect::{Suspect, What};
 
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,17 +134,20 @@ pub fn explain(
     };
     let explains = |rms_mm: f64| BETTER * rms_mm <= off_mm && !is_unmastered(rms_mm);
     let best = best.filter(|best| explains(best.rms_mm));
+    let free = (set.frame == Frame::Base).then(|| suspect.in_another_frame());
+    let free = free.flatten().filter(|free| explains(free.rms_mm));
     // joint 1's zero, shifted by quarter turns, looks like a rotated frame: frames are tried before zeros
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
         && !best.what.is_turned()
     {
-        return Explanation::Refusal(suspect.suspicion(best, others));
+        return match free.filter(|free| Suspect::are_equal(free, best)) {
+            Some(free) if matches!(best.what, What::Joints(_)) => {
+                suspect.frame_or_joints(&free, best)
+            }
+            _ => Explanation::Refusal(suspect.suspicion(best, others)),
+        };
     }
-    if set.frame == Frame::Base
-        && let Some(free) = suspect
-            .in_another_frame()
-            .filter(|free| explains(free.rms_mm))
-    {
+    if let Some(free) = free {
         return suspect.frame(&free, "");
     }
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
@@ -159,17 +162,16 @@ pub fn explain(
     if let Some(best) = best.filter(|best| best.rms_mm <= suspect.near_mm) {
         return Explanation::Refusal(suspect.suspicion(&best, others));
     }
-    if let Some(zeros) = zeros
-        .as_ref()
-        .filter(|zeros| zeros.rms_mm <= suspect.near_mm && BETTER * zeros.rms_mm <= off_mm)
-        && let Some(explanation) = suspect.unmastered(zeros)
-    {
-        return explanation;
-    }
-    if set.frame == Frame::Base
-        && let Some(explanation) = suspect.frame_and_joints()
-    {
-        return explanation;
-    }
-    suspect.poor(zeros.as_ref())
+    let comes_near =
+        |zeros: &&Zeroed| zeros.rms_mm <= suspect.near_mm && BETTER * zeros.rms_mm <= off_mm;
+    let near = zeros.as_ref().filter(comes_near);
+    let is_usual = |zeros: &&Zeroed| zeros.largest_rad() <= UNMASTERED_RAD;
+    near.filter(is_usual)
+        .and_then(|zeros| suspect.unmastered(zeros))
+        .or_else(|| {
+            let is_base = set.frame == Frame::Base;
+            is_base.then(|| suspect.frame_and_joints()).flatten()
+        })
+        .or_else(|| suspect.unmastered(near?))
+        .unwrap_or_else(|| suspect.poor(zeros.as_ref()))
 }

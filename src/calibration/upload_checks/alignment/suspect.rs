@@ -2,7 +2,7 @@
 
 use super::convention::Convention;
 use super::explanation::{
-    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, observations, of_one_station,
+    BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD, observations, of_one_station,
 };
 use super::fitting::{
     Fitted, Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros,
@@ -20,6 +20,10 @@ const EQUALLY_GOOD: f64 = 2.0;
 const TRIED_THOROUGHLY: usize = 8;
 /// Minimum number of distinct poses for refusing a set that nothing explains.
 const FEWEST_POSES: usize = 5;
+/// Maximum number of joints for trying all signs.
+const MOST_JOINTS: usize = 7;
+/// Minimum number of distinct poses for telling that other signs fit as well.
+const FEWEST_FOR_SIGNS: usize = 12;
 /// Zero errors of a joint below this are not reported, degrees.
 const OFFSET_DEG: f64 = 0.3;
 
@@ -98,6 +102,11 @@ impl<'a> Suspect<'a> {
             frame,
             0.5 * self.fits_mm,
         )
+    }
+
+    /// True if both fit equally well.
+    pub fn are_equal(free: &Fitted, supposed: &Supposed) -> bool {
+        free.rms_mm <= EQUALLY_GOOD * supposed.rms_mm
     }
 
     /// The fit if the positions are in an instrument's frame.
@@ -246,6 +255,19 @@ impl<'a> Suspect<'a> {
                 });
                 let sees_last_direction = supposed.zeros.is_some()
                     || self.sees_last_direction(convention, supposed.rms_mm);
+                let other = self.other_signs(convention, supposed.rms_mm);
+                let or = other.as_ref().map_or(or, |other| {
+                    let differs = |joint: &usize| {
+                        convention.reversed[*joint] != other.reversed[*joint]
+                    };
+                    let joint = (0..self.robot.links.len()).find(differs).unwrap_or(0) + 1;
+                    format!(
+                        ". It fits as well if {}: then the joint_map is {}, and the base is turned otherwise. These points cannot tell which of both it \
+                         is: move joint {joint} alone at the controller and look which way it turns, or measure in the base frame",
+                        other.words(),
+                        in_words(&other.joint_map(self.robot))
+                    )
+                });
                 let unseen = match sees_last_direction {
                     true => String::new(),
                     false => format!(
@@ -257,10 +279,60 @@ impl<'a> Suspect<'a> {
                     "{as_it_is}; if {words}, it fits to {found_mm} mm: if the controller counts so, the robot's joint_map is {map_text}{unseen}{or}"
                 );
                 Suspicion {
-                    joint_map: Some(map),
+                    joint_map: other.is_none().then_some(map),
                     ..suspicion("joint_map_suspect", Some(convention.columns()), detail)
                 }
             }
+        }
+    }
+
+    /// Other signs with which the points fit as well, because the arm is symmetric: turning the base by 180° has the effect of reversing joints. `None`
+    /// for few points, which several conventions fit by chance.
+    fn other_signs(&self, convention: &Convention, rms_mm: f64) -> Option<Convention> {
+        let n = self.robot.links.len();
+        let is_simple = convention.coupling == 0.0 && !convention.is_turned();
+        if !is_simple || n > MOST_JOINTS || self.n_poses() < FEWEST_FOR_SIGNS {
+            return None;
+        }
+        let with = |pattern: usize| Convention {
+            reversed: (0..n)
+                .map(|joint| convention.reversed[joint] ^ (pattern >> joint & 1 == 1))
+                .collect(),
+            ..convention.clone()
+        };
+        let fits = |other: &Convention| {
+            let points = other.observations(&self.observations);
+            quickly_placed(&self.robot.links, &points, self.frame)
+                .is_some_and(|found| found.rms_mm <= EQUALLY_GOOD * rms_mm)
+        };
+        // the direction of the last joint alone is told separately
+        let last = 1 << (n - 1);
+        (1..1 << n)
+            .filter(|pattern| *pattern != last)
+            .map(with)
+            .filter(|other| other.complexity() > 0)
+            .find(fits)
+    }
+
+    /// The refusal if another frame and another joint convention fit equally well.
+    pub fn frame_or_joints(&self, free: &Fitted, supposed: &Supposed) -> Explanation {
+        let What::Joints(convention) = &supposed.what else {
+            return self.frame(free, "");
+        };
+        let or = format!(
+            ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one the base is turned",
+            convention.words(),
+            in_words(&convention.joint_map(self.robot))
+        );
+        match self.frame(free, "") {
+            Explanation::Refusal(suspicion) => Explanation::Refusal(Suspicion {
+                detail: suspicion.detail + &or,
+                ..suspicion
+            }),
+            Explanation::Warning { code, detail } => Explanation::Warning {
+                code,
+                detail: detail + &or,
+            },
         }
     }
 
@@ -290,12 +362,12 @@ impl<'a> Suspect<'a> {
             return Explanation::Warning {
                 code: "frame_suspect",
                 detail: format!(
-                    "{detail}: check the base frame, or read them with ?frame=instrument"
+                    "{detail}: check the base frame, or read them in the frame instrument"
                 ),
             };
         }
         let detail = format!(
-            "{detail}: these are positions in the instrument's frame; read them with ?frame=instrument"
+            "{detail}: these are positions in the instrument's frame; read them in the frame instrument"
         );
         Explanation::Refusal(suspicion("frame_suspect", None, detail))
     }
@@ -310,7 +382,7 @@ impl<'a> Suspect<'a> {
         let fits = |rms_mm: f64| rms_mm <= self.fits_mm && BETTER * rms_mm <= self.off_mm;
         if let Some(zeros) = self
             .zeros(Frame::Instrument)
-            .filter(|zeros| fits(zeros.rms_mm))
+            .filter(|zeros| fits(zeros.rms_mm) && zeros.largest_rad() <= UNMASTERED_RAD)
         {
             let also = format!(
                 ", and with joint values that are off by {}",
