@@ -100,42 +100,11 @@ export const gateTitle = ({ gate, passed, warning }) => (passed ? warning && REM
 export const gateDetail = (detail) => plain(detail).replace(/^(\w+): /, (all, code) => (EVIDENCE[code] ? "" : all));
 export const correctionTitle = (kind) => CORRECTIONS[kind] ?? sentence(kind);
 
-/** What the service says to programs, and what a page says instead: queries, options of the command line, routes, fields of a request. */
-const FOR_PROGRAMS = [
-  [/\?columns=.*? \(--(?:"(?:[^"\\]|\\.)*"|[^)"])*\)/gu, "the choices below"],
-  [/[.;,:]? ?To keep it as it is all the same: \?insist=\w+, and no release rests on it/g, ""],
-  [/\.? If they are right all the same, insist: \?insist=\w+/g, ""],
-  [/[;,:]? (?:name it [^;,]*, )?(?:or )?(?:say|state|name)(?: so| it once| it| which| what it is| which it is| which it is by its number)?,? (?:in|by)? ?\?columns=(?:\{[^}]*\})? ?\(--columns\)/g, ""],
-  [/ (?:in|by) \?columns=(?:\{[^}]*\})?(?: \(--columns\))?/g, " below"],
-  [/[;,]? (?:or )?read them with \?frame=instrument/g, ""],
-  [/the session set_\w+ \(job (job_\w+)\)/g, "the session of job $1"],
-  [/: post a job of kind verify with (?:measurement_set_id \w+ and )?parameter_set_id \w+/g, ""], [/POST \/v1\/robots\/\{robot_id\}\/checked with the reason/g, "say so on the robot's page, with the reason"],
-  [/ \(a job of kind verify\)/g, ""],
-  [/[,;]? and post a job of kind verify/g, ", and verify with it"],
-  [/ with jobs of kind verify/g, " by verifications"],
-  [/: post a job with verify, or of kind verify/g, ": verify with another session"],
-  [/: post a job of kind verify, it says more/g, ": a verification says more"],
-  [/(state|say) why ([^:]*): POST \/v1\/robots\/\{robot_id\}\/checked/g, "$1 on the robot's page why $2"],
-  [/,? ?with POST \/v1\/[\w/{}-]+/g, ""],
-  [/a job of kind verify/g, "a verification"],
-  [/Ask for `refine: true`, or for method auto/g, "Calibrate again with the automatic method"],
-  [/ask for model "?complete"?/g, "choose the complete model under More choices"],
-  [/ask for method "auto" or "least_squares"/g, "choose the automatic method or least squares"],
-  [/ \(`kincal plan` chooses them\)/g, " (the page Plan poses chooses them)"],
-  [/ \(`(?:kincal|parameters)[^`]*`\)/g, ""],
-  [/ \(frame=(?:base|instrument)\)/g, ""],
-  [/State frame=base, or frame=instrument if/g, "State the frame, or choose the instrument's frame if"],
-  [/or set tolerance_mm/g, "or set a tolerance in the robot's policy of releases"],
-  [/tolerance_mm/g, "tolerance"],
-  [/set decision_rule simple_acceptance/g, "choose simple acceptance in the robot's policy of releases"],
-  [/, rule (guarded|simple)_acceptance/g, ", rule: $1 acceptance"],
-  [/\((guarded|simple)_acceptance\)/g, "($1 acceptance)"],
-  [/(?:was )?accepted with insist(?: \(\w+\))?/g, "was insisted on"],
-  [/([?!])\.$/, "$1"],
-];
+/** A mapping of columns in a sentence. The page has choices for it instead, below the sentence. */
+const MAPPING = / in the column mapping: \{(?:"(?:[^"\\]|\\.)*"|[^{}"]|\{(?:"(?:[^"\\]|\\.)*"|[^{}"])*\})*\}(?: \(or [^)]*\))?/gu;
 
-/** A sentence of the service without what is meant for programs only. */
-export const plain = (text) => FOR_PROGRAMS.reduce((said, [pattern, words]) => said.replace(pattern, words), String(text));
+/** A sentence of the service, without what only programs need. */
+export const plain = (text) => String(text).replace(MAPPING, " below").replace(/([?!])\.$/, "$1");
 
 /** What an instrument states of its noise and its level. */
 export function instrument({ range_std_mm: range, range_std_mm_per_m: perMetre, angle_std_deg: angle, levelled }) {

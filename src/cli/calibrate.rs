@@ -4,10 +4,11 @@ use super::files::{cannot_be_used, fault, parse_json, read};
 
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
+use super::remedy::with_options;
 use super::robots::Mounted;
 use super::robots_library::ready_arm;
 use super::table;
-use super::terminal::{Output, in_commands, plain};
+use super::terminal::{Output, plain};
 use super::usage::Usage;
 use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::upload_checks::{
@@ -232,12 +233,12 @@ fn check_rotations(
         print_warning(ROTATION_SUSPECT, &detail);
         return Ok(Some(ROTATION_SUSPECT));
     }
-    let detail = format!("{detail}. If they are right all the same: --insist {ROTATION_SUSPECT}");
+    let detail = format!("{detail}. To keep them all the same: --insist {ROTATION_SUSPECT}");
     Err(Usage(format!("{} cannot be used: {detail}", path.display())).into())
 }
 
 fn print_warning(code: &str, detail: &str) {
-    let detail = in_commands(detail);
+    let detail = with_options(detail);
     eprintln!("warning: {} ({code}): {detail}", words::warning(code));
 }
 
@@ -257,10 +258,10 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
             ),
         };
     };
-    let refused = refused_as(report).map(|refused| in_commands(remedy_of_refusal(refused)));
+    let refused = refused_as(report).map(remedy_of_refusal);
     let next = match code {
         "insisted_upload" | "session_does_not_fit" if refused.is_some() => {
-            refused.as_deref().unwrap_or_default()
+            refused.unwrap_or_default()
         }
         "model_too_small" => {
             "identify with --model complete, or with --frame instrument if the positions are in an instrument's frame"

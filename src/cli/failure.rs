@@ -1,6 +1,7 @@
 //! Failed requests: their messages, and whether a retry makes sense.
 
 use super::files;
+use super::remedy::in_commands;
 use crate::wire::Problem;
 use reqwest::header::{HeaderMap, RETRY_AFTER};
 use std::time::Duration;
@@ -160,7 +161,7 @@ impl Refused {
         let text = match faults.as_slice() {
             [fault] if is_repeated => format!("{fault} ({code})"),
             several if is_repeated => format!("{} faults ({code}){more}", several.len()),
-            _ => format!("{detail} ({code}){more}"),
+            _ => format!("{} ({code}){more}", in_commands(code, detail)),
         };
         let next = match self.status {
             401 => "\nnext: give the key with --key or in KINCAL_KEY",

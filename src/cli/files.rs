@@ -1,6 +1,6 @@
 //! Input files: reading them, and the messages about files that cannot be used.
 
-use super::terminal::in_commands;
+use super::remedy::in_commands;
 use super::usage::Usage;
 use crate::measurement::RotationConvention;
 use crate::measurement::rotation_convention::CONVENTIONS;
@@ -119,7 +119,7 @@ pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
 
 /// Place and detail of an issue. The place is stated once, and has the line of the file if its bytes are given.
 pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
-    let detail = in_commands(&issue.detail);
+    let detail = in_commands(&issue.code, &issue.detail);
     let Some(row) = issue.row else {
         let says_it = issue
             .column

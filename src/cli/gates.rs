@@ -1,9 +1,10 @@
 //! `kincal gates`: checks the gates of a release, without releasing.
 
 use super::client::ServerArguments;
+use super::remedy::in_commands;
 use super::runtime::block_on;
 use super::terminal;
-use super::terminal::{Output, in_commands, plain};
+use super::terminal::{Output, plain};
 use serde_json::Value;
 
 /// Check the gates of a release of a parameter set, without releasing it.
@@ -49,11 +50,12 @@ fn gate_lines(found: &Value) -> String {
             (_, Value::Bool(true)) => "warning",
             _ => "passed",
         };
-        format!(
-            "{word:<8} {:<30} {}\n",
-            plain(gate["gate"].as_str().unwrap_or_default()),
-            plain(&in_commands(gate["detail"].as_str().unwrap_or_default()))
-        )
+        let text = |field: &str| gate[field].as_str().unwrap_or_default().to_owned();
+        let (name, mut detail) = (text("gate"), text("detail"));
+        if word == "REFUSED" {
+            detail = in_commands(&name, &detail);
+        }
+        format!("{word:<8} {:<30} {}\n", plain(&name), plain(&detail))
     };
     found["gates"]
         .as_array()

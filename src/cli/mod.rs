@@ -33,6 +33,7 @@ mod policy;
 mod predict;
 mod program;
 mod references;
+mod remedy;
 mod report;
 mod robots;
 mod robots_library;
@@ -219,7 +220,7 @@ pub fn main() -> ExitCode {
         Ok(()) if terminal::is_complete() => ExitCode::SUCCESS,
         Ok(()) => ExitCode::FAILURE,
         Err(error) => {
-            let text = terminal::in_commands(&format!("{error:#}"));
+            let text = remedy::with_options(&format!("{error:#}"));
             eprintln!("kincal: {}", terminal::plain(&text));
             let is_usage = error.is::<usage::Usage>()
                 || error

@@ -6,9 +6,10 @@ use super::failure::Refused;
 use super::files::cannot_be_used;
 use super::measured::{Measured, TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
+use super::remedy::{in_commands, with_options};
 use super::runtime::block_on;
 use super::table;
-use super::terminal::{Output, in_commands, plain};
+use super::terminal::{Output, plain};
 use super::usage::Usage;
 use crate::release::unusable_because;
 use crate::report_page::words;
@@ -187,7 +188,13 @@ async fn next_step(client: &Client, id: &str, sets: &[Value]) -> anyhow::Result<
     }
     let failed = answer.gates.iter().filter(|gate| !gate.passed);
     let failed: String = failed
-        .map(|gate| format!("  {}: {}\n", gate.gate, in_commands(&gate.detail)))
+        .map(|gate| {
+            format!(
+                "  {}: {}\n",
+                gate.gate,
+                in_commands(&gate.gate, &gate.detail)
+            )
+        })
         .collect();
     Ok(format!(
         "not releasable yet (kincal params --gates {id}):\n{failed}"
@@ -268,7 +275,7 @@ async fn upload(
             warning["code"].as_str().unwrap_or_default(),
             warning["detail"].as_str().unwrap_or_default(),
         );
-        let detail = in_commands(detail);
+        let detail = with_options(detail);
         eprintln!("warning: {} ({code}): {detail}", words::warning(code));
     }
     if !arguments.output.json {

@@ -1,7 +1,7 @@
 //! A report as text for a terminal.
 
 use super::check_table::quick_check;
-use super::terminal::in_commands;
+use super::remedy::with_options;
 use crate::release::{why_no_evidence, why_same_upload};
 use crate::report_page::words;
 use crate::wire::job::{Method, Model};
@@ -31,7 +31,7 @@ pub fn report(report: &Report) -> String {
                 "\nwarning: {} ({}): {}",
                 words::warning(&warning.code),
                 warning.code,
-                in_commands(&warning.detail)
+                with_options(&warning.detail)
             ),
         );
         let advice = words::advice(&warning.code, &report.warnings);

@@ -23,18 +23,16 @@ pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Err
 /// Refuses an archived robot.
 pub fn require_in_use(robot: &RobotRow) -> Result<(), Error> {
     match robot.archived_at_ms {
-        Some(_) => Err(archived("robot", "robots", &robot.id)),
+        Some(_) => Err(archived("robot", &robot.id)),
         None => Ok(()),
     }
 }
 
 /// The error for an archived item, with its remedy.
-pub fn archived(what: &str, path: &str, id: &str) -> Error {
+pub fn archived(what: &str, id: &str) -> Error {
     Error::Conflict {
         code: "archived",
-        detail: format!(
-            "the {what} {id} is archived: restore it first, with POST /v1/{path}/{id}/restore"
-        ),
+        detail: format!("the {what} {id} is archived: restore it first"),
         errors: vec![],
     }
 }

@@ -116,9 +116,8 @@ async fn job(
     let row = access::job(app, &submission.caller, id).await?;
     let not_archivable = (!row.status.is_over()).then(|| {
         format!(
-            "the job is {}: wait until it is over, or cancel it with POST /v1/jobs/{}/cancel",
-            row.status.as_str(),
-            row.id
+            "the job is {}: wait until it is over, or cancel it",
+            row.status.as_str()
         )
     });
     let item = Item {

@@ -21,9 +21,7 @@ pub enum Error {
     #[error("there is no {0} with this id")]
     NotFound(&'static str),
     /// The robot has no released parameter set.
-    #[error(
-        "the robot has no released parameter set: release one with POST /v1/parameter-sets/{{id}}/release"
-    )]
+    #[error("the robot has no released parameter set: release one first")]
     NoActiveParameterSet,
     /// The contract has no such path.
     #[error("this path does not exist; /openapi.yaml lists all paths")]
@@ -218,11 +216,9 @@ fn from_store(error: &store::Error) -> Problem {
         E::Conflict(Conflict::RefusedBySchema { .. }) => {
             (409, "release_refused", format!("{error}: see its gates"))
         }
-        E::Conflict(Conflict::RobotArchived) => (
-            409,
-            "archived",
-            format!("{error}: restore it first, with POST /v1/robots/{{robot_id}}/restore"),
-        ),
+        E::Conflict(Conflict::RobotArchived) => {
+            (409, "archived", format!("{error}: restore it first"))
+        }
         E::Conflict(Conflict::NotArchivable { .. }) => (409, "not_archivable", error.to_string()),
         E::Conflict(Conflict::RobotChanged) => (
             409,

@@ -82,8 +82,7 @@ pub async fn load(
     access::require_in_use(&robot)?;
     for row in sets.iter().chain(verify_set.iter().map(|set| &set.row)) {
         if row.archived_at_ms.is_some() {
-            let (what, path) = ("measurement set", "measurement-sets");
-            return Err(access::archived(what, path, &row.id));
+            return Err(access::archived("measurement set", &row.id));
         }
     }
     if let Some(set) = &parameter_set {
@@ -250,7 +249,7 @@ fn held_is_withdrawn(id: &str) -> Error {
 /// Refuses a parameter set that is archived, or that was identified with another joint map.
 fn check_parameter_set(set: &ParameterSetRow, robot: &RobotRow) -> Result<(), Error> {
     if set.archived_at_ms.is_some() {
-        return Err(access::archived("parameter set", "parameter-sets", &set.id));
+        return Err(access::archived("parameter set", &set.id));
     }
     if set.joint_map_version != robot.joint_map_version {
         return Err(Error::Conflict {
@@ -268,7 +267,7 @@ fn check_parameter_set(set: &ParameterSetRow, robot: &RobotRow) -> Result<(), Er
 /// Refuses a network that is archived, or that was trained with another joint map.
 fn check_network(network: &NetworkRow, robot: &RobotRow) -> Result<(), Error> {
     if network.archived_at_ms.is_some() {
-        return Err(access::archived("network", "networks", &network.id));
+        return Err(access::archived("network", &network.id));
     }
     if network.joint_map_version != robot.joint_map_version {
         return Err(calibration::Error::Unusable {

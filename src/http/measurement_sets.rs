@@ -288,8 +288,8 @@ const MAX_WARNED_ROWS: usize = 20;
 
 /// Warning for an upload that does not declare its frame.
 fn frame_assumed() -> Warning {
-    let detail = "the upload does not state the frame of its positions; the robot's base frame is assumed. State frame=base, or frame=instrument \
-                  if base pose and targets are unknown";
+    let detail = "the upload does not state the frame of its positions; the robot's base frame is assumed. State the frame: base, or instrument \
+                  if the base's pose and the targets are unknown";
     Warning {
         code: "frame_assumed".into(),
         detail: detail.into(),

@@ -121,7 +121,7 @@ fn links_stay(error: Error) -> Error {
                 pointer.starts_with("/links") || issue.detail.contains("`links`")
             });
             of_links.for_each(|issue| {
-                "the nominal links are not edited, because everything that was identified is relative to them: store a new robot with POST /v1/robots, and archive this one"
+                "the nominal links are not edited, because everything that was identified is relative to them: store a new robot, and archive this one"
                     .clone_into(&mut issue.detail);
             });
             Error::Invalid(invalid)

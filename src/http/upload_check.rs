@@ -57,7 +57,7 @@ pub fn check_rotations(
     }
     let issue = Issue {
         code: code.into(),
-        detail: format!("{detail}. If they are right all the same, insist: ?insist={code}"),
+        detail: format!("{detail}. To keep them all the same, insist on {code}"),
         ..Issue::default()
     };
     Err(Invalid {

@@ -34,7 +34,7 @@ pub(super) fn decode(bytes: &[u8], decimal: Decimal) -> Result<&str, ParseError>
     let detail = match decimal {
         Decimal::Point if !separated_by(',') && (separated_by(';') || separated_by('\t')) => {
             "columns are separated by ';' or tabs; separate them by ',' with '.' as the decimal point, or declare a file with ';' and \
-             decimal commas by ?decimal=comma"
+             decimal commas in the column mapping: {\"decimal\": \"comma\"}"
         }
         Decimal::Comma if !separated_by(';') && (separated_by(',') || separated_by('\t')) => {
             "decimal commas were declared, so columns have to be separated by ';', not by ',' or tabs"

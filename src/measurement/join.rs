@@ -106,8 +106,8 @@ pub fn join(
                 return Err(error(
                     "join_unclear",
                     format!(
-                        "both files need a column for join by {}: name it by ?columns={{\"robot\": {{\"{means}\": …}}, \"instrument\": {{\"{means}\": …}}}} \
-                         (--column robot.{means}=COLUMN --column instrument.{means}=COLUMN){in_ms}",
+                        "both files need a column for join by {}: name it in the column mapping: \
+                         {{\"robot\": {{\"{means}\": \"COLUMN\"}}, \"instrument\": {{\"{means}\": \"COLUMN\"}}}}{in_ms}",
                         by.as_str()
                     ),
                 ));
@@ -130,7 +130,7 @@ pub fn join(
         return Err(error(
             "two_readings",
             format!(
-                "the rows pair in one way by {} and in another by {}: state which by ?columns={{\"join\": {{\"by\": \"{0}\"}}}} (--join {0})",
+                "the rows pair in one way by {} and in another by {}: state which in the column mapping: {{\"join\": {{\"by\": \"{0}\"}}}}",
                 best.by.as_str(),
                 other.by.as_str()
             ),
@@ -183,9 +183,9 @@ fn nothing_pairs(robot: &Content, instrument: &Content) -> JoinError {
     error(
         "join_unclear",
         format!(
-            "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree{seen}. Name the columns by \
-             ?columns={{\"robot\": {{\"name\": …}}, \"instrument\": {{\"name\": …}}}} (--column robot.name=COLUMN --column instrument.name=COLUMN), \
-             or state, if row belongs to row, ?columns={{\"join\": {{\"by\": \"order\"}}}} (--join order)"
+            "nothing pairs the rows of the two files: both need a column with the points' names, numbers or times that agree{seen}. Name them \
+             in the column mapping: {{\"robot\": {{\"name\": \"COLUMN\"}}, \"instrument\": {{\"name\": \"COLUMN\"}}}}. If row belongs to row, say so \
+             in the column mapping: {{\"join\": {{\"by\": \"order\"}}}}"
         ),
     )
 }

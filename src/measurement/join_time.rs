@@ -76,8 +76,8 @@ pub(super) fn times(
         seconds(of_day, unit).ok_or_else(|| {
             let what = match cell.replace(',', ".").parse::<f64>() {
                 Ok(_) => format!(
-                    "has no unit: call the column time [s] or time [ms], or say it by ?columns={{\"{file}\": {{\"time_s\": …}}}} (--column {file}.time_s=COLUMN; \
-                     milliseconds: --column {file}.time_ms=COLUMN)"
+                    "has no unit: call the column time [s] or time [ms], or say it in the column mapping: \
+                     {{\"{file}\": {{\"time_s\": \"COLUMN\"}}}} (milliseconds are time_ms)"
                 ),
                 Err(_) if slashed_date(cell).is_some() => {
                     "has a date with slashes, of which the day or the month may come first: write 2026-03-01T08:15:30".into()
@@ -383,7 +383,7 @@ fn found_offset(
     if most < MIN_PAIRS || 2 * most < possible {
         let detail = format!(
             "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
-             the robot's clock minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": …, \"tolerance_s\": …}}}} (--clock-offset-s SECONDS)"
+             the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
         );
         return Err(error("join_unclear", detail));
     }
@@ -426,7 +426,7 @@ fn several_offsets(mut offsets: Vec<(f64, usize)>) -> JoinError {
     };
     let detail = format!(
         "the rows follow each other so evenly that several differences of the two clocks fit equally well: {}{more}. Read both clocks at one moment, and state the \
-         robot's minus the instrument's by ?columns={{\"join\": {{\"clock_offset_s\": …}}}} (--clock-offset-s SECONDS)",
+         robot's minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\"}}}}",
         named.join(", ")
     );
     error("two_readings", detail)

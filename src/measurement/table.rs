@@ -203,8 +203,8 @@ impl<'a> Table<'a> {
             (Some(mark), None) if !may_be_data(mark, cells, self.header.len()) => Next::Skipped,
             (Some(mark), None) => {
                 let detail = format!(
-                    "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State it by \
-                     ?columns={{\"comments\": true}} or false (--comments true, --comments false)"
+                    "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State it \
+                     in the column mapping: {{\"comments\": true}} (or false)"
                 );
                 Next::Bad(line, "two_readings", detail)
             }

@@ -138,8 +138,8 @@ impl Resolution<'_> {
             let name = self.table.name(place);
             if number == 0 || number > self.n_joints {
                 let detail = format!(
-                    "column {name} is for joint {number}, but the robot has {} joints; if it is none of them, leave it aside by \
-                     ?columns={{\"ignore\": [{name:?}]}} (--ignore {name:?})",
+                    "column {name} is for joint {number}, but the robot has {} joints; if it is none of them, leave it aside \
+                     in the column mapping: {{\"ignore\": [{name:?}]}}",
                     self.n_joints
                 );
                 self.issue(Some(name), "wrong_joint_count", detail);
@@ -162,7 +162,7 @@ impl Resolution<'_> {
                     self.columns.proposed.push((format!("{axis}_mm"), *place));
                     let detail = format!(
                         "column {name} stands beside joint values and {}, as a controller writes the pose that it computes itself: if it was \
-                         measured all the same, say so by ?columns={{\"{axis}_mm\": {name:?}, …}} (--column {axis}_mm={name:?})",
+                         measured all the same, say so in the column mapping: {{\"{axis}_mm\": {name:?}}}",
                         pose.as_deref().unwrap_or_default()
                     );
                     self.issue(Some(name), "two_readings", detail);
@@ -254,8 +254,8 @@ impl Resolution<'_> {
             .map(|mut issue| {
                 if issue.code == "missing_column" || issue.code == "wrong_joint_count" {
                     issue.detail = match (no_header, &issue.column) {
-                        (true, Some(means)) => format!("{}; no line of the file names its columns: say which it is by its number, ?columns={{\"{means}\": 1, …}} (--column {means}=1)", issue.detail),
-                        (false, Some(means)) => format!("{}; if another column is it, say so by ?columns={{\"{means}\": …}} (--column {means}=COLUMN). The table has {all}", issue.detail),
+                        (true, Some(means)) => format!("{}; no line of the file names its columns: say which it is by its number, in the column mapping: {{\"{means}\": 1}}", issue.detail),
+                        (false, Some(means)) => format!("{}; if another column is it, say so in the column mapping: {{\"{means}\": \"COLUMN\"}}. The table has {all}", issue.detail),
                         _ => issue.detail,
                     };
                 }
@@ -264,7 +264,7 @@ impl Resolution<'_> {
             .collect();
         if has_none && no_header && !self.columns.issues.is_empty() {
             let detail = "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
-                          from 1: ?columns={\"q1_deg\": 1, …} (--column q1_deg=1 …)";
+                          from 1, in the column mapping: {\"q1_deg\": 1}";
             self.columns.issues = vec![Issue {
                 row: None,
                 column: None,

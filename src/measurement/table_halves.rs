@@ -25,11 +25,11 @@ pub(super) fn other_half(
         ),
         (Needs::Points, joints, 0) if joints >= n_joints => Some(
             "the file has joint values and no positions that are known: if the instrument wrote them into a file of its own, give both files, the \
-             robot's first; if they are in this one, say where by ?columns={\"x_mm\": …} (--column x_mm=COLUMN …)",
+             robot's first; if they are in this one, say where in the column mapping: {\"x_mm\": \"COLUMN\"}",
         ),
         (Needs::Points, 0, 3..) => Some(
             "the file has positions and no joint values that are known: if the robot wrote them into a file of its own, give both files, the robot's \
-             first; if they are in this one, say where by ?columns={\"q1_deg\": …} (--column q1_deg=COLUMN …)",
+             first; if they are in this one, say where in the column mapping: {\"q1_deg\": \"COLUMN\"}",
         ),
         _ => None,
     }

@@ -118,7 +118,7 @@ pub(super) fn found_header(
         && best.score > 1
     {
         let detail = format!(
-            "line {} can be read with {:?} or with {:?} between its columns. State it by ?columns={{\"separator\": …}} (--separator SEPARATOR)",
+            "line {0} can be read with {1:?} or with {2:?} between its columns. State it in the column mapping: {{\"separator\": {1:?}}}",
             best.line,
             best.separator.as_str(),
             rival.as_str()
@@ -201,8 +201,9 @@ pub(super) fn separator_of_data(
         _ => {
             let names: Vec<String> = found.iter().map(|s| format!("{:?}", s.as_str())).collect();
             let detail = format!(
-                "columns may be separated by {}. State it by ?columns={{\"separator\": …}} (--separator SEPARATOR)",
-                names.join(" or by ")
+                "columns may be separated by {}. State it in the column mapping: {{\"separator\": {}}}",
+                names.join(" or by "),
+                names[0]
             );
             Err(whole("two_readings", detail))
         }

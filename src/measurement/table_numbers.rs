@@ -46,7 +46,7 @@ pub(super) fn decimal_mark(
             let (decimal, thousands) = both_readings(&example, mark);
             let detail = format!(
                 "line {line}: {example:?} is {decimal} if {mark:?} is the decimal mark, and {thousands} if it separates thousands, and no number of \
-                 the file tells which. State it: ?decimal={0} (--decimal {0}), or write the numbers without separators of thousands",
+                 the file tells which. State it in the column mapping: {{\"decimal\": {0:?}}}, or write the numbers without separators of thousands",
                 if mark == ',' { "comma" } else { "point" }
             );
             Err(whole("two_readings", detail))

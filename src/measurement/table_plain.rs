@@ -52,13 +52,12 @@ fn unknown(resolution: &mut Resolution, place: usize, name: String, is_own: bool
     if is_own && column(&lower, resolution.n_joints).is_some() {
         return resolution.take(place, lower);
     }
-    let aside =
-        format!("leave it aside by ?columns={{\"ignore\": [{name:?}]}} (--ignore {name:?})");
+    let aside = format!("leave it aside in the column mapping: {{\"ignore\": [{name:?}]}}");
     let detail = match nearly(&name).filter(|_| is_own) {
         Some(meant) => format!("column {name} is nearly {meant}: call it so, or {aside}"),
         None if resolution.needs_positions() && looks_uncertain(&name) => format!(
             "column {name} looks like an uncertainty of the position: name the columns std_mm, or std_x_mm std_y_mm std_z_mm (one standard deviation), or \
-             cov_xx_mm2 … cov_zz_mm2 (a covariance), or say so by ?columns={{\"std_x_mm\": {name:?}, …}} (--column std_x_mm={name:?}); or {aside}"
+             cov_xx_mm2 … cov_zz_mm2 (a covariance), or say so in the column mapping: {{\"std_x_mm\": {name:?}}}; or {aside}"
         ),
         None => return,
     };
@@ -146,7 +145,7 @@ fn wrong_unit(resolution: &mut Resolution, name: String) {
     if let Err(issue) = column_of(&lower, resolution.n_joints) {
         let units = if thing.starts_with('q') { "deg" } else { "mm" };
         let detail = format!(
-            "{}; or say what it is by ?columns={{\"{thing}_{units}\": {name:?}}} (--column {thing}_{units}={name:?})",
+            "{}; or say what it is in the column mapping: {{\"{thing}_{units}\": {name:?}}}",
             issue.detail
         );
         resolution.issue(Some(name), issue.code, detail);

@@ -108,7 +108,7 @@ impl Resolution<'_> {
             let detail = match self.table.name(other.place) {
                 same if same == name => format!("column {name} appears twice"),
                 other => format!(
-                    "columns {other} and {name} may both be {thing}: say which by ?columns={{\"{thing}_{0}\": …}} (--column {thing}_{0}=COLUMN)",
+                    "columns {other} and {name} may both be {thing}: say which in the column mapping: {{\"{thing}_{0}\": \"COLUMN\"}}",
                     units[0]
                 ),
             };
@@ -120,7 +120,7 @@ impl Resolution<'_> {
             unit => unit,
         };
         let mapping = format!(
-            "?columns={{\"{thing}_{0}\": {name:?}, …}} (--column {thing}_{0}={name:?})",
+            "in the column mapping: {{\"{thing}_{0}\": {name:?}}}",
             units[0]
         );
         match unit {
@@ -131,10 +131,10 @@ impl Resolution<'_> {
                     .push((format!("{thing}_{}", units[0]), place));
                 let all = match thing.starts_with('q') {
                     true => {
-                        "state the unit of all joints by ?columns={\"joint_unit\": \"deg\"} or \"rad\" (--joint-unit deg, --joint-unit rad)"
+                        "state the unit of all joints in the column mapping: {\"joint_unit\": \"deg\"} (or \"rad\")"
                     }
                     false => {
-                        "state the unit of all positions by ?columns={\"position_unit\": \"mm\"} or \"m\" … (--position-unit mm, --position-unit m …)"
+                        "state the unit of all positions in the column mapping: {\"position_unit\": \"mm\"} (or \"m\" …)"
                     }
                 };
                 let detail = format!(
@@ -148,7 +148,7 @@ impl Resolution<'_> {
                     .proposed
                     .push((format!("{thing}_{}", units[0]), place));
                 let detail = format!(
-                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it by {mapping}"
+                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping}"
                 );
                 self.issue(Some(name), "two_readings", detail);
             }

@@ -229,7 +229,7 @@ fn commanded_joints(table: &Table, mapping: &Mapping) -> Result<Vec<(String, usi
             && let Some((other, _)) = found.insert(number, (place, unit))
         {
             let detail = format!(
-                "columns {} and {} are both commanded values of one joint: leave one of them aside (--ignore {:?})",
+                "columns {} and {} are both commanded values of one joint: leave one of them aside in the column mapping: {{\"ignore\": [{:?}]}}",
                 table.name(other),
                 table.name(place),
                 table.name(place)
@@ -246,7 +246,7 @@ fn commanded_joints(table: &Table, mapping: &Mapping) -> Result<Vec<(String, usi
         };
         let Some(unit) = unit else {
             let detail = format!(
-                "column {} has commanded joint values and no unit: state it (--joint-unit deg, --joint-unit rad)",
+                "column {} has commanded joint values and no unit: state it in the column mapping: {{\"joint_unit\": \"deg\"}} (or \"rad\")",
                 table.name(place)
             );
             return Err(whole("missing_unit", detail));

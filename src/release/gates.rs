@@ -77,9 +77,9 @@ fn joint_map(facts: &Facts<'_>) -> Option<Gate> {
 /// A rollback is possible on an archived robot too: the cell needs a set that it knows.
 fn archived(facts: &Facts<'_>) -> Option<Gate> {
     let detail = match facts.archived? {
-        ArchivedItem::ParameterSet => "the set is archived: restore it first (`kincal restore`)",
+        ArchivedItem::ParameterSet => "the set is archived: restore it first",
         ArchivedItem::Robot if facts.is_rollback => return None,
-        ArchivedItem::Robot => "the robot is archived: restore it first (`kincal restore`)",
+        ArchivedItem::Robot => "the robot is archived: restore it first",
     };
     Some(Gate::new("archived", false, detail))
 }
@@ -106,7 +106,7 @@ fn verified(facts: &Facts<'_>) -> Gate {
              or score another session"
             .to_owned(),
         false => format!(
-            "{n} points were held out to verify, and at least {MIN_VERIFY_POINTS} configurations that fit are needed: post a job with verify, or of kind verify"
+            "{n} points were held out to verify, and at least {MIN_VERIFY_POINTS} configurations that fit are needed: hold out more points, or verify the set on another session"
         ),
     };
     Gate::new("verified", passed, detail)
@@ -221,7 +221,7 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
     let mut warnings = facts.report.warnings.iter();
     let own = warnings.find(|warning| warning.code == INSISTED);
     match (own, facts.insisted_source) {
-        (None, None) => Gate::new(name, true, "none of its uploads was accepted with insist"),
+        (None, None) => Gate::new(name, true, "none of its uploads was insisted on"),
         (Some(warning), _) => Gate::new(
             name,
             false,
@@ -231,7 +231,7 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
             name,
             false,
             format!(
-                "its held values or residual network use an upload accepted with insist ({code}): identify all parameters, without that network"
+                "its held values or residual network use an upload that was insisted on ({code}): identify all parameters, without that network"
             ),
         ),
     }
@@ -323,7 +323,7 @@ fn evidence(facts: &Facts<'_>) -> Gate {
             "independent_session: another session, measured anew, was scored"
         }
         Evidence::SameUpload => {
-            "same_upload: only points of the same upload were held out; a wrong base, tool or scale would not show. Measure another session, and post a job of kind verify"
+            "same_upload: only points of the same upload were held out; a wrong base, tool or scale would not show. Measure another session, and verify the set on it"
         }
         Evidence::None => "none: no held-out points count as evidence",
     };
@@ -341,7 +341,7 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
     if let Some(session) = fitting.clone().find(|session| session.is_base_hidden) {
         limits += &format!(
             ". The base was not checked by the session of job {}: the set was identified from positions in the base frame, and in the instrument's \
-             frame the base is placed anew. Measure a session in the base frame (frame=base)",
+             frame the base is placed anew. Measure a session in the base frame",
             session.job_id
         );
     }
@@ -365,7 +365,7 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
     if let Some(session) = fitting.clone().find(misses) {
         limits += &format!(
             ". On the session of job {} the set's errors are several times those of a robot fitted to that session alone ({}). Unless the policy's \
-             tolerance_mm allows it, that session is no evidence: identify again, with all parameters",
+             tolerance allows it, that session is no evidence: identify again, with all parameters",
             session.job_id,
             errors_in_words(&session.verification)
         );
@@ -375,7 +375,7 @@ fn limits_of_sessions(facts: &Facts<'_>) -> String {
         let by_tolerance = match facts.policy.tolerance_mm {
             Some(_) => "the tolerance decides whether that is good enough",
             None => {
-                "the robot's policy has no tolerance that says whether that is good enough, so this session is no evidence for the set: identify anew, or set tolerance_mm"
+                "the robot's policy has no tolerance that says whether that is good enough, so this session is no evidence for the set: identify anew, or state a tolerance in the policy of releases"
             }
         };
         limits += &format!(

@@ -5,7 +5,6 @@ use crate::calibration::{
 };
 use crate::release::gate_facts::Facts;
 use crate::release::orientation::Orientation;
-use crate::release::texts::verify_request;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::Evidence;
 
@@ -177,8 +176,7 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
         _ => {
             let detail = format!(
                 "{found}: identify from a reflector off the last axis, or from two, or show by another session that the reflector's positions \
-                 are right: {}{remedy}",
-                verify_request(facts)
+                 are right{remedy}"
             );
             Gate::new(name, false, detail)
         }

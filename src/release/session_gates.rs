@@ -2,7 +2,7 @@
 
 use crate::release::gate_facts::{Facts, LastCheck};
 use crate::release::sessions::Session;
-use crate::release::texts::{CHECKED, errors_in_words, sessions, verify_request};
+use crate::release::texts::{CHECKED, errors_in_words, sessions};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
@@ -16,9 +16,8 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
             false,
             format!(
                 "the file of job {job_id} does not fit this robot and its parameter set: is the file in another frame, has the robot changed, \
-                 or is that set wrong? Check the robot, then score a set that fits on this or a new session: {}, \
-                 or state why the robot is in order: {CHECKED}",
-                verify_request(facts)
+                 or is that set wrong? Check the robot, then verify this set on this or a new session, \
+                 or {CHECKED}"
             ),
         ),
     }
@@ -59,8 +58,7 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
             false,
             format!(
                 "the points of this set are older than the file of job {job_id}, which did not fit the robot, and no later session shows \
-                 that the set still holds: measure one and score it: {}, or say why the set still holds: {CHECKED}",
-                verify_request(facts)
+                 that the set still holds: measure one and verify this set on it, or {CHECKED}"
             ),
         ),
     }
@@ -86,7 +84,7 @@ pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
             false,
             format!(
                 "the set does not fit the session of job {}: rms {}; when it was identified: {}. Identify again, \
-                 or state why the robot is in order: {CHECKED}",
+                 or {CHECKED}",
                 session.job_id,
                 errors_in_words(&session.verification),
                 errors_in_words(facts.identification)
@@ -111,14 +109,12 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
     let (found, or) = match session.has_changed {
         true => (
             ", and that job found that the robot has changed",
-            format!(". If that file is no measurement of this robot: {CHECKED} with the reason"),
+            format!(". If that file is no measurement of this robot, {CHECKED}"),
         ),
         false => ("", String::new()),
     };
     let detail = format!(
-        "the session {set} (job {job}) was measured after the points of this set{found}. Score the set on that session: post a job of kind verify with \
-         measurement_set_id {set} and parameter_set_id {}{or}",
-        facts.parameter_set_id
+        "the session of job {job} was measured after the points of this set{found}. Verify this set on that session ({set}){or}"
     );
     let only_warns = facts.is_rollback && !session.has_changed;
     Gate::new(name, only_warns, detail).warned(only_warns)

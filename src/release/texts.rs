@@ -1,18 +1,9 @@
 //! Phrases that the details of several gates share.
 
-use crate::release::gate_facts::Facts;
 use crate::wire::verification::Verification;
 
-/// The request with which somebody states why a robot is in order.
-pub const CHECKED: &str = "POST /v1/robots/{robot_id}/checked";
-
-/// The request that scores the set on another session.
-pub fn verify_request(facts: &Facts<'_>) -> String {
-    format!(
-        "post a job of kind verify with parameter_set_id {}",
-        facts.parameter_set_id
-    )
-}
+/// What somebody does who knows why a robot is in order.
+pub const CHECKED: &str = "mark the robot as checked, with the reason why it is in order";
 
 /// Errors of the nominal robot and of the set, in words.
 pub fn errors_in_words(found: &Verification) -> String {

@@ -99,7 +99,7 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
             false,
             format!(
                 "there are no verify points, and the tolerance is {tolerance} mm ({})",
-                rule.as_str()
+                name_of(rule)
             ),
         );
     };
@@ -109,6 +109,14 @@ pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
         within == Within::Yes,
         in_words(&worst, within, tolerance),
     )
+}
+
+/// The name of a decision rule in a text (ILAC-G8).
+fn name_of(rule: DecisionRule) -> &'static str {
+    match rule {
+        DecisionRule::SimpleAcceptance => "simple acceptance",
+        DecisionRule::GuardedAcceptance => "guarded acceptance",
+    }
 }
 
 /// An unknown error exceeds every tolerance.
@@ -127,10 +135,10 @@ fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64) -> String {
         DecisionRule::GuardedAcceptance => "figure and uncertainty together must be within it",
     };
     let said = format!(
-        "largest rms on verify points, {}: {:.4} mm{interval}; the tolerance is {tolerance} mm, rule {}: {compared}",
+        "largest rms on verify points, {}: {:.4} mm{interval}; the tolerance is {tolerance} mm, {}: {compared}",
         figure.points,
         figure.rms_mm,
-        rule.as_str()
+        name_of(rule)
     );
     match within {
         Within::Yes | Within::No => said,
@@ -143,7 +151,7 @@ fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64) -> String {
         ),
         Within::Unknown => format!(
             "{said}. There are too few configurations or degrees of freedom, or an older version did not compute the uncertainty: verify on more \
-             configurations, identify again a set of an older version, or set decision_rule simple_acceptance"
+             configurations, identify again a set of an older version, or choose simple acceptance in the policy of releases"
         ),
     }
 }

@@ -91,7 +91,7 @@ pub fn trend(scored: &[ScoredSession], limit_mm: Option<f64>) -> Trend {
             format!("{} sessions over {span:.1} days", scored.len())
         };
         return none(format!(
-            "not enough data: {sessions}; a trend takes {MIN_SESSIONS} over a day at least. Score the released set on new points with jobs of kind verify"
+            "not enough data: {sessions}; a trend takes {MIN_SESSIONS} over a day at least. Verify the released set on new points"
         ));
     }
     let limit = limit_mm.unwrap_or(GROWTH * first.rms_mm);

@@ -168,7 +168,7 @@ impl Stated {
             let named = self.instrument.noise_numbers().next();
             let name = named.map_or("range_std_mm", |(name, _)| name);
             let detail = "range and angle are those of an instrument at the origin of the measuring frame, and these positions are in the robot's base \
-                          frame: say frame=instrument and upload them as the instrument measured them, or state the noise of each point (std_x_mm \
+                          frame: state the frame instrument and upload them as the instrument measured them, or state the noise of each point (std_x_mm \
                           std_y_mm std_z_mm)";
             issues.push(self.issue(name, IN_BASE_FRAME, detail.into()));
         }
@@ -192,8 +192,8 @@ impl Stated {
     pub fn state(&self, set: &mut MeasurementSet) -> Result<(), Invalid> {
         set.is_levelled = self.instrument.levelled == Some(true);
         if set.is_levelled && set.frame == Frame::Base {
-            let detail = "a levelled instrument says where gravity is in its own frame, and these positions are in the robot's base frame: say \
-                          frame=instrument and upload them as the instrument measured them, or state the robot's mounting";
+            let detail = "a levelled instrument says where gravity is in its own frame, and these positions are in the robot's base frame: state \
+                          the frame instrument and upload them as the instrument measured them, or state the robot's mounting";
             let name = match self.in_body {
                 true => "levelled",
                 false => "instrument_levelled",

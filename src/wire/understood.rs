@@ -191,8 +191,8 @@ impl Reading {
             .collect();
         let first = names.first()?;
         Some(format!(
-            "Not read: {}. If such a column says which reflector (target) or which set-up of the instrument (station) a row is of, say so by \
-             ?columns={{\"target\": {first}, …}} (--column target={first})",
+            "Not read: {}. If such a column says which reflector (target) or which set-up of the instrument (station) a row is of, say so \
+             in the column mapping: {{\"target\": {first}}}",
             names.join(", ")
         ))
     }

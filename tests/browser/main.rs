@@ -267,8 +267,6 @@ fn what_the_service_says_stands_on_the_pages() {
                 .get(&format!("/v1/robots/{robot}/history?limit=1"))
         });
         let detail = history["trend"]["detail"].as_str().unwrap();
-        // as the dashboard says it
-        let detail = detail.replace(" with jobs of kind verify", " by verifications");
         assert_eq!(
             history["trend"]["days_to_limit"],
             Value::Null,

@@ -286,7 +286,7 @@ fn a_base_frame_file_turned_by_quarter_turns_is_told_as_another_frame_and_not_as
             let turn =
                 Rotation3::from_axis_angle(&Vector3::z_axis(), f64::from(quarter_turns) * PI / 2.0);
             let mut set = changed(&in_base, |_, p| *p = turn * *p);
-            wrong(&robot, &set, "frame_suspect", "?frame=instrument");
+            wrong(&robot, &set, "frame_suspect", "in the frame instrument");
             set.frame = Frame::Instrument;
             assert_eq!(
                 check_upload(&robot, &set, &[]),
@@ -342,7 +342,7 @@ fn a_tracker_file_read_as_base_frame_is_refused_in_24_levelled_placements_and_fi
             let mut random = Normal::new(100 * seed as u64 + placement);
             let in_base = measured(&robot, &made, &mut random);
             let mut set = from_a_tracker(&in_base, reach_mm(&robot), &mut random);
-            wrong(&robot, &set, "frame_suspect", "?frame=instrument");
+            wrong(&robot, &set, "frame_suspect", "in the frame instrument");
             set.frame = Frame::Instrument;
             assert_eq!(check_upload(&robot, &set, &[]), None, "{name} {placement}");
         }
@@ -357,7 +357,7 @@ fn a_tracker_file_of_a_robot_with_an_unmastered_joint_read_as_base_frame_is_refu
         let mut set = from_a_tracker(&set, reach_mm(&robot), &mut random);
         set = changed(&set, |q, _| q[1] += 10.0f64.to_radians());
         set.frame = Frame::Base;
-        wrong(&robot, &set, "frame_suspect", "?frame=instrument");
+        wrong(&robot, &set, "frame_suspect", "in the frame instrument");
         set.frame = Frame::Instrument;
         not_refused(&robot, &set, "read in its own frame");
     }
@@ -596,7 +596,7 @@ fn arms_of_ten_millimetres_and_of_twenty_metres_are_judged_by_their_reach() {
             not_refused(&robot, &unmastered, "unmastered");
             let mut tracker = from_a_tracker(&set, reach_mm(&robot), &mut random);
             tracker.frame = Frame::Base;
-            wrong(&robot, &tracker, "frame_suspect", "?frame=instrument");
+            wrong(&robot, &tracker, "frame_suspect", "in the frame instrument");
         }
     }
 }

@@ -254,7 +254,7 @@ fn what_the_placement_takes_up_is_not_said_to_be_seen() {
     let expected = [false, true, true, true, true, false, false, false];
     assert_eq!(seen, expected, "{:?}", check.detectable);
     assert_eq!(check.test.unwrap().n_combinations, 30 - 9);
-    assert!(check.next.contains("frame=base"), "{}", check.next);
+    assert!(check.next.contains("in the base frame"), "{}", check.next);
     let mut base = Case::new(Frame::Base, 502);
     let truth = base.truth.clone();
     let check = base.checked(&truth, &plan, None).unwrap();

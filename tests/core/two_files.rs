@@ -184,7 +184,10 @@ fn what_cannot_be_joined_says_what_to_state() {
         let named = format!("{offset}.000 s (8 pairs)");
         assert!(detail.contains(&named), "no {named}: {detail}");
     }
-    assert!(detail.contains("--clock-offset-s SECONDS"), "{detail}");
+    assert!(
+        detail.contains("{\"join\": {\"clock_offset_s\": \"SECONDS\"}}"),
+        "{detail}"
+    );
     // with as many rows on both sides there is one reading only
     let all = read(
         &form(robot(&even).as_bytes(), instrument(12).as_bytes()),
@@ -220,8 +223,7 @@ fn what_cannot_be_joined_says_what_to_state() {
     let (code, detail) = refusal(&robot(&even), "time,x_mm,y_mm,z_mm\n12,1,2,3\n", "");
     assert_eq!(code, "not_a_time");
     assert!(
-        detail.contains("--column instrument.time_s=COLUMN")
-            && detail.contains("--column instrument.time_ms=COLUMN"),
+        detail.contains("{\"instrument\": {\"time_s\": \"COLUMN\"}} (milliseconds are time_ms)"),
         "{detail}"
     );
     let stated = "{\"instrument\": {\"time_ms\": \"time\"}, \"join\": {\"clock_offset_s\": 0, \"tolerance_s\": 1}}";

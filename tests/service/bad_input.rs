@@ -270,7 +270,7 @@ const CLASSES: &[Class] = &[
         whole(
             text.join("\n").into_bytes(),
             "two_readings",
-            "?decimal=comma",
+            "{\"decimal\": \"comma\"}",
         )
     }),
     ("no rows", |p| {

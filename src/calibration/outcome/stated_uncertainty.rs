@@ -117,7 +117,7 @@ pub fn why_not_stated(problem: &Problem<'_>, estimated: Option<&Uncertainty>) ->
     if stds > AT_MINIMUM_STDS || stds.is_nan() {
         return Some(format!(
             "the method did not converge: the answer is {stds:.1} standard deviations away from the minimum of the cost, and the uncertainty \
-             of that minimum is not that of this answer. Ask for `refine: true`, or for method auto"
+             of that minimum is not that of this answer. Calibrate again with refine, or with method auto"
         ));
     }
     None

@@ -64,11 +64,11 @@ fn check_model(request: &CalibrationRequest) -> Result<(), Error> {
     }
     if request.set.frame == Frame::Instrument && request.frames.is_none() {
         let detail = "model \"paper\" needs positions in the base frame: upload sweeps of joints 1, 2 and 5 to the robot's frames and name frames_id, \
-                      upload the set with frame=base, or ask for model \"complete\"";
+                      upload the set in the frame base, or choose model complete";
         return Err(unusable("frames_required", detail));
     }
     if request.set.n_targets() > 1 {
-        let detail = "model \"paper\" has one target on the flange axis, the set has several; ask for model \"complete\"";
+        let detail = "model \"paper\" has one target on the flange axis, the set has several; choose model complete";
         return Err(unusable("model_mismatch", detail));
     }
     Ok(())
@@ -81,11 +81,11 @@ fn check_poses(request: &CalibrationRequest) -> Result<(), Error> {
     }
     let refused = match request.method {
         _ if request.model() == Model::Paper => {
-            "model \"paper\" is identified from positions, and the set has poses: ask for model \"complete\", or upload the set without its \
+            "model \"paper\" is identified from positions, and the set has poses: choose model complete, or upload the set without its \
              rotation columns"
         }
         Method::Pso | Method::BpnnPso => {
-            "swarms take positions alone, and the set has poses: ask for method \"auto\" or \"least_squares\", or upload the set without its \
+            "swarms take positions alone, and the set has poses: choose method auto or least_squares, or upload the set without its \
              rotation columns"
         }
         Method::Auto | Method::LeastSquares => return Ok(()),

@@ -64,8 +64,8 @@ pub fn warning(
     let target = fit.targets_mm.first().copied().unwrap_or_default();
     let detail = format!(
         "model paper leaves {fit_mm:.3} mm (rms) where model complete leaves {complete_mm:.3} mm: the target is not on the flange axis (model complete \
-         has it at {:.1}, {:.1}, {:.1} mm of the flange), or the positions are not in the robot's base frame. Ask for model complete; if they are in \
-         an instrument's frame, say so: frame=instrument",
+         has it at {:.1}, {:.1}, {:.1} mm of the flange), or the positions are not in the robot's base frame. Choose model complete; if they are in \
+         an instrument's frame, read them in the frame instrument",
         target.x, target.y, target.z
     );
     Ok(Some(Warning {

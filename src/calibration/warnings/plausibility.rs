@@ -72,7 +72,7 @@ pub fn base_frame_off(t_measuring_base: &IsometryMatrix3<f64>) -> Option<Warning
         at_mm.norm() > BASE_FRAME_STDS * BASE_MM || turned_rad > BASE_FRAME_STDS * BASE_RAD;
     let detail = format!(
         "the robot's base is at ({:.2}, {:.2}, {:.2}) mm in the base frame that was measured in, turned by {:.3}°: was the frame set up wrongly? Set it \
-         up again, or read the positions with frame=instrument",
+         up again, or read the positions in the frame instrument",
         at_mm.x,
         at_mm.y,
         at_mm.z,

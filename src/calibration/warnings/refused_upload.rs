@@ -7,7 +7,7 @@ use crate::calibration::warnings::plausibility::JOINT_MAP;
 pub fn remedy(code: &str) -> &'static str {
     match code {
         "frame_suspect" => {
-            "upload it again in the frame that it was measured in (a tracker's own frame is frame=instrument)"
+            "upload it again in the frame that it was measured in (a tracker's own frame is the frame instrument)"
         }
         "unit_suspect" => "correct the units that the refusal named, and upload it again",
         "column_suspect" => "correct the columns that the refusal named, and upload it again",

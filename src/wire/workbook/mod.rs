@@ -97,7 +97,7 @@ pub fn read(
             "two_readings",
             format!(
                 "several sheets of the workbook have cells, {first:?} and {second:?} among them: \
-                 name one by ?columns={{\"sheet\": {first:?}}} (--sheet {first:?})"
+                 name one in the column mapping: {{\"sheet\": {first:?}}}"
             ),
         )),
     }

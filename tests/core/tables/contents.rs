@@ -80,7 +80,7 @@ pub fn contents() -> Vec<Habit> {
             "an uncertainty to leave aside",
             beside(&["std_xx_mm2"], |_| vec!["1.0".into()]).text(),
             "unknown_column",
-            "--ignore",
+            "{\"ignore\": [\"std_xx_mm2\"]}",
             "\"ignore\": [\"std_xx_mm2\"]",
         ),
         refused(
@@ -274,7 +274,7 @@ fn columns_that_may_say_the_reflector_or_the_set_up_are_named() {
     let (_, reading) = read(written.text().as_bytes(), "").unwrap();
     let named = reading.unwrap().unread_labels().unwrap();
     assert!(named.contains("\"Target\", \"Station no.\"."), "{named}");
-    assert!(named.contains("--column target=\"Target\"") && !named.contains("Operator"));
+    assert!(named.contains("{\"target\": \"Target\"}") && !named.contains("Operator"));
     let (_, reading) = read(labelled("No.").text().as_bytes(), "").unwrap();
     assert!(reading.unwrap().unread_labels().is_none());
 }

@@ -343,7 +343,7 @@ fn one_number_with_two_readings_is_refused_with_both() {
         "q1_deg;q2_deg;q3_deg;q4_deg;q5_deg;q6_deg;x_mm;y_mm;z_mm\n1;2;3;4;5;6;1,234;2,345;3,456\n";
     let error = read(text.as_bytes(), "").unwrap_err();
     assert_eq!(error.issues[0].code, "two_readings");
-    for reading in ["1.234", "1234", "?decimal=comma"] {
+    for reading in ["1.234", "1234", "{\"decimal\": \"comma\"}"] {
         assert!(error.issues[0].detail.contains(reading), "{error:?}");
     }
     let (set, _) = read(text.as_bytes(), "\"decimal\": \"comma\"").unwrap();

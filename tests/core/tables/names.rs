@@ -123,7 +123,7 @@ pub fn names() -> Vec<Habit> {
             "no units at all",
             named(|j| format!("J{j}"), ["X", "Y", "Z"]).text(),
             "missing_unit",
-            "?columns=",
+            "in the column mapping: {",
             by_header(&header(|j| format!("J{j}"), ["X", "Y", "Z"]), "deg", "mm"),
         ),
         asked(
@@ -143,7 +143,7 @@ pub fn names() -> Vec<Habit> {
             }
             .text(),
             "missing_unit",
-            "(--joint-unit deg, --joint-unit rad)",
+            "{\"joint_unit\": \"deg\"} (or \"rad\")",
             "\"joint_unit\": \"rad\", \"position_unit\": \"m\"",
         ),
         taken(

@@ -116,7 +116,7 @@ async fn an_archived_robot_takes_nothing_new_and_is_still_rolled_back() {
         .await,
     ] {
         let detail = refused.problem(409, "archived")["detail"].clone();
-        assert!(text(&detail).contains("/restore"), "{detail}");
+        assert!(text(&detail).contains("restore it first"), "{detail}");
     }
     let refused = app
         .post_json(&format!("{}/release", path(&third)), &why)

@@ -35,8 +35,7 @@ async fn two_files_without_units_lead_to_a_released_set() {
     let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
     body["name"] = "Cell 4".into();
     body["serial_number"] = "S-1".into();
-    let robot = person.post("/v1/robots", &body).await.ok(201);
-    let robot = text(&robot["id"]).to_owned();
+    person.post("/v1/robots", &body).await.ok(201);
     let out = async |arguments: &[&str]| {
         let (code, stdout, stderr) = run_against(&app, key, arguments).await;
         assert_eq!(code, Some(0), "{arguments:?}: {stdout}{stderr}");
@@ -150,9 +149,6 @@ async fn two_files_without_units_lead_to_a_released_set() {
 
     out(&["robots", "archive", "Cell 4"]).await;
     let archived = fails(&[&submit[..], &units].concat()).await;
-    assert!(
-        archived.contains(&format!("kincal restore {robot}")),
-        "{archived}"
-    );
+    assert!(archived.contains("kincal restore ID"), "{archived}");
     assert!(!archived.contains("/restore"), "{archived}");
 }

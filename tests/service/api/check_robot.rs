@@ -167,7 +167,7 @@ async fn a_set_from_before_a_collision_takes_a_session_since_or_somebody_who_say
     );
     let detail = text(&refused["errors"][0]["detail"]);
     assert!(
-        detail.contains("kind verify") && detail.contains("/checked"),
+        detail.contains("verify this set") && detail.contains("mark the robot as checked"),
         "{detail}"
     );
     assert_eq!(

@@ -95,7 +95,7 @@ async fn a_robot_is_edited_put_away_and_taken_back_by_its_name() {
     )
     .await;
     assert!(
-        code != Some(0) && stderr.contains("kincal restore rob_"),
+        code != Some(0) && stderr.contains("kincal restore ID"),
         "{stderr}"
     );
     json_of(&app, key, &["robots", "restore", "Cell 4"]).await;

@@ -72,8 +72,8 @@ async fn a_tracker_file_read_as_base_frame_is_refused_with_the_remedy_and_calibr
     let refused = upload(&app, &robot, "frame=base", &csv).await;
     let problem = refused.problem(422, "frame_suspect");
     let detail = text(&problem["detail"]);
-    assert!(detail.contains("?frame=instrument"), "{detail}");
-    assert!(detail.contains("?insist=frame_suspect"), "{detail}");
+    assert!(detail.contains("in the frame instrument"), "{detail}");
+    assert!(detail.contains("insist on frame_suspect"), "{detail}");
     let set = upload(&app, &robot, "frame=instrument", &csv).await.ok(201);
     assert_eq!(set["warnings"], json!([]));
     let (_, report) = report(&app, &robot, &set).await;
@@ -199,7 +199,7 @@ async fn of_a_file_that_was_insisted_on_the_advice_is_that_of_its_refusal() {
         let mut told = warnings.filter(|told| misfits.contains(&text(&told["code"])));
         let detail = text(&told.next().expect("a warning that it does not fit")["detail"]);
         assert!(
-            detail.contains("refused as frame_suspect") && detail.contains("frame=instrument"),
+            detail.contains("refused as frame_suspect") && detail.contains("the frame instrument"),
             "{detail}"
         );
         assert!(
