@@ -42,7 +42,7 @@ impl InstrumentScale {
             error,
             std: 1.0 / information.sqrt(),
         };
-        let chi_square = sum(&|l| alone.residual_stds(l).powi(2));
+        let chi_square = sum(&|l| alone.residual_stds(l) * alone.residual_stds(l));
         let birge = match lengths.len() {
             1 => 1.0,
             n => (chi_square / (n - 1) as f64).sqrt().max(1.0),

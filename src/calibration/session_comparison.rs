@@ -18,7 +18,7 @@ use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS,
 use crate::identification::identifiability::prior_scale;
 use crate::identification::parameters::Parameter;
 use crate::kinematics::reach_mm;
-use crate::measurement::{MeasurementSet, Subset};
+use crate::measurement::{Frame, MeasurementSet, Subset};
 
 /// Code of the warning that the robot has changed.
 pub const ROBOT_CHANGED: &str = "robot_changed";
@@ -53,7 +53,7 @@ pub fn changes(
         }
     };
     let compared = before.and_then(|before| compare(&before, own));
-    Ok(compared.map(|comparison| in_words(&comparison, reach_mm(&request.robot.links))))
+    Ok(compared.map(|comparison| in_words(&comparison, request)))
 }
 
 /// The stored estimate of an earlier session, if its free link parameters are those of `parameters`.
@@ -138,7 +138,8 @@ pub fn estimate_with_noise(
     }))
 }
 
-fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
+fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
+    let reach_mm = reach_mm(&request.robot.links);
     let robot = &comparison.robot;
     let placement: Vec<&Change> = comparison
         .placement
@@ -164,16 +165,21 @@ fn in_words(comparison: &Comparison, reach_mm: f64) -> Changes {
             rows: vec![],
         });
     }
-    if !placement.is_empty() {
+    // Each set-up of an instrument has its own base.
+    let is_own = |change: &&Change| {
+        let is_base = !matches!(change.parameters[0], Parameter::Target(..));
+        !(is_base && request.set.frame == Frame::Instrument)
+    };
+    let elsewhere: Vec<&Change> = placement.iter().copied().filter(is_own).collect();
+    if !elsewhere.is_empty() {
         let and = if kind.is_none() {
             "; the robot itself has not changed beyond chance"
         } else {
             ""
         };
         let detail = format!(
-            "the base as seen from the instrument, or targets on the tool, are elsewhere than at the last identification, which is no change of \
-             the robot{and}: {}",
-            list(&placement)
+            "the base in its frame, or targets on the tool, are elsewhere than at the last identification, which is no change of the robot{and}: {}",
+            list(&elsewhere)
         );
         warnings.push(Warning {
             code: "placement_changed",

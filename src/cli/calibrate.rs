@@ -148,6 +148,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             set: measured,
             job: None,
             parameter_set: None,
+            sessions: &[],
             tolerance_mm: None,
             report: &report,
             convergence: &convergence,

@@ -70,56 +70,6 @@ fn column(text: &str) -> Result<(String, Value), String> {
     Ok((means.to_owned(), value))
 }
 
-/// The options that state a mapping. The inverse of [`ColumnOptions::body`].
-pub fn options(mapping: &Map<String, Value>) -> String {
-    let mut all = Vec::new();
-    for (key, value) in mapping {
-        match (key.as_str(), value) {
-            ("join", Value::Object(join)) => all.extend(join.iter().map(|(key, value)| {
-                let option = match key.as_str() {
-                    "by" => "join",
-                    "tolerance_s" => "join-tolerance-s",
-                    _ => "clock-offset-s",
-                };
-                format!("--{option} {}", argument(value))
-            })),
-            (file, Value::Object(columns)) => all.extend(
-                columns
-                    .iter()
-                    .map(|(means, column)| format!("--column {file}.{means}={}", argument(column))),
-            ),
-            (key, Value::Array(columns)) => {
-                all.extend(
-                    columns
-                        .iter()
-                        .map(|column| format!("--{key} {}", argument(column))),
-                );
-            }
-            (
-                key @ ("joint_unit" | "position_unit" | "header_row" | "separator" | "decimal"
-                | "sheet" | "comments"),
-                value,
-            ) => all.push(format!("--{} {}", key.replace('_', "-"), argument(value))),
-            (means, column) => all.push(format!("--column {means}={}", argument(column))),
-        }
-    }
-    all.join(" ")
-}
-
-/// The value of an option. Text that a shell would not take as one word is in quotes.
-fn argument(value: &Value) -> String {
-    match value {
-        Value::String(text) => {
-            let is_word = |c: char| c.is_alphanumeric() || "_.-".contains(c);
-            match !text.is_empty() && text.chars().all(is_word) {
-                true => text.clone(),
-                false => format!("{text:?}"),
-            }
-        }
-        other => other.to_string(),
-    }
-}
-
 fn header_row(text: &str) -> Result<Value, String> {
     match text {
         "none" => Ok(json!(false)),

@@ -1,8 +1,7 @@
 //! Remedies as options and commands. A text names its remedy in words; here are the options of a column mapping and the command for a code.
 
-use super::column_options::options;
 use crate::wire::suspicion::Insist;
-use serde_json::{Deserializer, Value};
+use serde_json::{Deserializer, Map, Value};
 
 /// What precedes a column mapping in a text.
 const MAPPING: &str = "in the column mapping: ";
@@ -53,6 +52,56 @@ fn command(code: &str) -> Option<String> {
     }
 }
 
+/// The options that state a mapping. The inverse of `ColumnOptions::body`.
+fn options(mapping: &Map<String, Value>) -> String {
+    let mut all = Vec::new();
+    for (key, value) in mapping {
+        match (key.as_str(), value) {
+            ("join", Value::Object(join)) => all.extend(join.iter().map(|(key, value)| {
+                let option = match key.as_str() {
+                    "by" => "join",
+                    "tolerance_s" => "join-tolerance-s",
+                    _ => "clock-offset-s",
+                };
+                format!("--{option} {}", argument(value))
+            })),
+            (file, Value::Object(columns)) => all.extend(
+                columns
+                    .iter()
+                    .map(|(means, column)| format!("--column {file}.{means}={}", argument(column))),
+            ),
+            (key, Value::Array(columns)) => {
+                all.extend(
+                    columns
+                        .iter()
+                        .map(|column| format!("--{key} {}", argument(column))),
+                );
+            }
+            (
+                key @ ("joint_unit" | "position_unit" | "header_row" | "separator" | "decimal"
+                | "sheet" | "comments"),
+                value,
+            ) => all.push(format!("--{} {}", key.replace('_', "-"), argument(value))),
+            (means, column) => all.push(format!("--column {means}={}", argument(column))),
+        }
+    }
+    all.join(" ")
+}
+
+/// The value of an option. Text that a shell would not take as one word is in quotes.
+fn argument(value: &Value) -> String {
+    match value {
+        Value::String(text) => {
+            let is_word = |c: char| c.is_alphanumeric() || "_.-".contains(c);
+            match !text.is_empty() && text.chars().all(is_word) {
+                true => text.clone(),
+                false => format!("{text:?}"),
+            }
+        }
+        other => other.to_string(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::{in_commands, with_options};
@@ -70,7 +119,7 @@ mod tests {
             ),
             (
                 r#"in the column mapping: {"robot": {"name": "COLUMN"}, "instrument": {"name": 3}}. Say so in the column mapping: {"join": {"by": "order"}}"#,
-                "with --column instrument.name=3 --column robot.name=COLUMN. Say so with --join order",
+                "with --column robot.name=COLUMN --column instrument.name=3. Say so with --join order",
             ),
             (
                 r#"aside in the column mapping: {"ignore": ["A }", "B"]}"#,

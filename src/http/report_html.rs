@@ -3,14 +3,19 @@
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
 use crate::http::{App, Error, access};
-use crate::report_page::{self, Sources};
-use crate::store::{jobs, policies, robot_versions};
+use crate::report_page::{self, ScoredSession, Sources};
+use crate::store::{jobs, policies, robot_versions, verifications};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
+use crate::wire::time::rfc3339;
+use crate::wire::verification::VerificationKind;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
+
+/// Maximum number of scored sessions on the page.
+const MAX_SESSIONS: usize = 20;
 
 /// The report as one self-contained page for printing, without scripts and without requests.
 #[utoipa::path(
@@ -29,6 +34,10 @@ pub async fn report_html(
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
+    let sessions = match &job.parameter_set_id {
+        Some(id) => scored_sessions(&app, id).await?,
+        None => vec![],
+    };
     let tolerance_mm = policies::get(&app.store, &job.robot_id).await?.tolerance_mm;
     let permit = app.limits.compute(caller.class).await?;
     let (report, convergence) = (
@@ -44,6 +53,7 @@ pub async fn report_html(
                 .map(ParameterSetAnswer::try_from)
                 .transpose()?
                 .as_ref(),
+            sessions: &sessions,
             tolerance_mm,
             report: &serde_json::from_str(&report)?,
             convergence: &serde_json::from_str(&convergence)?,
@@ -59,4 +69,19 @@ pub async fn report_html(
         page,
     )
         .into_response())
+}
+
+/// The newest sessions that were scored with a parameter set.
+async fn scored_sessions(app: &App, parameter_set_id: &str) -> Result<Vec<ScoredSession>, Error> {
+    let rows = verifications::of_set(&app.store, parameter_set_id).await?;
+    let sessions = rows.into_iter().rev();
+    let sessions = sessions.filter(|row| row.found.kind == VerificationKind::Session);
+    Ok(sessions
+        .take(MAX_SESSIONS)
+        .map(|row| ScoredSession {
+            scored_at: rfc3339(row.created_at_ms),
+            job_id: row.job_id,
+            found: row.found,
+        })
+        .collect())
 }

@@ -5,8 +5,8 @@ use super::{JobOutcome, JobSignals};
 use crate::release::facts::facts_at_end;
 use crate::release::{self, CheckStateChange};
 use crate::store::{
-    Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, job_sources, jobs, leases,
-    networks, parameter_sets, robots, verifications,
+    Exhausted, Expired, JobResult, JobRow, Lease, NewJob, Result, Store, Tx, job_sources, jobs,
+    leases, networks, parameter_sets, robots, verifications,
 };
 use crate::wire::Problem;
 use crate::wire::verification::Verification;
@@ -128,12 +128,23 @@ pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Re
 /// # Errors
 /// [`crate::store::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> Result<Expired> {
-    let detail = format!(
-        "{max_attempts} attempts at this job failed or did not end, or its process died {} times while it ran nothing else: the log has the causes",
-        leases::MAX_DEATHS_ALONE
-    );
-    let problem = problem_json(&Problem::new(500, "attempts_exhausted", detail));
-    let expired = leases::expire(store, i64::from(max_attempts), &problem).await?;
+    let problem = |detail| problem_json(&Problem::new(500, "attempts_exhausted", detail));
+    let attempts = match max_attempts {
+        1 => "the computation".to_owned(),
+        n => format!("each of {n} attempts at this computation"),
+    };
+    let exhausted = Exhausted {
+        by_attempts_json: problem(format!(
+            "{attempts} failed or did not end in time, and the server's log has the cause. Many points take long: identify from fewer, with least \
+             squares or without corrections"
+        )),
+        by_deaths_json: problem(format!(
+            "the process died {} times while it computed this job alone, often for want of memory: the server's log has the cause. Identify from \
+             fewer points",
+            leases::MAX_DEATHS_ALONE
+        )),
+    };
+    let expired = leases::expire(store, i64::from(max_attempts), &exhausted).await?;
     for _ in &expired.queued {
         signals.job_enqueued();
     }

@@ -23,7 +23,24 @@ pub struct ComparedRms {
     pub set_mm: f64,
     /// Of the robot's active one, mm.
     pub active_mm: f64,
+    /// Standard error of their difference, from the scatter of the points, mm.
+    pub std_mm: f64,
 }
+
+impl ComparedRms {
+    /// True if the set is not worse than the active one beyond chance: by at most two standard errors, and by at most a tenth.
+    pub fn is_as_good(&self) -> bool {
+        let chance_mm = (2.0 * self.std_mm).min(CHANCE * self.active_mm);
+        self.set_mm <= self.active_mm + chance_mm.max(SAME_MM)
+    }
+}
+
+/// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
+pub const SAME_MM: f64 = 0.001;
+/// Largest share of the active set's error that counts as chance, however few the points are.
+const CHANCE: f64 = 0.1;
+/// Points with errors above this multiple of the rms are left out of the scatter.
+const CLIPPED: f64 = 4.0;
 
 /// The points held out at the identification, on which a set is compared with the active one where no session can serve.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,9 +152,30 @@ pub fn compare_on_verify_subset(
 
 /// Robust rms from the errors of each point: of the active set, of the set's links, and of the set's links with corrections.
 fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
-    let comparison = robust_comparison(&errors_mm.collect::<Vec<_>>());
+    let errors_mm: Vec<[f64; 3]> = errors_mm.collect();
+    let comparison = robust_comparison(&errors_mm);
+    let (set_mm, active_mm) = (comparison.after_rms_mm, comparison.before_rms_mm);
+    let largest_mm = CLIPPED * set_mm.max(active_mm);
+    let differences: Vec<f64> = errors_mm
+        .iter()
+        .map(|[active, links, corrected]| (*active, links.max(*corrected)))
+        .filter(|(active, own)| active.max(*own) <= largest_mm)
+        .map(|(active, own)| own * own - active * active)
+        .collect();
     ComparedRms {
-        set_mm: comparison.after_rms_mm,
-        active_mm: comparison.before_rms_mm,
+        set_mm,
+        active_mm,
+        std_mm: standard_error(&differences) / (set_mm + active_mm).max(f64::MIN_POSITIVE),
     }
+}
+
+/// Standard error of the mean; 0 for fewer than two values.
+fn standard_error(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    if values.len() < 2 {
+        return 0.0;
+    }
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (squares / (n - 1.0) / n).sqrt()
 }

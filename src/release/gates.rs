@@ -1,7 +1,7 @@
 //! The gates that a parameter set must pass before it may move a robot.
 
 use crate::calibration::{INSTRUMENT_SCALE, TOOL_UNCERTAIN};
-use crate::release::comparison::ComparedRms;
+use crate::release::comparison::SAME_MM;
 use crate::release::facts::MIN_VERIFY_POINTS;
 use crate::release::gate_facts::{ArchivedItem, Facts};
 use crate::release::robot_gates::{change, identity, orientation};
@@ -18,8 +18,6 @@ use crate::wire::report_shape::{Evidence, SubsetReport};
 use crate::wire::verification::Fit;
 use std::collections::BTreeSet;
 
-/// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
-const SAME_MM: f64 = 0.001;
 /// If the active set's errors on new points are more than this many times the candidate's, the robot must have changed.
 const CHANGED: f64 = 3.0;
 
@@ -286,14 +284,16 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
     let (mut passed, mut changed) = (!facts.comparisons.is_empty(), false);
     for comparison in facts.comparisons {
         match &comparison.rms {
-            Ok(ComparedRms {
-                set_mm: own,
-                active_mm: active,
-            }) => {
-                passed &= *own <= active + SAME_MM;
-                changed |= *active > CHANGED * own + SAME_MM;
+            Ok(rms) => {
+                let (own, active) = (rms.set_mm, rms.active_mm);
+                passed &= rms.is_as_good();
+                changed |= active > CHANGED * own + SAME_MM;
+                let equal = match own > active && rms.is_as_good() {
+                    true => ", which is equal within the scatter of these points",
+                    false => "",
+                };
                 details.push(format!(
-                    "{}: {own:.4} mm rms, the active set {active:.4} mm",
+                    "{}: {own:.4} mm rms, the active set {active:.4} mm{equal}",
                     comparison.points
                 ));
             }

@@ -9,11 +9,12 @@ mod errors;
 mod figures;
 mod quality;
 mod sections;
+mod sessions;
 mod sources;
 mod text;
 pub mod words;
 
-pub use sources::{MeasuredSet, Sources};
+pub use sources::{MeasuredSet, ScoredSession, Sources};
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -60,6 +61,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::verdict(sources))
             (check::quick_check(report))
             (sections::warnings(&report.warnings))
+            (sessions::sessions(sources))
             (sections::facts(sources))
             (quality::statement(sources))
             (errors::errors(sources))

@@ -6,6 +6,7 @@ use crate::wire::measurement::{Frame, SetSummary};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
+use crate::wire::verification::Verification;
 
 /// The measurement set.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +38,17 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
     }
 }
 
+/// A session that was scored with the identified parameter set.
+#[derive(Clone, Debug)]
+pub struct ScoredSession {
+    /// The job that scored it.
+    pub job_id: String,
+    /// When that job was posted, RFC 3339.
+    pub scored_at: String,
+    /// What it found.
+    pub found: Verification,
+}
+
 /// Inputs of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct Sources<'a> {
@@ -48,6 +60,8 @@ pub struct Sources<'a> {
     pub job: Option<&'a JobAnswer>,
     /// The identified parameter set in its current state; none without a server, or if no parameters were identified.
     pub parameter_set: Option<&'a ParameterSetAnswer>,
+    /// Sessions that were scored with this set, newest first.
+    pub sessions: &'a [ScoredSession],
     /// Tolerance in the robot's policy, mm; none without a server, or if the policy has no tolerance.
     pub tolerance_mm: Option<f64>,
     /// The report.

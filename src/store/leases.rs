@@ -138,7 +138,8 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     GIVE_UP,
     N_EXPIRED,
     EXPIRE_CANCELLED,
-    EXPIRE_FAILED,
+    EXPIRE_AFTER_ATTEMPTS,
+    EXPIRE_AFTER_DEATHS,
     EXPIRE_QUEUED,
     END_ALL,
 ];
@@ -201,20 +202,19 @@ const EXPIRE_CANCELLED: &str = expired!(
     "cancel_requested_at_ms is not null"
 );
 
-const EXPIRE_FAILED: &str = expired!(
-    concat!(
-        "update job set status = 'failed', error_json = $2, deaths = deaths + ",
-        died_now!(),
-        ", lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
-    ),
-    concat!(
-        "(",
-        counted_attempts!(),
-        " >= $1 or deaths + ",
-        died_now!(),
-        " > $3)"
-    )
-);
+macro_rules! failed {
+    () => {
+        concat!(
+            "update job set status = 'failed', error_json = $2, deaths = deaths + ",
+            died_now!(),
+            ", lease_until_ms = null, finished_at_ms = (select now_ms from clock)"
+        )
+    };
+}
+
+const EXPIRE_AFTER_ATTEMPTS: &str = expired!(failed!(), concat!(counted_attempts!(), " >= $1"));
+
+const EXPIRE_AFTER_DEATHS: &str = expired!(failed!(), concat!("deaths + ", died_now!(), " > $1"));
 
 const EXPIRE_QUEUED: &str = expired!(
     concat!(
@@ -382,12 +382,21 @@ fn note(tx: &mut Tx, lease: &Lease, event: AuditEvent, detail: serde_json::Value
     tx.audit(event, &lease.job_id, detail);
 }
 
-/// Takes jobs from workers whose leases have expired. A job is queued again; it is a suspect if its process died. A job fails with `exhausted_json`
+/// The problem documents of jobs that are given up.
+#[derive(Clone, Debug, Default)]
+pub struct Exhausted {
+    /// After too many attempts that the job itself ended.
+    pub by_attempts_json: String,
+    /// After too many deaths of a process that computed only this job.
+    pub by_deaths_json: String,
+}
+
+/// Takes jobs from workers whose leases have expired. A job is queued again; it is a suspect if its process died. A job fails with `exhausted`
 /// after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
 ///
 /// # Errors
 /// [`super::Error::Database`].
-pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> Result<Expired> {
+pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> Result<Expired> {
     // Usually no lease has expired. Reading this first avoids the write lock.
     let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)
         .fetch_one(store.readers())
@@ -399,11 +408,27 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     let cancelled = sqlx::query_scalar(EXPIRE_CANCELLED)
         .fetch_all(tx.connection())
         .await?;
-    let failed = sqlx::query_scalar(EXPIRE_FAILED)
-        .bind(max_attempts)
-        .bind(exhausted_json)
-        .bind(MAX_DEATHS_ALONE);
-    let failed: Vec<String> = failed.fetch_all(tx.connection()).await?;
+    let mut failed: Vec<String> = Vec::new();
+    for (statement, limit, problem_json) in [
+        (
+            EXPIRE_AFTER_ATTEMPTS,
+            max_attempts,
+            &exhausted.by_attempts_json,
+        ),
+        (
+            EXPIRE_AFTER_DEATHS,
+            MAX_DEATHS_ALONE,
+            &exhausted.by_deaths_json,
+        ),
+    ] {
+        let query = sqlx::query_scalar(statement).bind(limit).bind(problem_json);
+        let ids: Vec<String> = query.fetch_all(tx.connection()).await?;
+        for id in &ids {
+            tx.audit(AuditEvent::JobFailed, id, jobs::as_failed(problem_json));
+            tx.audit_field("code", "attempts_exhausted".into());
+        }
+        failed.extend(ids);
+    }
     let queued = sqlx::query_scalar(EXPIRE_QUEUED)
         .bind(max_attempts)
         .bind(MAX_DEATHS_ALONE)
@@ -412,10 +437,6 @@ pub async fn expire(store: &Store, max_attempts: i64, exhausted_json: &str) -> R
     cancelled
         .iter()
         .for_each(|id: &String| tx.audit(AuditEvent::JobCancelled, id, json!({})));
-    for id in &failed {
-        tx.audit(AuditEvent::JobFailed, id, jobs::as_failed(exhausted_json));
-        tx.audit_field("code", "attempts_exhausted".into());
-    }
     tx.commit().await?;
     Ok(Expired {
         queued,

@@ -61,7 +61,7 @@ pub use frames::{FramesRow, NewFrames};
 pub use hashed::Hashed;
 pub use idempotency::{IdempotencyScope, IdempotentOutcome, StoredResponse};
 pub use jobs::{JobRow, NewJob};
-pub use leases::{Expired, Heartbeat, JobResult, Lease};
+pub use leases::{Exhausted, Expired, Heartbeat, JobResult, Lease};
 pub use listing::{ListRequest, Listed};
 pub use measurement_sets::{MeasurementSetRow, NewMeasurementSet};
 pub use named_documents::NamedDocumentRow;

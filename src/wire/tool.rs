@@ -25,6 +25,7 @@ pub struct ToolBody {
     /// Standard uncertainty of one coordinate of `translation_mm`, mm, for a tool that was measured on the flange of this robot. Default: the tool is
     /// from a drawing, and the flange misses by the usual errors of `theta_offset` and `d` of the last link.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 10000)]
     pub std_mm: Option<f64>,
 }
 

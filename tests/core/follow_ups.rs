@@ -1,12 +1,12 @@
 //! A robot that is measured again: scores on another session, and changes since the last one.
 
 use crate::data::{paper_robot, real_data};
-use crate::simulation::{Campaign, Normal, measure, poses, true_robot};
+use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::report::{CalibrationReport, PointErrors, Warning};
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::{
-    CalibrationRequest, Error, Method, Model, RobustComparison, calibrate, check, check_verify,
-    robust_comparison, verify,
+    CalibrationRequest, Error, HeldOut, Method, Model, RobustComparison, calibrate, check,
+    check_verify, robust_comparison, verify,
 };
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
@@ -244,6 +244,98 @@ fn a_verify_set_needs_half_as_many_equations_again_as_placing_it_takes() {
         refusal(&to_identify_and_verify(&first, repeated)),
         Some("under_determined")
     );
+}
+
+/// Base and reflector are placed on the session's own points. If joint 6 stands still, they take up whatever joint 5 has changed by.
+#[test]
+fn a_session_whose_last_joint_hardly_moves_is_no_evidence() {
+    let robot = limited(paper_robot());
+    let mut random = Normal::new(31);
+    let truth = true_robot(&robot, 1, &mut random);
+    let first_poses = poses(50, &mut random);
+    let first = measure(&truth, &first_poses, &Campaign::PLAIN, &mut random);
+    let model = identified(&robot, &first);
+    let mut remastered = truth.clone();
+    remastered.links[4].theta_offset_rad += 1.0f64.to_radians();
+    for (half_range_deg, is_seen) in [(0.0, false), (6.0, false), (90.0, true)] {
+        let mut q_rad = poses(50, &mut random);
+        for (i, q) in q_rad.iter_mut().enumerate() {
+            let share = f64::from(i as u32 % 11) / 5.0 - 1.0;
+            q[5] = (10.0 + half_range_deg * share).to_radians();
+        }
+        let session = |truth: &KinematicModel, random: &mut Normal| {
+            let set = measure(truth, &q_rad, &Campaign::PLAIN, random);
+            scored(&robot, &set, Some(&model))
+        };
+        let changed = session(&remastered, &mut random);
+        let rms_mm = changed.verify.unwrap().after.rms_mm;
+        println!("joint 6 within ±{half_range_deg}°: {rms_mm:.3} mm");
+        let unchanged = session(&truth, &mut random);
+        assert_eq!(unchanged.is_evidence(), is_seen, "±{half_range_deg}°");
+        if is_seen {
+            assert!(rms_mm > 1.0, "{rms_mm}");
+            continue;
+        }
+        assert!(!changed.is_evidence(), "±{half_range_deg}°");
+        let mut warnings = changed.warnings.iter();
+        let told = warnings.find(|w| w.code == "session_shows_little").unwrap();
+        assert!(told.detail.contains("5 ("), "{}", told.detail);
+    }
+}
+
+/// A robot that collides while it is measured: the last configurations are far off. Single rows that are far off are outliers of the instrument.
+#[test]
+fn a_robot_that_changes_during_a_session_raises_an_alarm() {
+    let robot = paper_robot();
+    for seed in 0..4 {
+        let mut random = Normal::new(900 + seed);
+        let truth = true_robot(&robot, 1, &mut random);
+        let first_poses = poses(50, &mut random);
+        let first = measure(&truth, &first_poses, &Campaign::PLAIN, &mut random);
+        let model = identified(&robot, &first);
+        let held_out = HeldOut {
+            nominal_rms_mm: 1.0,
+            identified_rms_mm: 0.06,
+        };
+        let score = |set: MeasurementSet| {
+            let request = CalibrationRequest {
+                held_out: Some(held_out),
+                ..CalibrationRequest::new(robot.clone(), set)
+            };
+            let identified = IdentifiedRobot::of_links(model.clone());
+            verify(&request, Some(&identified), &mut |_| {
+                ControlFlow::Continue(())
+            })
+            .unwrap()
+        };
+        let mut collided = truth.clone();
+        collided.links[2].theta_offset_rad += 1.0f64.to_radians();
+        let q_rad = poses(40, &mut random);
+        let good = measure(&truth, &q_rad, &Campaign::PLAIN, &mut random);
+        let bad = measure(&collided, &q_rad, &Campaign::PLAIN, &mut random);
+        for n_bad in [5, 8, 12] {
+            let mut set = good.clone();
+            set.points[40 - n_bad..].clone_from_slice(&bad.points[40 - n_bad..]);
+            let report = score(set);
+            let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+            let alarms = ["set_far_off", "session_does_not_fit"];
+            assert!(
+                codes.iter().any(|code| alarms.contains(code)),
+                "{n_bad}, seed {seed}: {codes:?}"
+            );
+        }
+        let mut set = good.clone();
+        for row in [3, 11, 26, 39] {
+            set.points[row].clone_from(&bad.points[row]);
+        }
+        let report = score(set);
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        assert!(!codes.contains(&"set_far_off"), "seed {seed}: {codes:?}");
+        assert!(
+            !codes.contains(&"session_does_not_fit"),
+            "seed {seed}: {codes:?}"
+        );
+    }
 }
 
 #[test]

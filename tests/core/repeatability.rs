@@ -172,6 +172,31 @@ fn a_session_with_its_reflector_mounted_again_is_told_from_a_copy_whose_position
     }
 }
 
+/// Positions are converted to another temperature by a common factor.
+#[test]
+fn another_scale_makes_no_new_session_of_a_copy() {
+    let nominal = paper_robot();
+    for seed in 0..6 {
+        let mut random = Normal::new(700 + seed);
+        let truth = true_robot(&nominal, 1, &mut random);
+        let poses = poses(40, &mut random);
+        let first = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        for scale in [1.0002, 0.9997, 1.0003, 1.002] {
+            for std_mm in [0.0, 0.02] {
+                let mut copy = noisy(&first, std_mm, &mut random);
+                for point in &mut copy.points {
+                    point.position_mm *= scale;
+                }
+                for copy in [carried(&copy), copy] {
+                    assert!(!is_anew(&nominal, &first, &copy), "{scale}, {std_mm} mm");
+                }
+            }
+        }
+        let second = measure(&truth, &poses, &Campaign::PLAIN, &mut random);
+        assert!(is_anew(&nominal, &first, &second), "{seed}");
+    }
+}
+
 #[test]
 fn a_joint_that_does_not_move_the_reflector_makes_no_new_pose_of_a_copy() {
     let nominal = paper_robot();

@@ -542,7 +542,7 @@ fn a_target_off_the_flange_axis_is_not_said_to_have_moved_in_the_papers_model() 
         let (_, place) = hint.detail.split_once("has it at ").unwrap();
         let x_mm: f64 = place.split(',').next().unwrap().parse().unwrap();
         assert!(
-            hint.detail.contains("Ask for model complete") && (x_mm - 80.0).abs() < 0.5,
+            hint.detail.contains("Choose model complete") && (x_mm - 80.0).abs() < 0.5,
             "{}",
             hint.detail
         );

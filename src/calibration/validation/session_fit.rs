@@ -241,7 +241,7 @@ pub fn far_run(
     let far = runs.filter(|rows| error_mm(&rows[0]) > limit_mm);
     let run = |rows: &[usize]| {
         let labels = rows.iter().map(|row| points[*row].configuration.as_str());
-        let squares: f64 = rows.iter().map(|row| error_mm(row).powi(2)).sum();
+        let squares: f64 = rows.iter().map(|row| error_mm(row) * error_mm(row)).sum();
         FarRun {
             first: points[rows[0]].configuration.clone(),
             n_configurations: labels.collect::<BTreeSet<_>>().len(),

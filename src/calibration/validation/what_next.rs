@@ -152,7 +152,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
             full(found)
         );
     }
-    format!("measure about {n} poses in all, {moved}")
+    format!("measure about {n} new poses in a file of their own, {moved}")
 }
 
 fn changed(found: &Found<'_>) -> String {

@@ -233,6 +233,19 @@ async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
         failed_gates(&app, &parameter_set).await,
         (vec![], "independent_session".into())
     );
+    // The printed report of the identification has all three sessions.
+    let set = app
+        .get(&format!("/v1/parameter-sets/{}", text(&parameter_set)))
+        .await
+        .ok(200);
+    let page = format!("/v1/jobs/{}/report.html", text(&set["job_id"]));
+    let page = app.get(&page).await.text();
+    assert!(page.contains("Verified on other sessions"));
+    assert!(page.contains("the set is far off"));
+    assert_eq!(
+        page.matches("the set holds: independent session").count(),
+        2
+    );
 }
 
 #[tokio::test]

@@ -60,7 +60,8 @@ async fn a_session_in_the_instruments_frame_says_nothing_of_the_base_of_a_set_fr
         assert_eq!(evidence, "same_upload", "{model}");
         let detail = gate(&app, &parameter_set, "evidence").await["detail"].clone();
         assert!(
-            text(&detail).contains("base was not checked") && text(&detail).contains("frame=base"),
+            text(&detail).contains("base was not checked")
+                && text(&detail).contains("a session in the base frame"),
             "{detail}"
         );
         let release = format!("/v1/parameter-sets/{}/release", text(&parameter_set));

@@ -273,7 +273,7 @@ async fn the_tolerance_counts_the_uncertainty_unless_the_policy_says_otherwise()
     let (figure, expanded) = (number("held out: "), number("± "));
     assert!(expanded > 0.02 * figure && expanded < figure, "{detail}");
     assert!(
-        detail.contains("tolerance is 10 mm") && detail.contains("guarded_acceptance"),
+        detail.contains("tolerance is 10 mm") && detail.contains("guarded acceptance"),
         "{detail}"
     );
     // a tolerance between figure and figure + interval
@@ -291,7 +291,7 @@ async fn the_tolerance_counts_the_uncertainty_unless_the_policy_says_otherwise()
     let simple = gate().await;
     assert_eq!(simple["passed"], true, "{simple}");
     assert!(
-        text(&simple["detail"]).contains("simple_acceptance"),
+        text(&simple["detail"]).contains("simple acceptance"),
         "{simple}"
     );
 }

@@ -207,7 +207,7 @@ async fn of_a_file_that_was_insisted_on_the_advice_is_that_of_its_refusal() {
             "{detail}"
         );
         let page = app.get(&format!("{path}.html")).await.text();
-        assert!(page.contains("frame=instrument") && !page.contains("joint map"));
+        assert!(page.contains("the frame instrument") && !page.contains("joint map"));
     }
 }
 

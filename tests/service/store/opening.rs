@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime};
 
 use kincal::store::{
-    Engine, Error, NewJob, Store, StoreLocation, all_queries, jobs, leases, robots,
+    Engine, Error, Exhausted, NewJob, Store, StoreLocation, all_queries, jobs, leases, robots,
 };
 use sqlx::migrate::Migrator;
 use sqlx::{AssertSqlSafe, Executor, SqlitePool, query_scalar};
@@ -195,7 +195,10 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
         let store = Store::open(location.clone()).await.unwrap();
         let beside = Store::open_beside_a_server(location).await.unwrap();
         assert_eq!(
-            leases::expire(&store, 3, "{}").await.unwrap().queued,
+            leases::expire(&store, 3, &Exhausted::default())
+                .await
+                .unwrap()
+                .queued,
             std::slice::from_ref(&job.id)
         );
         let mine = claim(&store, "alive", Duration::from_secs(3600))
@@ -216,7 +219,9 @@ fn a_server_that_opens_a_data_directory_ends_the_leases_of_the_dead_one() {
             let mut tx = store.begin().await.unwrap();
             leases::give_up(&mut tx, &lease).await.unwrap();
             tx.commit().await.unwrap();
-            let expired = leases::expire(&store, 3, "{}").await.unwrap();
+            let expired = leases::expire(&store, 3, &Exhausted::default())
+                .await
+                .unwrap();
             let ended = (expired.queued.len(), expired.failed.len());
             assert_eq!(ended, if used_up < 3 { (1, 0) } else { (0, 1) });
             if used_up < 3 {

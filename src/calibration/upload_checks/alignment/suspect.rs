@@ -256,7 +256,7 @@ impl<'a> Suspect<'a> {
                 let sees_last_direction = supposed.zeros.is_some()
                     || self.sees_last_direction(convention, supposed.rms_mm);
                 let other = self.other_signs(convention, supposed.rms_mm);
-                let or = other.as_ref().map_or(or, |other| {
+                let or_signs = other.as_ref().map_or(String::new(), |other| {
                     let differs = |joint: &usize| {
                         convention.reversed[*joint] != other.reversed[*joint]
                     };
@@ -276,7 +276,7 @@ impl<'a> Suspect<'a> {
                     ),
                 };
                 let detail = format!(
-                    "{as_it_is}; if {words}, it fits to {found_mm} mm: if the controller counts so, the robot's joint_map is {map_text}{unseen}{or}"
+                    "{as_it_is}; if {words}, it fits to {found_mm} mm: if the controller counts so, the robot's joint_map is {map_text}{unseen}{or_signs}{or}"
                 );
                 Suspicion {
                     joint_map: other.is_none().then_some(map),
