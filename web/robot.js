@@ -41,7 +41,7 @@ export async function robotPage({ main, signal, may, why, query }, id, part) {
   };
   const isNew = sets.length + jobs.length === 0;
   const verifying = await toVerify(query.get("verify"), { stand, jobs, sets }, signal);
-  fill(main, head(robot, stand, now), archived(robot), checkRobot(robot, stand, may, why), failure(stand.lastJob), known(stand, trend, now), steps, guide(robot, stand, { now, sets, signal }),
+  fill(main, head(robot, stand, now), archived(robot), checkRobot(robot, stand, may, why), failure(stand.lastJob), known(stand, trend, now), steps, guide(robot, stand, { now, sets, may, signal }),
     uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), !stand.newest && nominalArm(robot), history(entries, stand.sessions),
     section("Parameter sets", parameterSets(entries, framesOf(jobs, sets)), isNew), section("Jobs", jobTable(jobs, sets, stand.sessions, against), isNew), section("Measurement sets", uploads, isNew),
     networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
@@ -119,7 +119,7 @@ function checkRobot(robot, { active, newest, sessions }, may, why) {
   return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
     el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the session of ${when(misfit.job.measured_at ?? misfit.job.created_at)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
     active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
-    el("div.actions", {}, el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), el("a.button", { href: `${page}/upload` }, "Calibrate anew"), active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
+    el("div.actions", {}, may("upload") && el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
     why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
       el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
 }
@@ -167,7 +167,7 @@ function known(stand, trend, now) {
 }
 
 /** What to do next with a robot that has a result. */
-function guide(robot, stand, { now, sets, signal }) {
+function guide(robot, stand, { now, sets, may, signal }) {
   if (robot.archived_at || robot.state === "check_robot" || !stand.newest) return [];
   const { active, newest, since, lastJob, lastSession } = stand;
   const link = (kind, href, words) => el(kind, { href }, words);
@@ -177,7 +177,7 @@ function guide(robot, stand, { now, sets, signal }) {
   const review = since ?? (active ? null : newest);
   const found = lastSession && foundAgainst(lastSession.report);
   if (active && now?.need === "drifted") return card(`The newest session speaks against the active set. ${capital(now.reason)}. The cell runs this set until another one is released, or it is withdrawn.`, since && link("a.button.primary", `#/jobs/${since.job_id}`, "Review the newer result"), link(since ? "a.button" : "a.button.primary", `#/jobs/${now.need_job_id}`, "Look at that session"),
-    verify(active), link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
+    verify(active), may("identify") && link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), may("release") && link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
   if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, now, sets, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
   if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
   return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
