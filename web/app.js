@@ -110,8 +110,8 @@ function signIn(error) {
     error && problem(error),
     el("label", { for: "key" }, "API key"), field,
     el("button.primary", { type: "submit" }, "Sign in"),
-    el("p.note", {}, "A key with the scope read shows everything; upload, identify and release allow more. Whoever runs the server makes one with"),
-    el("pre", {}, "kincal key create --name my-desk --scope read"),
+    el("p.note", {}, "Whoever runs the server makes a key. One for calibrating has the scopes read, upload, identify and release; read alone shows everything and changes nothing."),
+    el("pre", {}, "kincal key create --name my-desk", ["read", "upload", "identify", "release"].map((scope) => [" ", el("span", {}, `--scope ${scope}`)])),
     el("p.note", {}, "This browser keeps it in a cookie that no script can read, for all its tabs, until you sign out or close the browser.")));
   main.removeAttribute("aria-busy");
   field.focus();

@@ -29,7 +29,8 @@ export async function comparePage({ main, signal }, id) {
     if (one.value === other.value) return fill(out, el("p.empty", {}, "Choose two different sets."));
     try {
       const found = await get(`/v1/parameter-sets/${one.value}/compare?with=${other.value}`, signal);
-      if (!signal.aborted) fill(out, drawn(robot, found));
+      const frames = await Promise.all([one, other].map(({ value }) => frameOf(sets.find(({ id: of }) => of === value), signal)));
+      if (!signal.aborted) fill(out, drawn(robot, found, frames.includes("instrument")));
     } catch (error) {
       if (error.name !== "AbortError") fill(out, problem(error));
     }
@@ -38,7 +39,23 @@ export async function comparePage({ main, signal }, id) {
   await draw();
 }
 
-function drawn(robot, found) {
+/** The frame of the points that a set was identified from. */
+async function frameOf({ job_id: id }, signal) {
+  const { measurement_set_id: from } = await get(`/v1/jobs/${id}`, signal);
+  return (await get(`/v1/measurement-sets/${from}`, signal)).frame;
+}
+
+/** What changed. In an instrument's own frame the base says where the instrument stood, and that is no change of the robot. */
+function changes(changed, isOwnFrame) {
+  const isBase = ({ name }) => isOwnFrame && name.startsWith("base_");
+  const [base, others] = [changed.filter(isBase), changed.filter((c) => !isBase(c))];
+  const unit = ({ name }) => (/^base_r/.test(name) ? "°" : " mm");
+  return el("section.card", {}, el("h2", {}, "What changed"),
+    base.length > 0 && el("p.note", {}, `The instrument stood elsewhere: ${base.map((c) => `${parameter(c.name)} ${signed(c.delta, 2)}${unit(c)}`).join(", ")}. Measured in the instrument's own frame, a base says only that: it is no change of the robot.`),
+    el("div.narrow", {}, table("The first set minus the second, mm or °.", [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]], others, "Nothing else beyond chance.")));
+}
+
+function drawn(robot, found, isOwnFrame) {
   const length = (v) => Math.hypot(...v);
   const points = found.map.map((p) => ({ position: p.position_mm, vectors: { difference: p.difference_mm }, errors: { difference: length(p.difference_mm) }, target: 0 }));
   const selected = selection(points.length);
@@ -48,6 +65,5 @@ function drawn(robot, found) {
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   const { sessions } = found;
   const said = !sessions ? ["cannot be said", "both sets are of one upload, or a session is too small"] : sessions.probability < FALSE_ALARMS ? ["changed", `probability of this by chance: ${number(sessions.probability, 2)}`] : ["not beyond chance", `probability of this by chance: ${number(sessions.probability, 2)}`];
-  return [facts([["Difference at the tool", mm(found.mean_mm), `on average; at most ${mm(found.max_mm)}`], ["The robot", ...said]]), cell.node, sessions?.changed?.length > 0 && el("section.card", {}, el("h2", {}, "What changed"), el("div.narrow", {},
-    table("The first set minus the second, mm or °.", [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]], sessions.changed, "")))];
+  return [facts([["Difference at the tool", mm(found.mean_mm), `on average; at most ${mm(found.max_mm)}`], ["The robot", ...said]]), cell.node, sessions?.changed?.length > 0 && changes(sessions.changed, isOwnFrame)];
 }

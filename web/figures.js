@@ -2,7 +2,7 @@
 
 import { answering, axes, figure, legend, polyline, range, ticks } from "./charts.js";
 import { svg } from "./dom.js";
-import { error, mm, number, SMALLEST_MM } from "./format.js";
+import { count, error, mm, number, SMALLEST_MM } from "./format.js";
 import { spansMuch } from "./points.js";
 
 /** Names of the two robots of a calibration. */
@@ -40,7 +40,7 @@ const seen = (value) => Math.max(value, SMALLEST_MM);
 export function histogram(points, names) {
   const log = spansMuch(points);
   const [before, after] = [points.map((p) => p.before_mm), points.map((p) => p.after_mm)];
-  const caption = `Number of points by size of their error, all ${points.length} points${log ? "; each step to the right is ten times as much" : ""}. Half of them are below ${mm(median(before))} ${names.before} and ${mm(median(after))} ${names.after}.`;
+  const caption = `Number of points by size of their error, all ${count(points.length)} points${log ? "; each step to the right is ten times as much" : ""}. Half of them are below ${mm(median(before))} ${names.before} and ${mm(median(after))} ${names.after}.`;
   let told = [];
   const chart = figure("Distribution of the errors", caption, 250, (width, height) => {
     const x = { ...(log ? visible([...before, ...after]) : range([...before, ...after], { zero: true })), label: "position error, mm" };

@@ -32,6 +32,9 @@ function superscript(exponent) {
 /** Smallest error that is shown as a number, mm: no instrument resolves a tenth of a micrometre. */
 export const SMALLEST_MM = 1e-4;
 
+/** A number of things, with separated thousands. */
+export const count = (n) => n.toLocaleString("en-GB");
+
 /** A position error, in mm. */
 export function error(value) {
   if (value === null || value === undefined) return "–";

@@ -4,6 +4,7 @@ import { each, get, list } from "./api.js";
 import { answering, axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
 import { el, svg } from "./dom.js";
 import { mm, parameter, signed, SMALLEST_MM, when } from "./format.js";
+import { foundAgainst } from "./verdicts.js";
 
 /** Most parameter sets that are drawn. The active one is always drawn. */
 const MAX_SETS = 30;
@@ -25,7 +26,7 @@ export async function state(robot, signal) {
   const report = measured && (await get(`/v1/jobs/${measured.job_id}/report`, signal));
   const since = active && newest && newest.id !== active.id && newest.created_at > active.created_at ? newest : null;
   const scored = sessions.filter(({ job }) => measured && job.parameter_set_from === measured.id);
-  return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, sessions, lastSession: scored.find(({ report: of }) => counts(of)) ?? null, isDoubted: scored.length > 0 && !counts(scored[0].report), drift: since && (await drift(active, since, signal)) };
+  return { sets, active, newest, lastJob: jobs.items[0] ?? null, report, since, sessions, lastSession: scored.find(({ report: of }) => counts(of)) ?? null, doubt: scored.length > 0 && !counts(scored[0].report) ? scored[0] : null, drift: since && (await drift(active, since, signal)) };
 }
 
 /** Verifications and checks of parameter sets with their reports, newest first. */
@@ -66,6 +67,14 @@ export async function past({ sets, active }, signal) {
   return shown.map((set, i) => ({ set, report: reports[i] }));
 }
 
+/** Time of the measurement where the service knows it, else of the upload or the job. */
+export const timeOf = (thing) => Date.parse(thing.measured_at ?? thing.created_at);
+/** Which of the two the time axis has. */
+const timesSaid = (things) => {
+  const n = things.filter((thing) => thing.measured_at).length;
+  return n === 0 ? "Time: when it was uploaded and computed, not when it was measured." : n === things.length ? "Time: when it was measured." : "Time: when it was measured; where that is not known, when it was uploaded.";
+};
+
 /** Errors on the verify points or, if there are none, on the fitted points. */
 export const best = (report) => report.verify ?? report.identify;
 
@@ -85,26 +94,29 @@ function scaled(entries) {
 export function errorHistory(entries, sessions) {
   const shown = scaled(entries);
   const beyond = entries.length - shown.length;
-  const later = sessions.filter(({ report }) => counts(report)).map(({ job, report }) => ({ at: Date.parse(job.created_at), rms: best(report).after.rms_mm, words: verifiedWords(job, report, entries) }));
-  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? " A round mark is a later session that a set was scored on." : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}`;
+  const scored = (those) => those.filter(({ report }) => best(report).n_points > 0).map(({ job, report }) => ({ at: timeOf(job), rms: best(report).after.rms_mm, isAgainst: foundAgainst(report) !== undefined, words: verifiedWords(job, report, entries) }));
+  const later = scored(sessions.filter(({ report }) => counts(report)));
+  const misfits = scored(sessions.filter(({ report }) => !counts(report)));
+  const onAxis = [...entries.map(({ set }) => timeOf(set)), ...[...later, ...misfits].map(({ at }) => at)];
+  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? ` A round mark is a later session that a set was scored on${later.some(({ isAgainst }) => isAgainst) ? "; a red one speaks against the set" : ""}.` : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}${misfits.length > 0 ? " A triangle is a session that does not fit the robot; beyond the scale it stands at its upper edge." : ""} ${timesSaid([...entries.map(({ set }) => set), ...sessions.map(({ job }) => job)])}`;
   let told = [];
   const chart = figure("Error over time", caption, 260, (width, height) => {
     const values = [...shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]), ...later.map(({ rms }) => Math.max(SMALLEST_MM, rms))];
     const log = Math.max(...values) > 40 * Math.min(...values);
-    const frame = axes(width, height, times([...entries.map(({ set }) => Date.parse(set.created_at)), ...later.map(({ at }) => at)]), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
+    const frame = axes(width, height, times(onAxis), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
     const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(Math.max(v, SMALLEST_MM))));
-    told = [...entries.map(({ set, report }) => [frame.x(Date.parse(set.created_at)), [el("strong", {}, when(set.created_at)), `: ${errorWords(set, report)}`]]), ...later.map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
+    told = [...entries.map(({ set, report }) => [frame.x(timeOf(set)), [el("strong", {}, when(timeOf(set))), `: ${errorWords(set, report)}`]]), ...[...later, ...misfits].map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
     const marks = entries.map(({ set, report }) => {
       const { before, after } = best(report);
-      const x = frame.x(Date.parse(set.created_at));
+      const x = frame.x(timeOf(set));
       const isBeyond = !shown.some((entry) => entry.set.id === set.id);
       return svg(isBeyond ? "g.beyond" : "g", {}, svg("line.before-line", { x1: x, x2: x, y1: within(before.rms_mm), y2: within(after.rms_mm) }),
         svg("circle.before", { cx: x, cy: within(before.rms_mm), r: 4 }),
         square(x, within(after.rms_mm), set.status),
-        svg("title", {}, `${when(set.created_at)}: ${errorWords(set, report)}`));
+        svg("title", {}, `${when(timeOf(set))}: ${errorWords(set, report)}`));
     });
-    return [frame.nodes, marks, later.map(({ at, rms, words }) => svg("g", {}, svg("circle.scored", { cx: frame.x(at), cy: within(rms), r: 4.5 }), svg("title", {}, `${when(at)}: ${words}`)))];
-  }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"], ...later.length > 0 ? [["scored", "on a later session"]] : []]));
+    return [frame.nodes, marks, misfits.map(({ at, rms, words }) => svg("g", {}, triangle(frame.x(at), within(rms)), svg("title", {}, `${when(at)}: ${words}`))), later.map(({ at, rms, isAgainst, words }) => svg("g", {}, svg(isAgainst ? "circle.misfit" : "circle.scored", { cx: frame.x(at), cy: within(rms), r: 4.5 }), svg("title", {}, `${when(at)}: ${words}`)))];
+  }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"], ...later.length > 0 ? [["scored", "on a later session"]] : [], ...misfits.length > 0 ? [["misfit", "session that does not fit"]] : []]));
   return answering(chart, () => told);
 }
 
@@ -113,13 +125,15 @@ const errorWords = (set, report) => `${mm(best(report).before.rms_mm)} before, $
 /** What a session found, for the figure. */
 function verifiedWords(job, report, entries) {
   const scored = entries.find(({ set }) => set.id === job.parameter_set_from);
-  return `${mm(best(report).after.rms_mm)} on a later session, with ${scored ? `the ${scored.set.status === "released" ? "active set" : `${scored.set.status} set`} of ${when(scored.set.created_at)}` : "an older set"}`;
+  return `${mm(best(report).after.rms_mm)} on a ${counts(report) ? "later session" : "session that does not fit the robot"}, with ${scored ? `the ${scored.set.status === "released" ? "active set" : `${scored.set.status} set`} of ${when(scored.set.created_at)}` : "an older set"}`;
 }
 
 function square(x, y, status) {
   const released = status === "released" || status === "superseded";
   return svg(`rect.${released ? "released" : "candidate"}`, { x: x - 4, y: y - 4, width: 8, height: 8 });
 }
+
+const triangle = (x, y) => svg("path.misfit", { d: `M${x - 6} ${y + 5}L${x + 6} ${y + 5}L${x} ${y - 6}Z` });
 
 /** The distance between two marks is the time between them. */
 function times(all) {
@@ -137,7 +151,8 @@ export function parameterHistory(entries) {
   const told = [];
   const choice = el("select", { id: "history-parameter", change: (event) => { chosen = event.target.value; chart.redraw(); } },
     names.map((name) => el("option", { value: name }, `${parameter(name)}  (${name})`)));
-  const caption = "Those that moved most come first. Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone.";
+  const isMoved = entries.length > 1 && jump(entries, names[0]) > 1;
+  const caption = `${isMoved ? "Those that moved most come first. " : ""}Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone. ${timesSaid(entries.map(({ set }) => set))}`;
   const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen, told),
     el("p", {}, el("label", { for: "history-parameter" }, "Parameter"), choice));
   return answering(chart, () => told);
@@ -158,15 +173,15 @@ function drawParameter(width, height, entries, name, told) {
   const usual = entries.map(({ set }, i) => (set.status === "withdrawn" ? null : rows[i])).filter(Boolean);
   const ends = (usual.length > 0 ? usual : known).flatMap((p) => [p.delta - 2 * (p.std_uncertainty ?? 0), p.delta + 2 * (p.std_uncertainty ?? 0)]);
   const y = range(ends, { zero: true, pad: 0.1 });
-  const at = (i) => Date.parse(entries[i].set.created_at);
+  const at = (i) => timeOf(entries[i].set);
   const decimals = decimalsOf(ticks(y, 4));
-  const frame = axes(width, height, times(entries.map(({ set }) => Date.parse(set.created_at))), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
+  const frame = axes(width, height, times(entries.map(({ set }) => timeOf(set))), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
   const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(v)));
-  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(entries[i].set.created_at)), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean));
+  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(at(i))), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean));
   const marks = rows.map((p, i) => p && svg("g", {},
     p.std_uncertainty && svg("line.whisker", { x1: frame.x(at(i)), x2: frame.x(at(i)), y1: within(p.delta - 2 * p.std_uncertainty), y2: within(p.delta + 2 * p.std_uncertainty) }),
     svg(p.identifiable ? "circle.mark" : "circle.unseen", { cx: frame.x(at(i)), cy: within(p.delta), r: 4.5 }),
-    svg("title", {}, `${when(entries[i].set.created_at)}: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)}` : ""}`)));
+    svg("title", {}, `${when(at(i))}: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)}` : ""}`)));
   return [frame.nodes, svg("line.axis", { x1: frame.left, x2: frame.right, y1: frame.y(0), y2: frame.y(0) }), marks.filter(Boolean)];
 }
 

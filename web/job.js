@@ -3,7 +3,7 @@
 import { follow, get, post } from "./api.js";
 import { convergence } from "./figures.js";
 import { el, fill, problem, say } from "./dom.js";
-import { capital, instrument, method, number, when } from "./format.js";
+import { capital, count, instrument, method, number, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
 import { FAILURES, STAGES } from "./words.js";
@@ -49,7 +49,7 @@ function asked(job, verified) {
 function head(job, robot, set, verified) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
-    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${set.n_points} points, ${set.frame === "base" ? "robot base" : "instrument"} frame${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}) · begun ${when(job.created_at)} · `, asked(job, verified))),
+    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${set.frame === "base" ? "robot base" : "instrument"} frame${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}) · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", { "data-state": job.id }, statusBadge(job.status)));
 }
 

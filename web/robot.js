@@ -1,15 +1,18 @@
 // One robot: its state, its history, and its stored documents.
 
 import { get, list, post } from "./api.js";
+import { armFigure } from "./arm.js";
 import { brief, el, fill, problem, table } from "./dom.js";
-import { age, capital, error, EVIDENCE, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
+import { age, capital, count, error, EVIDENCE, gateTitle, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
-import { verifyPage } from "./next.js";
-import { facts, standing } from "./robots.js";
+import { SOON_JUDGED, verifyPage } from "./next.js";
+import { facts, overviewOf, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
+import { selection } from "./selection.js";
 import { uploadCard } from "./upload.js";
-import { foundAgainst, foundBadge } from "./verdicts.js";
+import { foundAgainst, foundBadge, judged, sessionsAgainst } from "./verdicts.js";
+import { FAILURES } from "./words.js";
 
 const SHOWN = 20;
 
@@ -17,23 +20,30 @@ const SHOWN = 20;
 export async function robotPage({ main, signal, may, why, query }, id, part) {
   const robot = await get(`/v1/robots/${id}`, signal);
   document.title = `kincal: ${robot.name}`;
-  const [stand, sets, jobs, networks] = await Promise.all([
+  const [stand, overview, sets, jobs, networks] = await Promise.all([
     state(robot, signal),
+    overviewOf(robot, signal),
     list(`/v1/robots/${id}/measurement-sets`, SHOWN, signal),
     list(`/v1/robots/${id}/jobs`, SHOWN, signal),
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
   const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
+  const { lastSession } = stand;
+  const now = overview && judged(overview, lastSession?.job.id === overview.session?.job_id ? lastSession?.report : undefined);
+  const against = sessionsAgainst(now ? [now] : []);
   const uploads = el("div", {}, setTable(sets));
+  const steps = el("div", {}, stand.newest ? [] : firstSteps(robot, sets, stand, may));
   const uploaded = (set) => {
     sets.unshift(set);
     fill(uploads, setTable(sets));
+    if (!stand.newest) fill(steps, firstSteps(robot, sets, stand, may));
     uploads.closest("section").hidden = false;
   };
   const isNew = sets.length + jobs.length === 0;
   const verifying = await toVerify(query.get("verify"), { stand, jobs, sets }, signal);
-  fill(main, head(robot, stand), archived(robot), checkRobot(robot, may, why), known(robot, stand, trend, isNew), guide(robot, stand), uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), history(entries, stand.sessions),
-    section("Parameter sets", parameterSets(entries), isNew), section("Jobs", jobTable(jobs, sets, stand.sessions), isNew), section("Measurement sets", uploads, isNew),
+  fill(main, head(robot, stand, now), archived(robot), checkRobot(robot, stand, may, why), failure(stand.lastJob), known(stand, trend, now), steps, guide(robot, stand, { now, sets, may, signal }),
+    uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), !stand.newest && nominalArm(robot), history(entries, stand.sessions),
+    section("Parameter sets", parameterSets(entries, framesOf(jobs, sets)), isNew), section("Jobs", jobTable(jobs, sets, stand.sessions, against), isNew), section("Measurement sets", uploads, isNew),
     networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
   if (part !== "upload") return;
   document.getElementById("calibrate")?.scrollIntoView();
@@ -51,25 +61,50 @@ async function toVerify(id, { stand, jobs, sets }, signal) {
 /** An archived robot is in no list; somebody who has its address sees why. */
 const archived = (robot) => (robot.archived_at ? el("div.warning", {}, el("p", {}, el("strong", {}, `This robot was archived ${when(robot.archived_at)}. `), "It is in no list and cannot be calibrated. Restore it below, under Name, joint limits, policy of releases, rollback, archive.")) : []);
 
-/** How a robot that is new here gets its first set. */
-const firstSteps = (robot) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, "This robot has not been calibrated yet."),
-  el("ol.path", {}, [["Measure", "Move the robot to 30 or more different poses, and measure a reflector on its flange with a tracker. The plan names good poses."], ["Upload", "A table with the joint values and the measured position of each pose. It is checked before anything is stored."], ["Calibrate, verify, release", "Start the calibration, then verify it with a second session. Nothing reaches the cell before somebody releases it."]]
-    .map(([name, said], i) => el(i === 0 ? "li.now" : "li", {}, el("strong", {}, name), el("span", {}, said)))),
-  el("div.actions", {}, el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
+/** How a robot gets its first set, and which step is next. */
+function firstSteps(robot, sets, { lastJob }, may) {
+  const now = sets.length > 0 ? 2 : 0;
+  const steps = [["Measure", "Move the robot to 30 or more different poses, and measure a reflector on its flange with a tracker. The plan names good poses."], ["Upload", "A table with the joint values and the measured position of each pose. It is checked before anything is stored."], ["Calibrate, verify, release", "Start the calibration, then verify it with a second session. Nothing reaches the cell before somebody releases it."]];
+  const isRunning = ["queued", "running"].includes(lastJob?.status);
+  return el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), el("p", {}, `This robot has not been calibrated yet. ${isRunning ? "A job of it is running." : sets.length > 0 ? "Its points are stored: start the calibration below." : ""}`),
+    el("ol.path", {}, steps.map(([name, said], i) => el(i < now ? "li.done-step" : i === now ? "li.now" : "li", i === now ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said)))),
+    el("div.actions", {}, isRunning ? el("a.button.primary", { href: `#/jobs/${lastJob.id}` }, "Watch it") : sets.length > 0 && may("identify") && el(lastJob?.status === "failed" ? "button" : "button.primary", { type: "button", click: toCalibration }, "To the calibration"), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan the poses to measure")));
+}
+
+/** To the form that calibrates with stored points, which is folded. */
+function toCalibration() {
+  const card = document.getElementById("calibrate");
+  const stored = [...card?.querySelectorAll(":scope > details") ?? []].at(-1);
+  if (stored) stored.open = true;
+  (stored ?? card)?.scrollIntoView();
+}
+
+/** The arm as it was registered, to compare with the one in the cell. */
+const nominalArm = (robot) => armFigure({ title: "The robot", level: "h2", caption: "The nominal arm at rest. Compare it with the one in the cell.", robot, points: [], selected: selection(0) }).node;
+
+/** Why the newest job failed. Its page starts it again. */
+function failure(job) {
+  if (job?.status !== "failed") return [];
+  const noun = { verify: "verification", check: "check" }[job.kind] ?? "calibration";
+  return el("section.card.next", { "aria-label": `The newest ${noun} failed` }, problem({ ...job.error, code: undefined, title: `The newest ${noun} failed, ${age(job.finished_at ?? job.created_at)}` }),
+    el("p", {}, FAILURES[job.error?.code] ?? FAILURES.other), el("div.actions", {}, el("a.button.primary", { href: `#/jobs/${job.id}` }, "Look at that job and start it again")));
+}
 
 /** A longer description ends after its first sentence; the nominal links below have the whole of it. */
 const MAX_DESCRIPTION = 120;
 
-function head(robot, stand) {
+function head(robot, stand, now) {
   const short = robot.description?.length > MAX_DESCRIPTION ? `${/^.*?[.;](?= )/s.exec(robot.description)?.[0] ?? `${robot.description.slice(0, MAX_DESCRIPTION)} …`}` : robot.description;
   const details = [robot.serial_number ? `serial number ${robot.serial_number}` : "no serial number", `${robot.links.length} ${robot.links.length === 1 ? "joint" : "joints"}`, robot.mounting && robot.mounting !== "floor" && typeof robot.mounting === "string" && `on the ${robot.mounting}`, short].filter(Boolean);
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots")), el("h1", {}, robot.name), el("p.quiet", {}, details.join(" · "))),
-    el("div.actions", {}, standing({ robot, ...stand }), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
+    el("div.actions", {}, now && standing(now), el("a.button", { href: `#/robots/${robot.id}/plan` }, "Plan poses"), stand.newest && el("a.button", { href: `#/robots/${robot.id}/correct` }, "Correct a program"), stand.sets.length > 1 && el("a.button", { href: `#/robots/${robot.id}/compare` }, "Compare sets")));
 }
 
 /** What to do where a session does not fit the robot. */
-function checkRobot(robot, may, why) {
+function checkRobot(robot, { active, newest, sessions }, may, why) {
   if (robot.state !== "check_robot") return [];
+  const page = `#/robots/${robot.id}`;
+  const misfit = sessions.find(({ job }) => job.id === robot.check_job_id);
   const out = el("div", {});
   const reason = el("input", { id: "checked-reason", required: true, maxlength: 2000 });
   const submit = async (event) => {
@@ -81,8 +116,10 @@ function checkRobot(robot, may, why) {
       fill(out, problem(error));
     }
   };
-  return el("section.card", {}, el("h2", {}, "Check this robot"),
-    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, "this verification"), " does not fit this robot: it is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well."),
+  return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
+    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the session of ${when(misfit.job.measured_at ?? misfit.job.created_at)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
+    active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
+    el("div.actions", {}, may("upload") && el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
     why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
       el("div.fields", {}, reason, el("div", {}, el("button", { type: "submit" }, "Say so"))), out));
 }
@@ -97,30 +134,40 @@ function beyondChance(sessions) {
 }
 
 /** The newest error that is known of a set, and where it comes from: the figures, their evidence and their points belong together. */
-function errorFacts({ active, report, lastSession, isDoubted }) {
+function errorFacts({ active, report, lastSession, doubt }, now) {
   const which = active ? "active set" : "newest result";
   const source = lastSession?.report ?? report;
   const { before, after, n_points: n } = best(source);
-  const [evidence] = EVIDENCE[source.evidence] ?? [source.evidence];
-  if (lastSession) return [[`${isDoubted ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${isDoubted ? ". A newer session does not fit the robot" : ""}`]],
-    ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`], ["Evidence", evidence, `a later session verified it: ${n} points`]];
-  if (!source.verify || source.evidence === "none") return [[`Error at identification (${which})`, "not verified", source.verify ? "the points that were kept aside are no evidence" : `no point was kept aside; ${mm(after.rms_mm)} on the points of the fit itself`], ["Evidence", evidence]];
-  return [[`Error at identification (${which})`, mm(after.rms_mm), `rms; nominal robot ${mm(before.rms_mm)}${isDoubted ? ". A newer session does not fit the robot" : ""}`], ["Largest error", mm(after.max_mm), `nominal robot ${mm(before.max_mm)}`], ["Evidence", evidence, `${n} points checked`]];
+  const [words] = EVIDENCE[source.evidence] ?? [source.evidence];
+  const doubted = doubt ? ". A newer session does not fit the robot" : "";
+  const evidence = (remark) => {
+    const misses = doubt && best(doubt.report);
+    return doubt ? ["Evidence", "a newer session does not fit", `that of ${when(doubt.job.measured_at ?? doubt.job.created_at)} misses by ${mm(misses.after.rms_mm)} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
+  };
+  if (lastSession) {
+    const found = foundAgainst(lastSession.report);
+    const against = active && now?.need === "drifted" ? now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
+    return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.measured_at ?? lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
+      ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`],
+      against && !doubt ? ["Evidence", "a later session speaks against it", capital(against)] : evidence(`${against ? "a later session speaks against it" : "a later session verified it"}: ${count(n)} points`)];
+  }
+  if (!source.verify || source.evidence === "none") return [[`Error at identification (${which})`, "not verified", source.verify ? "the points that were kept aside are no evidence" : `no point was kept aside; ${mm(after.rms_mm)} on the points of the fit itself`], evidence()];
+  return [[`Error at identification (${which})`, mm(after.rms_mm), `rms; nominal robot ${mm(before.rms_mm)}${doubted}`], ["Largest error", mm(after.max_mm), `nominal robot ${mm(before.max_mm)}`], evidence(`${count(n)} points checked`)];
 }
 
-function known(robot, stand, trend, isNew) {
+function known(stand, trend, now) {
   const { active, newest, drift } = stand;
-  if (!newest) return isNew ? firstSteps(robot) : el("p", {}, "This robot has not been calibrated yet. Start a calibration below with a set that is here, or upload measured points.");
+  if (!newest) return [];
   return facts([
     ["Active set", active ? `released ${age(active.released_at)}` : "none", active ? when(active.released_at) : "the newest result waits for its release"],
-    ...errorFacts(stand),
+    ...errorFacts(stand, now),
     drift && ["Drift", mm(drift.mean_mm), `from the active set to the newest, at the tool on average; at most ${mm(drift.max_mm)}${beyondChance(drift.sessions)}`],
     active && ["Next calibration", trend.days_to_limit === null ? "cannot be said yet" : `in ${Math.round(trend.days_to_limit)} d`, capital(plain(trend.detail))],
   ]);
 }
 
 /** What to do next with a robot that has a result. */
-function guide(robot, stand) {
+function guide(robot, stand, { now, sets, may, signal }) {
   if (robot.archived_at || robot.state === "check_robot" || !stand.newest) return [];
   const { active, newest, since, lastJob, lastSession } = stand;
   const link = (kind, href, words) => el(kind, { href }, words);
@@ -128,11 +175,22 @@ function guide(robot, stand) {
   const verify = (set, kind = "a.button") => link(kind, verifyPage(robot, set), "Verify with another session");
   if (lastJob && ["queued", "running"].includes(lastJob.status)) return card("A job of this robot is running.", link("a.button.primary", `#/jobs/${lastJob.id}`, "Watch it"));
   const review = since ?? (active ? null : newest);
-  if (review) return card(active ? "A newer result waits for a review: release it, or keep the active set." : "The newest result waits for a review. Its page says what a release still asks for.", link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
+  const found = lastSession && foundAgainst(lastSession.report);
+  if (active && now?.need === "drifted") return card(`The newest session speaks against the active set. ${capital(now.reason)}. The cell runs this set until another one is released, or it is withdrawn.`, since && link("a.button.primary", `#/jobs/${since.job_id}`, "Review the newer result"), link(since ? "a.button" : "a.button.primary", `#/jobs/${now.need_job_id}`, "Look at that session"),
+    verify(active), may("identify") && link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), may("release") && link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
+  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, now, sets, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
   if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
-  const against = foundAgainst(lastSession.report);
-  if (against) return card(`The newest session speaks against the active set: ${against}. Its page says what to do.`, link("a.button.primary", `#/jobs/${lastSession.job.id}`, "Look at that session"));
   return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
+}
+
+/** Whether a release would be accepted: as the overview says, else as the gates do. Large sets take them long, so these are not asked here. */
+function releasable(set, now, sets, signal) {
+  const said = el("span", {}, "Its page says what a release still asks for.");
+  const tell = (isAccepted, gates) => fill(said, isAccepted ? "A release would be accepted now." : `A release would be refused now${gates.length > 0 ? `: ${gates.map((gate) => gateTitle({ gate, passed: false }).replace(/^./, (c) => c.toLowerCase())).join("; ")}` : ""}.`);
+  const { id, releasable: known, refused_by: by } = now?.newest ?? {};
+  if (id === set.id && typeof known === "boolean") tell(known, by ? [by] : []);
+  else if (sets.every(({ n_points: n }) => n <= SOON_JUDGED)) get(`/v1/parameter-sets/${set.id}/gates`, signal).then((found) => tell(found.releasable, found.gates.filter((gate) => !gate.passed).map(({ gate }) => gate)), () => { /* its page says so, too */ });
+  return said;
 }
 
 function history(entries, sessions) {
@@ -149,9 +207,13 @@ export function statusBadge(status) {
   return el(kinds[status] ? `span.badge.${kinds[status]}` : "span.badge", {}, status);
 }
 
-/** Significant changes, the most significant first. */
-function moved({ changed }) {
-  if (!changed) return "–";
+/** Frames of the measurement sets that parameter sets were identified from, by their job; of the newest only. */
+const framesOf = (jobs, sets) => new Map(jobs.map((job) => [job.id, sets.find((set) => set.id === job.measurement_set_id)?.frame]));
+
+/** Significant changes, the most significant first. In an instrument's own frame a base that moved is an instrument that stands elsewhere. */
+function moved({ changed: all }, frame) {
+  if (!all) return "–";
+  const changed = all.filter(({ name }) => frame === "base" || !name.startsWith("base_"));
   if (changed.length === 0) return "nothing beyond chance";
   const surest = [...changed].sort((a, b) => b.sigmas - a.sigmas).slice(0, 3).map((c) => parameter(c.name));
   return changed.length > surest.length ? `${surest.join(", ")} and ${changed.length - surest.length} more` : surest.join(", ");
@@ -173,29 +235,26 @@ export function decisions(set, limit = Infinity) {
   return [told("Released", set.released_at, set.released_by_name ?? set.released_by, set.release_reason), told("Withdrawn", set.withdrawn_at, set.withdrawn_by_name ?? set.withdrawn_by, set.withdraw_reason)].filter(Boolean);
 }
 
-function parameterSets(entries) {
+function parameterSets(entries, frames) {
   const columns = [
     ["Identified", ({ set }) => el("a", { href: `#/jobs/${set.job_id}` }, when(set.created_at))],
     ["State", ({ set }) => [statusBadge(set.status), decided(set)]],
-    ["Moved", ({ report }) => moved(report), "name"],
+    ["Moved", ({ set, report }) => moved(report, frames.get(set.job_id)), "name"],
     ["Error, rms", ({ report }) => (report.verify && report.evidence !== "none" ? [mm(best(report).after.rms_mm), el("small.quiet", {}, `nominal ${error(best(report).before.rms_mm)}`)] : ["not verified", el("small.quiet", {}, report.verify ? "no evidence" : `fit itself ${error(best(report).after.rms_mm)}`)]), "n"],
     ["Evidence", ({ report }) => EVIDENCE[report.evidence]?.[0] ?? report.evidence],
     ["Parameters", ({ set }) => saveButton("Download", `/v1/parameter-sets/${set.id}`, set.id, ".json", `Download the parameter set of ${when(set.created_at)}`)],
   ];
-  return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance. Errors and evidence are those at identification, on the verify points.", columns, [...entries].reverse(), "None yet.");
+  return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance, without a base that was measured in the instrument's own frame. Errors and evidence are those at identification, on the verify points.", columns, [...entries].reverse(), "None yet.");
 }
 
 /** What a verification or check found against its set or file. */
-function foundOf(job, sessions) {
-  const known = sessions.find((session) => session.job.id === job.id);
-  return known && foundBadge(known.report);
-}
+const foundOf = (job, sessions, against) => foundBadge(sessions.find((session) => session.job.id === job.id)?.report, against.get(job.id));
 
-function jobTable(jobs, sets, sessions) {
+function jobTable(jobs, sets, sessions, against) {
   const name = (job) => sets.find((set) => set.id === job.measurement_set_id)?.name ?? "without a name";
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
-    ["State", (job) => foundOf(job, sessions) ?? statusBadge(job.status)],
+    ["State", (job) => foundOf(job, sessions, against) ?? statusBadge(job.status)],
     ["Method", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : method(job.method))],
     ["Measurement set", name, "name"],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
@@ -209,8 +268,8 @@ function setTable(sets) {
     ["Name", (set) => set.name ?? "without a name", "name"],
     ["Uploaded", (set) => when(set.created_at)],
     ["Frame", (set) => (set.frame === "base" ? "robot base" : "instrument")],
-    ["Points", (set) => set.n_points, "n"],
-    ["Configurations", (set) => set.n_configurations, "n"],
+    ["Points", (set) => count(set.n_points), "n"],
+    ["Configurations", (set) => count(set.n_configurations), "n"],
     ["Remarks", (set) => set.warnings.map((remark) => el("div", {}, brief(remark.detail))), "name"],
     ["File", (set) => savePoints("Download", set, `Download ${set.name ?? set.id}`)],
   ];

@@ -2,8 +2,9 @@
 
 import { each, get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
-import { age, capital, error, EVIDENCE, mm, when } from "./format.js";
+import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
 import { newRobot } from "./new_robot.js";
+import { judged, sessionsAgainst } from "./verdicts.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
 const [FIRST, MORE] = [20, 100];
@@ -29,8 +30,8 @@ const measured = (robot) => robot.active ?? robot.newest;
 function errorOf(robot) {
   const set = measured(robot);
   if (!set) return undefined;
-  const doubt = robot.need === "check_robot" ? "; a newer session does not fit" : "";
-  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.created_at)}${doubt}` };
+  const doubt = robot.need === "check_robot" && robot.session?.job_id !== robot.need_job_id ? "; a newer session does not fit" : "";
+  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.measured_at ?? robot.session.created_at)}${doubt}` };
   const [words] = EVIDENCE[set.evidence] ?? [];
   return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${error(set.before_rms_mm)}${doubt}` };
 }
@@ -44,16 +45,24 @@ const SORTS = [
   ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
 ];
 
+const robotsOf = async (query, signal) => (await list(`/v1/overview${query}`, MAX_ROBOTS, signal)).map((robot) => judged(robot));
+
+/** One robot as the list has it; undefined if it is not there any more. */
+export async function overviewOf(robot, signal) {
+  const found = await robotsOf(`?archived=all&search=${encodeURIComponent(robot.name)}`, signal);
+  return found.find(({ robot_id: id }) => id === robot.id);
+}
+
 /** The front page. */
 export async function robotsPage({ main, signal, may, why, query, keep }) {
   document.title = "kincal: robots";
-  const [inUse, { total: nArchived }] = await Promise.all([list("/v1/overview", MAX_ROBOTS, signal), get("/v1/overview?archived=true&limit=1", signal)]);
+  const [inUse, { total: nArchived }] = await Promise.all([robotsOf("", signal), get("/v1/overview?archived=true&limit=1", signal)]);
   const known = (name, values, usual) => (values.includes(query.get(name)) ? query.get(name) : usual);
-  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, drifts: new Map() };
+  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, drifts: new Map(), checks: new Map() };
   const isOfArchive = query.get("show") === "archived" && nArchived > 0;
-  let robots = isOfArchive ? await list("/v1/overview?archived=true", MAX_ROBOTS, signal) : inUse;
+  let robots = isOfArchive ? await robotsOf("?archived=true", signal) : inUse;
   const count = el("p.quiet", {});
-  const [rows, chips, more] = [el("div", {}), el("div.chips", { role: "group", "aria-label": "Show" }), el("div.actions", {})];
+  const [rows, chips, more] = [el("div.robots", {}), el("div.chips", { role: "group", "aria-label": "Show" }), el("div.actions", {})];
   const draw = () => {
     const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
     const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
@@ -66,11 +75,12 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
     fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}${robots === inUse ? "" : ", archived"}`),
       kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
     drifts(page, state, signal, rows);
+    checks(page, state, signal, rows);
   };
   // archived robots are fetched once somebody asks for them
   const swap = async () => {
     try {
-      robots = robots === inUse ? await list("/v1/overview?archived=true", MAX_ROBOTS, signal) : inUse;
+      robots = robots === inUse ? await robotsOf("?archived=true", signal) : inUse;
       Object.assign(state, { filter: "all", shown: FIRST });
       draw();
       chips.lastElementChild?.focus();
@@ -82,8 +92,8 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
   const sort = el("select", { id: "robot-sort", change: () => { state.sort = sort.value; draw(); } }, SORTS.map(([key, words]) => el("option", { value: key, selected: key === state.sort }, words)));
   const tools = inUse.length + nArchived > 1 && el("div.controls", {}, el("label.inline", { for: "robot-search" }, "Find"), search, el("label.inline", { for: "robot-sort" }, "Sort by"), sort);
   draw();
-  fill(main, el("div.head", {}, el("div", {}, el("h1", {}, "Robots"), inUse.length + nArchived > 0 && count)),
-    inUse.length + nArchived === 0 ? welcome() : el("section.card", {}, tools, inUse.length + nArchived > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
+  fill(main, el("div.head.brief", {}, el("div", {}, el("h1", {}, "Robots"), inUse.length + nArchived > 0 && count)),
+    inUse.length + nArchived === 0 ? welcome() : el("section.card.finder", {}, tools, inUse.length + nArchived > 1 && chips, rows, more), may("upload") ? newRobot() : why("upload", "add robots"));
 }
 
 /** What an empty page leads to. */
@@ -132,32 +142,54 @@ async function drifts(page, state, signal, rows) {
   }, 2);
 }
 
+/** Misfit of the sessions that do not fit, where the overview does not have it: for robots in sight only. */
+async function checks(page, state, signal, rows) {
+  const open = page.filter((r) => r.need === "check_robot" && r.need_job_id && !r.check && !state.checks.has(r.robot_id));
+  for (const robot of open) state.checks.set(robot.robot_id, null);
+  await each(open, async (robot) => {
+    const id = robot.need_job_id;
+    const [job, { verify, identify }] = await Promise.all([robot.last_job?.id === id ? robot.last_job : get(`/v1/jobs/${id}`, signal), get(`/v1/jobs/${id}/report`, signal)]).catch(() => [{}, {}]);
+    state.checks.set(robot.robot_id, { created_at: job.created_at, rms_mm: (verify ?? identify)?.after.rms_mm });
+    const place = rows.querySelector(`[data-reason="${robot.robot_id}"]`);
+    if (place) fill(place, reasonOf(robot, state));
+  }, 2);
+}
+
+/** Why a robot is as it is, in one sentence. */
+function reasonOf(robot, { checks: known }) {
+  const { releasable, refused_by: gate } = robot.newest ?? {};
+  const which = robot.active ? "the newer result" : "the first result";
+  if (robot.need === "review" && releasable === true) return capital(`${which} can be released`);
+  if (robot.need === "review" && releasable === false) return capital(`${which} would be refused${gate ? `: ${gateTitle({ gate, passed: false }).toLowerCase()}` : ""}`);
+  const check = robot.need === "check_robot" ? robot.check ?? known.get(robot.robot_id) : null;
+  return check?.rms_mm === undefined || check === null ? capital(robot.reason) : `The session of ${when(check.measured_at ?? check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
+}
+
 const isNewer = ({ active, newest }) => active !== undefined && newest !== undefined && newest.id !== active.id && newest.created_at > active.created_at;
 
+/** How far the newer set is from the active one; without a newer one, by how much the error of the active set has grown. */
 function driftCell(robot, { drifts: known }) {
-  if (!isNewer(robot)) return "–";
+  const { active, session } = robot;
+  if (!isNewer(robot)) return active && session && active.evidence !== "none" && typeof session.rms_mm === "number" && typeof active.after_rms_mm === "number"
+    ? [`${signed(session.rms_mm - active.after_rms_mm, 3)}\u202fmm`, el("small.quiet", {}, `error was ${error(active.after_rms_mm)}`)] : "–";
   const found = known.get(robot.robot_id);
   if (found === null || !known.has(robot.robot_id)) return "…";
   return found === undefined ? "–" : [mm(found.mean_mm), el("small.quiet", {}, `at most ${error(found.max_mm)}`)];
 }
 
-/** State of a robot, as a badge. */
-export function standing({ robot, active, since, newest, lastJob }) {
-  if (robot.state === "check_robot") return el("span.badge.bad", {}, "check this robot");
-  if (lastJob && ["queued", "running"].includes(lastJob.status)) return el("a.badge.wait", { href: `#/jobs/${lastJob.id}` }, "calibrating");
-  if (since) return el("a.badge.wait", { href: `#/jobs/${since.job_id}` }, "newer result to review");
-  if (active) return el("span.badge.good", {}, "released");
-  if (newest) return el("a.badge.wait", { href: `#/jobs/${newest.job_id}` }, "result to review");
-  return el("span.badge", {}, "not calibrated");
-}
-
-function badges(robot) {
+/** State of a robot, as badges; with a link to the job that shows it. */
+export function standing(robot) {
   const [words, kind] = NEEDS[robot.need] ?? [robot.need, "wait"];
   const text = robot.need === "review" && robot.active ? `newer ${words}` : words;
   const runs = isRunning(robot.last_job);
-  const badge = el(kind ? `span.badge.${kind}` : "span.badge", {}, text);
-  return [runs && el("span.badge.wait", {}, "calibrating"), runs && " ", !(runs && robot.need === "calibrate") && badge,
-    robot.need_job_id && isUrgent(robot) ? el("small", {}, el("a", { href: `#/jobs/${robot.need_job_id}` }, capital(robot.reason))) : robot.reason && !runs && el("small.quiet", {}, capital(robot.reason))];
+  const badge = (said, color, id) => el([id ? "a" : "span", "badge", color].filter(Boolean).join("."), { href: id && `#/jobs/${id}` }, said);
+  return [runs && badge("calibrating", "wait", robot.last_job.id), runs && " ", !(runs && robot.need === "calibrate") && badge(text, kind, isUrgent(robot) && robot.need_job_id)];
+}
+
+function badges(robot, state) {
+  const reason = reasonOf(robot, state);
+  const isLinked = robot.need_job_id && isUrgent(robot);
+  return [standing(robot), reason && !(isRunning(robot.last_job) && !isLinked) && el(isLinked ? "small" : "small.quiet", {}, el(isLinked ? "a" : "span", { href: isLinked && `#/jobs/${robot.need_job_id}`, "data-reason": robot.robot_id }, reason))];
 }
 
 function errorCell(robot) {
@@ -166,16 +198,19 @@ function errorCell(robot) {
   return found === null ? ["not verified", el("small.quiet", {}, "no point was held out that counts")] : [mm(found.mm), el("small.quiet", {}, found.said)];
 }
 
+/** How the newest job ended, and what it found. */
+const ended = (robot) => (robot.need === "check_robot" && robot.last_job.id === robot.need_job_id ? "does not fit" : sessionsAgainst([robot]).get(robot.last_job.id) ?? robot.last_job.status);
+
 function robotTable(robots, state, empty) {
   const columns = [
     ["Robot", (r) => [el("a", { href: `#/robots/${r.robot_id}` }, r.name), r.serial_number && el("small.quiet", {}, r.serial_number)], "name"],
-    ["State", badges, "name"],
+    ["State", (r) => badges(r, state), "name"],
     ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
     ["Error, rms", errorCell, "n"],
     ["Drift", (r) => el("span", { "data-drift": r.robot_id }, driftCell(r, state)), "n"],
-    ["Last job", ({ last_job: job, need, need_job_id: doubted }) => (job ? [el("a", { href: `#/jobs/${job.id}` }, need === "check_robot" && job.id === doubted ? "does not fit" : job.status), el("small.quiet", {}, age(job.finished_at ?? job.created_at))] : "–")],
+    ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
   ];
-  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it where these points come from. Drift: how far the newest result puts the tool from the active one, on average over the workspace.";
+  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified.";
   return table(caption, columns, robots, empty);
 }
 

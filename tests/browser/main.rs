@@ -96,6 +96,10 @@ fn a_set_is_uploaded_identified_read_released_and_withdrawn() {
         browser
             .until_it_says("100 points in 100 configurations")
             .await;
+        // The next step is the calibration, no longer the measuring.
+        browser
+            .until("document.querySelector('.path .now')?.innerText.startsWith('Calibrate')")
+            .await;
         browser
             .picture("upload", Picture::Element("#calibrate"))
             .await;
