@@ -1,10 +1,10 @@
 // Jobs over all robots, newest first.
 
-import { each, get, list } from "./api.js";
+import { get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
 import { method, plain, ran, span, when } from "./format.js";
 import { statusBadge } from "./robot.js";
-import { figureOf, findings, foundBadge, judged, sessionsAgainst } from "./verdicts.js";
+import { figureOf, findingBadge } from "./verdicts.js";
 
 /** Jobs that are shown at first, and with each click. */
 const PAGE = 50;
@@ -16,8 +16,7 @@ const KINDS = [["", "calibrations, verifications and checks"], ["identify", "cal
 /** The page. The service filters and counts. */
 export async function jobsPage({ main, signal, query, keep }) {
   document.title = "kincal: jobs";
-  const robots = (await list("/v1/overview?archived=all", MAX_ROBOTS, signal)).map((robot) => judged(robot));
-  const [against, figures] = [sessionsAgainst(robots), figuresOf(robots)];
+  const robots = await list("/v1/overview?archived=all", MAX_ROBOTS, signal);
   const names = new Map(robots.map((r) => [r.robot_id, r.name]));
   const known = (name, values) => (values.includes(query.get(name)) ? query.get(name) : "");
   const state = { status: known("status", CHOICES.map(([value]) => value)), kind: known("kind", KINDS.map(([value]) => value)), robot: known("robot", [...names.keys()]), jobs: [], cursor: null, asked: 0 };
@@ -31,10 +30,8 @@ export async function jobsPage({ main, signal, query, keep }) {
       // a later choice is on its way
       if (turn !== state.asked) return;
       Object.assign(state, { jobs: isMore ? [...state.jobs, ...page.items] : page.items, cursor: page.next_cursor });
-      fill(rows, jobTable(state.jobs, { names, against, figures }, state.status || state.kind || state.robot ? "No such job. Choose all jobs to see the others." : "There is no job yet."));
+      fill(rows, jobTable(state.jobs, names, state.status || state.kind || state.robot ? "No such job. Choose all jobs to see the others." : "There is no job yet."));
       fill(more, state.jobs.length > 0 && el("span.note", { role: "status" }, `${state.jobs.length} of ${page.total} jobs`), page.next_cursor && el("button", { type: "button", click: () => load(true) }, "Show more"));
-      findings(page.items, rows, against, signal);
-      nameSets(page.items, rows, signal);
     } catch (error) {
       if (error.name === "AbortError") return;
       if (!isMore && rows.childNodes.length === 0) throw error;
@@ -47,37 +44,11 @@ export async function jobsPage({ main, signal, query, keep }) {
   fill(main, el("div.head", {}, el("h1", {}, "Jobs")), el("section.card", {}, el("div.controls", {}, pick("job-status", "Show", "status", CHOICES), pick("job-kind", "of", "kind", KINDS), byName.length > 1 && pick("job-robot", "Robot", "robot", [["", "all robots"], ...byName])), rows, more));
 }
 
-/** Errors of the sets and sessions that the overview knows, by job: [after, nominal]. */
-function figuresOf(robots) {
-  const sets = robots.flatMap(({ active, newest }) => [active, newest]).filter((set) => set && set.evidence !== "none");
-  return new Map([...sets.map((set) => [set.job_id, [set.after_rms_mm, set.before_rms_mm]]), ...robots.filter((r) => r.session).map(({ session }) => [session.job_id, [session.rms_mm]])]);
-}
-
-/** Names of measurement sets, by id. */
-const setNames = new Map();
-
-/** Names of the measurement sets of jobs in sight, where the list of jobs does not have them. */
-function nameSets(jobs, rows, signal) {
-  const open = new Set(jobs.filter((job) => job.measurement_set_name === undefined && !setNames.has(job.measurement_set_id)).map((job) => job.measurement_set_id));
-  return each([...open], async (id) => {
-    await get(`/v1/measurement-sets/${id}`, signal).then(({ name }) => setNames.set(id, name), () => {});
-    for (const cell of rows.querySelectorAll(`[data-set="${id}"]`)) fill(cell, setName({ measurement_set_id: id }));
-  });
-}
-
-function setName({ measurement_set_name: told, measurement_set_id: id }) {
-  const name = told === undefined ? setNames.get(id) : told;
-  return name === undefined ? "…" : name ?? "without a name";
-}
-
-const jobTable = (jobs, { names, against, figures }, empty) => table("Calibrations and verifications of all robots, newest first. Error: rms on points that were not fitted.", [
+const jobTable = (jobs, names, empty) => table("Calibrations and verifications of all robots, newest first. Error: rms on points that were not fitted.", [
   ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))], ["Robot", (job) => el("a", { href: `#/robots/${job.robot_id}` }, names.get(job.robot_id) ?? "another robot"), "name"],
-  ["State", (job) => [el("span", { "data-state": job.id }, foundBadge(null, job.status === "succeeded" ? against.get(job.id) : undefined) ?? statusBadge(job.status)), job.error?.detail && el("small.quiet", {}, plain(job.error.detail))], "name"],
+  ["State", (job) => [findingBadge(job) ?? statusBadge(job.status), job.error?.detail && el("small.quiet", {}, plain(job.error.detail))], "name"],
   ["What", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "quick check" : job.method ? method(job.method) : "calibration")],
-  ["Measurement set", (job) => el("span", { "data-set": job.measurement_set_id }, setName(job)), "name"],
-  ["Error", (job) => {
-    const figure = figureOf(...job.rms_mm === undefined ? figures.get(job.id) ?? [] : [job.rms_mm, job.nominal_rms_mm]);
-    return job.kind === "identify" || job.status !== "succeeded" ? figure : el("span", { "data-figure": job.id }, figure);
-  }, "n"],
+  ["Measurement set", (job) => job.measurement_set_name ?? "without a name", "name"],
+  ["Error", (job) => figureOf(job.rms_mm, job.nominal_rms_mm), "n"],
   ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
 ], jobs, empty);

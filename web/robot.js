@@ -11,7 +11,7 @@ import { facts, overviewOf, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { selection } from "./selection.js";
 import { uploadCard } from "./upload.js";
-import { foundAgainst, foundBadge, judged, sessionsAgainst } from "./verdicts.js";
+import { foundAgainst, findingBadge } from "./verdicts.js";
 import { FAILURES } from "./words.js";
 
 const SHOWN = 20;
@@ -20,7 +20,7 @@ const SHOWN = 20;
 export async function robotPage({ main, signal, may, why, query }, id, part) {
   const robot = await get(`/v1/robots/${id}`, signal);
   document.title = `kincal: ${robot.name}`;
-  const [stand, overview, sets, jobs, networks] = await Promise.all([
+  const [stand, now, sets, jobs, networks] = await Promise.all([
     state(robot, signal),
     overviewOf(robot, signal),
     list(`/v1/robots/${id}/measurement-sets`, SHOWN, signal),
@@ -28,9 +28,6 @@ export async function robotPage({ main, signal, may, why, query }, id, part) {
     list(`/v1/robots/${id}/networks`, SHOWN, signal),
   ]);
   const [entries, { trend }] = await Promise.all([past(stand, signal), get(`/v1/robots/${id}/history?limit=1`, signal)]);
-  const { lastSession } = stand;
-  const now = overview && judged(overview, lastSession?.job.id === overview.session?.job_id ? lastSession?.report : undefined);
-  const against = sessionsAgainst(now ? [now] : []);
   const uploads = el("div", {}, setTable(sets));
   const steps = el("div", {}, stand.newest ? [] : firstSteps(robot, sets, stand, may));
   const uploaded = (set) => {
@@ -43,7 +40,7 @@ export async function robotPage({ main, signal, may, why, query }, id, part) {
   const verifying = await toVerify(query.get("verify"), { stand, jobs, sets }, signal);
   fill(main, head(robot, stand, now), archived(robot), checkRobot(robot, stand, may, why), failure(stand.lastJob), known(stand, trend, now), steps, guide(robot, stand, { now, sets, may, signal }),
     uploadCard(robot, { sets, parameterSets: stand.sets, may, uploaded, hasNetwork: networks.length > 0, verifying }), may("upload") ? why("identify", "start calibrations") : why("upload", "upload measured points"), !stand.newest && nominalArm(robot), history(entries, stand.sessions),
-    section("Parameter sets", parameterSets(entries, framesOf(jobs, sets)), isNew), section("Jobs", jobTable(jobs, sets, stand.sessions, against), isNew), section("Measurement sets", uploads, isNew),
+    section("Parameter sets", parameterSets(entries, framesOf(jobs, sets)), isNew), section("Jobs", jobTable(jobs), isNew), section("Measurement sets", uploads, isNew),
     networks.length > 0 && section("Networks", networkTable(networks)), manageCard(robot, stand.sets, { may, why, signal }), nominal(robot));
   if (part !== "upload") return;
   document.getElementById("calibrate")?.scrollIntoView();
@@ -146,7 +143,8 @@ function errorFacts({ active, report, lastSession, doubt }, now) {
   };
   if (lastSession) {
     const found = foundAgainst(lastSession.report);
-    const against = active && now?.need === "drifted" ? now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
+    // of the active set the service decides, by the tolerance if there is one
+    const against = active ? now?.need === "drifted" && now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
     return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.measured_at ?? lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
       ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`],
       against && !doubt ? ["Evidence", "a later session speaks against it", capital(against)] : evidence(`${against ? "a later session speaks against it" : "a later session verified it"}: ${count(n)} points`)];
@@ -247,16 +245,12 @@ function parameterSets(entries, frames) {
   return table("What was identified, newest first. Moved: parameters that differ from the set before by more than chance, without a base that was measured in the instrument's own frame. Errors and evidence are those at identification, on the verify points.", columns, [...entries].reverse(), "None yet.");
 }
 
-/** What a verification or check found against its set or file. */
-const foundOf = (job, sessions, against) => foundBadge(sessions.find((session) => session.job.id === job.id)?.report, against.get(job.id));
-
-function jobTable(jobs, sets, sessions, against) {
-  const name = (job) => sets.find((set) => set.id === job.measurement_set_id)?.name ?? "without a name";
+function jobTable(jobs) {
   const columns = [
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
-    ["State", (job) => foundOf(job, sessions, against) ?? statusBadge(job.status)],
+    ["State", (job) => findingBadge(job) ?? statusBadge(job.status)],
     ["Method", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : method(job.method))],
-    ["Measurement set", name, "name"],
+    ["Measurement set", (job) => job.measurement_set_name ?? "without a name", "name"],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
     ["Remark", (job) => plain(job.error?.detail ?? ""), "name"],
   ];

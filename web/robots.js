@@ -4,7 +4,6 @@ import { each, get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
 import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
 import { newRobot } from "./new_robot.js";
-import { judged, sessionsAgainst } from "./verdicts.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
 const [FIRST, MORE] = [20, 100];
@@ -45,7 +44,7 @@ const SORTS = [
   ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
 ];
 
-const robotsOf = async (query, signal) => (await list(`/v1/overview${query}`, MAX_ROBOTS, signal)).map((robot) => judged(robot));
+const robotsOf = (query, signal) => list(`/v1/overview${query}`, MAX_ROBOTS, signal);
 
 /** One robot as the list has it; undefined if it is not there any more. */
 export async function overviewOf(robot, signal) {
@@ -199,7 +198,7 @@ function errorCell(robot) {
 }
 
 /** How the newest job ended, and what it found. */
-const ended = (robot) => (robot.need === "check_robot" && robot.last_job.id === robot.need_job_id ? "does not fit" : sessionsAgainst([robot]).get(robot.last_job.id) ?? robot.last_job.status);
+const ended = ({ need, need_job_id: id, last_job: job }) => (job.id !== id ? job.status : need === "check_robot" ? "does not fit" : need === "drifted" ? "speaks against the set" : job.status);
 
 function robotTable(robots, state, empty) {
   const columns = [

@@ -40,6 +40,10 @@ impl TryFrom<&JobRow> for JobAnswer {
             finished_at: row.finished_at_ms.map(rfc3339),
             robot_version: (row.robot_version > 1).then_some(row.robot_version),
             archived_at: row.archived_at_ms.map(rfc3339),
+            measurement_set_name: row.measurement_set_name.clone(),
+            nominal_rms_mm: row.before_rms_mm,
+            rms_mm: row.after_rms_mm,
+            finding: row.finding,
         })
     }
 }

@@ -129,6 +129,8 @@ fn facts(row: &OverviewRow, days_to_limit: Option<f64>) -> NeedFacts {
         session_rms_mm: row.session_rms_mm,
         session_expanded_mm: row.session_expanded_mm,
         is_far_off: row.session_fit == Some(Fit::SetFarOff),
+        no_better_than_mm: row.session_before_rms_mm.filter(|_| !row.session_is_better),
+        is_worse: row.session_is_worse,
         // An absent set (`None`) counts as older than any other.
         has_newer: row.newest_created_at_ms > row.active_created_at_ms,
         last_job: row.job_status,

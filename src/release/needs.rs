@@ -28,6 +28,10 @@ pub struct NeedFacts {
     pub session_expanded_mm: Option<f64>,
     /// The newest session fits the robot, but the released set misses it.
     pub is_far_off: bool,
+    /// Error of the nominal robot on the newest session, mm, if the released set is no better.
+    pub no_better_than_mm: Option<f64>,
+    /// The released set is several times worse on the newest session than when it was identified, or than a robot that is fitted to that session.
+    pub is_worse: bool,
     /// A set that is not withdrawn is newer than the released set, or no set is released.
     pub has_newer: bool,
     /// Status of the newest job.
@@ -83,6 +87,11 @@ fn drift(facts: &NeedFacts) -> Option<String> {
         return Some("the newest session misses the released set by far".into());
     }
     let now = facts.session_rms_mm?;
+    if let Some(nominal) = facts.no_better_than_mm {
+        return Some(format!(
+            "the newest session has {now:.3} mm rms, no better than the nominal robot with {nominal:.3} mm"
+        ));
+    }
     if let Some(tolerance) = facts.tolerance_mm {
         let expanded = facts.session_expanded_mm;
         return match within(now, expanded, tolerance, facts.decision_rule) {
@@ -97,9 +106,15 @@ fn drift(facts: &NeedFacts) -> Option<String> {
             )),
         };
     }
-    let then = facts.released_rms_mm?;
-    (now > GROWTH * then)
-        .then(|| format!("the newest session has {now:.3} mm rms; it was {then:.3} mm when the set was identified"))
+    match facts.released_rms_mm {
+        Some(then) if now > GROWTH * then => Some(format!(
+            "the newest session has {now:.3} mm rms; it was {then:.3} mm when the set was identified"
+        )),
+        _ if facts.is_worse => Some(format!(
+            "the newest session has {now:.3} mm rms, several times what a robot has that is fitted to it"
+        )),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
@@ -140,6 +155,21 @@ mod tests {
             (released(), Need::Nothing),
             (session(0.14), Need::Nothing),
             (session(0.16), Need::Drifted),
+            (
+                NeedFacts {
+                    is_worse: true,
+                    ..session(0.14)
+                },
+                Need::Drifted,
+            ),
+            (
+                NeedFacts {
+                    no_better_than_mm: Some(0.12),
+                    tolerance_mm: Some(0.2),
+                    ..session(0.14)
+                },
+                Need::Drifted,
+            ),
             (
                 NeedFacts {
                     tolerance_mm: Some(0.2),

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
-use crate::wire::job_answer::JobStatus;
+use crate::wire::job_answer::{Finding, JobStatus};
 
 /// A job without its report and convergence curve.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,9 +74,17 @@ pub struct JobRow {
     pub robot_version: i64,
     /// When it was archived.
     pub archived_at_ms: Option<i64>,
+    /// Name of its measurement set.
+    pub measurement_set_name: Option<String>,
+    /// rms error of the nominal robot on the points that were not fitted, mm.
+    pub before_rms_mm: Option<f64>,
+    /// rms error of the parameter set on the same points, mm.
+    pub after_rms_mm: Option<f64>,
+    /// What it found against the parameter set or against its points.
+    pub finding: Option<Finding>,
 }
 
-from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms } parsed { status, kind });
+from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms, measurement_set_name, before_rms_mm, after_rms_mm } parsed { status, kind } optional { finding });
 
 list_row!(JobRow);
 
@@ -147,7 +155,12 @@ macro_rules! columns {
          (select r.id from residual_network r where r.job_id = job.id) as residual_network_id,
          coalesce((select v.version from job_robot_version v where v.job_id = job.id), 1) as robot_version,
          ", crate::store::job_sessions::further_set_ids!(), " as further_set_ids,
-         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms")
+         (select a.archived_at_ms from archived a where a.id = job.id) as archived_at_ms,
+         (select m.name from measurement_set m where m.id = job.measurement_set_id) as measurement_set_name,
+         (select v.before_rms_mm from verification v where v.job_id = job.id) as before_rms_mm,
+         (select v.after_rms_mm from verification v where v.job_id = job.id) as after_rms_mm,
+         (select case when v.fit <> 'fits' then v.fit when v.n_points > 0 and v.is_better = 0 then 'no_better_than_nominal'
+            when v.is_worse = 1 then 'worse_than_identified' end from verification v where v.job_id = job.id) as finding")
     };
 }
 

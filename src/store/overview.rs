@@ -42,6 +42,9 @@ pub struct OverviewRow {
     pub session_rms_mm: Option<f64>,
     pub session_expanded_mm: Option<f64>,
     pub session_fit: Option<Fit>,
+    pub session_before_rms_mm: Option<f64>,
+    pub session_is_better: bool,
+    pub session_is_worse: bool,
     pub n_sessions: i64,
     pub job_id: Option<String>,
     pub job_kind: Option<Kind>,
@@ -53,8 +56,8 @@ pub struct OverviewRow {
 from_row!(OverviewRow {
     id, name, body_json, created_at_ms, check_job_id, tolerance_mm, active_id, active_job_id, active_created_at_ms, active_released_at_ms,
     active_before_rms_mm, active_after_rms_mm, newest_id, newest_job_id, newest_created_at_ms, newest_released_at_ms, newest_before_rms_mm,
-    newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, session_expanded_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
-} optional { decision_rule, active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status });
+    newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, session_expanded_mm, session_before_rms_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
+} optional { decision_rule, active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status } flags { session_is_better, session_is_worse });
 
 // $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables.
 const LIST: &str = "
@@ -66,7 +69,8 @@ const LIST: &str = "
         n.released_at_ms as newest_released_at_ms,
         vn.before_rms_mm as newest_before_rms_mm, vn.after_rms_mm as newest_after_rms_mm, vn.evidence as newest_evidence,
         s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm,
-        s.after_expanded_mm as session_expanded_mm, s.fit as session_fit,
+        s.after_expanded_mm as session_expanded_mm, s.fit as session_fit, s.before_rms_mm as session_before_rms_mm,
+        coalesce(s.is_better, 1) as session_is_better, coalesce(s.is_worse, 0) as session_is_worse,
         (select count(*) from verification w where w.parameter_set_id = a.id and w.kind = 'session') as n_sessions,
         j.id as job_id, j.kind as job_kind, j.status as job_status, j.created_at_ms as job_created_at_ms, j.finished_at_ms as job_finished_at_ms
     from robot_now r

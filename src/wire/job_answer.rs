@@ -105,6 +105,20 @@ pub struct ProgressAnswer {
     pub best_cost_mm2: Option<f64>,
 }
 
+/// What a succeeded job found against the parameter set that it scored or identified, or against its points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Finding {
+    /// The points do not fit the robot.
+    DoesNotFit,
+    /// The set is far off at these points.
+    SetFarOff,
+    /// The set is no better than the nominal robot.
+    NoBetterThanNominal,
+    /// The set is several times worse than when it was identified, or than a robot that is fitted to these points.
+    WorseThanIdentified,
+}
+
 /// A job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobAnswer {
@@ -114,6 +128,9 @@ pub struct JobAnswer {
     pub robot_id: String,
     /// The measurement set. With several sessions, the set of the first session; `request` has all sets.
     pub measurement_set_id: String,
+    /// Name of that measurement set, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measurement_set_name: Option<String>,
     /// Its kind.
     pub kind: Kind,
     /// The requested method. The report has the method that was used.
@@ -159,6 +176,15 @@ pub struct JobAnswer {
     /// When it was archived: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
+    /// Once it has succeeded: rms error of the nominal robot on the points that were not fitted, mm. Without such points, on the fitted points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nominal_rms_mm: Option<f64>,
+    /// Once it has succeeded: rms error of the parameter set on the same points, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms_mm: Option<f64>,
+    /// What it found against the parameter set or its points; absent if it found nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finding: Option<Finding>,
 }
 
 /// One server-sent event of a job.
