@@ -110,7 +110,7 @@ const DOTS_FROM = 8;
 /** Whether the errors after would be seen as dots on the scale of those before. */
 function hidesAfter(points, stages) {
   if (stages.length < 2 || !stages.some(([name]) => name === "after")) return false;
-  const size = (stage) => quantile(points.map((p) => p.errors?.[stage]), WITHIN);
+  const size = (stage) => quantile(points.map((p) => p.errors?.[stage]), 0.5);
   return size(stages[0][0]) > DOTS_FROM * size("after");
 }
 
