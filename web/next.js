@@ -45,7 +45,7 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified, out
     setAside(against.length > 0 || isStray, evidence === "independent_session");
     fill(way, path(report, evidence, parameterSet, isStray ? "outliers" : against[0]?.code));
     if (isStray) fill(words, lookFirst(report, outliers, gates, robot, parameterSet), gates && judged(gates));
-    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may), gates && isOpen && judged(gates, against[0], set));
+    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may, later), gates && isOpen && judged(gates, against[0], set));
   };
   draw(null);
   // the gates know of verifications that were made since
@@ -159,13 +159,14 @@ function wayOut({ code, detail = "" }, { job, robot, set, parameterSet, may }, o
   return known[code] || (code in known ? plan : verify);
 }
 
-function advice(report, evidence, robot, parameterSet, may) {
+function advice(report, evidence, robot, parameterSet, may, later) {
   const isVerified = evidence === "independent_session";
   const link = (text, href) => el("a.button", { href }, text);
   const verify = el(isVerified || parameterSet.status !== "candidate" ? "a.button" : "a.button.primary", { href: verifyPage(robot, parameterSet) }, "Verify with another session");
   const half = report.verify ?? report.identify;
   if (parameterSet.status === "withdrawn") return el("p", {}, "This set was withdrawn. Calibrate anew, or release an older set.");
   if (parameterSet.status === "released" && robot.state === "check_robot") return [el("p", {}, "It is in force, but a session does not fit the robot. Look at the robot before programs are corrected with this set; its page says what to do."), el("div.actions", {}, el("a.button.primary", { href: `#/robots/${robot.id}` }, `To ${robot.name}`))];
+  if (parameterSet.status === "released" && later?.against) return [el("p", {}, `It is in force, but a later session speaks against it: ${later.against}. Look at that session before programs are corrected with this set.`), el("div.actions", {}, el("a.button.primary", { href: `#/jobs/${later.job.id}` }, "Look at that session"), verify)];
   if (parameterSet.status === "released") return [el("p", {}, "It is in force. Load it into the controller, or correct a program with it. Verify it with a short session from time to time: the robot's page says when."),
     el("div.actions", {}, link("Correct a program", `#/robots/${robot.id}/correct`), verify)];
   return [el("p", {}, isVerified ? "The fit holds on another session. It can be released below."

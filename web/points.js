@@ -26,7 +26,7 @@ export function spansMuch(points) {
 
 /** The figure; `name(index)` names a point. `known(rows)` tells it joints and times once they were read. */
 export function pointsFigure(points, names, selected, name) {
-  const state = { against: "order", span: null, toAfter: false, log: spansMuch(points), marks: [], joints: null, times: null, sequence: null };
+  const state = { against: "order", span: null, toAfter: false, log: spansMuch(points), marks: [], joints: null, times: null, sequence: null, name };
   const value = el("p.value", { "aria-live": "polite" });
   const choice = el("select", { id: "error-against", change: (event) => { Object.assign(state, { against: event.target.value, span: null }); changed(); } });
   const toAfter = el("button", { type: "button", "aria-pressed": "false", click: () => { state.toAfter = !state.toAfter; toAfter.setAttribute("aria-pressed", state.toAfter); changed(); } }, "Scale to after");
@@ -94,10 +94,12 @@ function bars(width, height, points, y, state, chosen) {
   const flat = ordered(points, state);
   const [from, to] = state.span ?? [0, flat.length];
   const share = Math.max(1, Math.ceil((to - from) / MAX_BARS));
+  // rows of the verify set count from 0 again
+  const labelOf = (at) => (state.against === "order" ? /\d+/.exec(state.name(at))[0] : at);
   // a row's number stands below the middle of its bar
   const scale = { min: from, max: to };
   const places = ticks({ min: from, max: to - 1 }, Math.max(2, Math.floor(width / 90))).filter((v) => Number.isInteger(v) && v < to);
-  const frame = axes(width, height, { ...scale, ticks: places.map((v) => v + share * 0.42), format: (v) => Math.round(v - share * 0.42), label: state.against === "sequence" ? "place in the measurement, from 0" : "row, from 0" }, y);
+  const frame = axes(width, height, { ...scale, ticks: places.map((v) => v + share * 0.42), format: (v) => labelOf(Math.round(v - share * 0.42)), label: state.against === "sequence" ? "place in the measurement, from 0" : "row, from 0" }, y);
   const nodes = [frame.nodes];
   const isMixed = points.some((p) => p.subset !== points[0].subset);
   state.marks = [];
