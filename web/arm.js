@@ -2,7 +2,7 @@
 
 import { el, fill } from "./dom.js";
 import { capital, fixed, mm, SMALLEST_MM } from "./format.js";
-import { apply, axisX, framesOf, IDENTITY, inverse, origin, poseOf, reachOf, restOf, turn } from "./kinematics.js";
+import { apply, axisX, framesOf, origin, poseOf, reachOf, restOf, turn } from "./kinematics.js";
 import { VIEWS, view } from "./scene.js";
 import { arm, ground } from "./solids.js";
 
@@ -21,12 +21,14 @@ export function quantile(values, share) {
   return sorted.length === 0 ? 0 : sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
 }
 
-/** The points of a report in the robot's base frame. `base` is that frame in the measuring one. */
-export function pointsOfReport(report, base) {
-  const back = inverse(base ?? IDENTITY);
-  return report.per_point.map((p) => ({ position: p.position_mm ? apply(back, p.position_mm) : null,
-    vectors: Object.fromEntries(["before", "after", "corrected"].map((stage) => [stage, p[`${stage}_vector_mm`] ? turn(back, p[`${stage}_vector_mm`]) : null])),
-    errors: { before: p.before_mm, after: p.after_mm, corrected: p.corrected_mm ?? null }, target: p.target }));
+/** The points of a report in the robot's base frame. `toBase(i)` brings a point there from the measuring frame; null where that is not known. */
+export function pointsOfReport(report, toBase) {
+  return report.per_point.map((p, i) => {
+    const back = toBase(i);
+    return { position: back && p.position_mm ? apply(back, p.position_mm) : null,
+      vectors: Object.fromEntries(["before", "after", "corrected"].map((stage) => [stage, back && p[`${stage}_vector_mm`] ? turn(back, p[`${stage}_vector_mm`]) : null])),
+      errors: { before: p.before_mm, after: p.after_mm, corrected: p.corrected_mm ?? null }, target: p.target };
+  });
 }
 
 /** From the base frame to a frame whose z points up, as the robot is mounted. */
@@ -48,9 +50,10 @@ function upright({ mounting }) {
 export function armFigure({ title, level = "h3", caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
   const reach = reachOf(robot);
   const up = upright(robot);
-  const placed = points.map((p) => (p.position ? apply(up, p.position) : null));
+  const lift = (some) => some.map((p) => (p.position ? apply(up, p.position) : null));
+  let placed = lift(points);
   // the errors of the headline, which are those without corrections
-  const state = { stage: (stages.find(([name]) => name === "after") ?? stages.at(-1))?.[0] ?? null, own: false, drawn: [], factor: 1, top: 1 };
+  const state = { stage: (stages.find(([name]) => name === "after") ?? stages.at(-1))?.[0] ?? null, own: hidesAfter(points, stages), drawn: [], factor: 1, top: 1 };
   const panel = el("div.picked", { "aria-live": "polite" });
   const key = el("p.legend", {});
   const lead = el("span", {});
@@ -76,6 +79,8 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
       isPosed = true;
       scene.fit();
     }
+    // the picture has the whole width while there is nothing to say beside it
+    cell.classList.toggle("whole", selected.index === null);
     fill(panel, selected.index === null ? hint(points.length) : [describe(selected.index), actions?.(selected.index)]);
     scene.redraw();
   };
@@ -83,11 +88,30 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
   const button = (text, label, click) => el("button", { type: "button", click, "aria-label": label, title: label }, text);
   fill(shown, VIEWS.map(([name, [more, word]]) => el("button", { type: "button", "aria-label": `${more}${word}`, click: () => scene.look(name) }, el("span.wide", {}, more), el("span", {}, word))),
     el("span.together", {}, button("+", "Zoom in", () => scene.zoom(1.3)), button("\u2212", "Zoom out", () => scene.zoom(1 / 1.3))));
+  const cell = el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel);
+  /** Draws the points at other places, once these are known. */
+  const place = (some) => {
+    points = some;
+    placed = lift(points);
+    frame(scene.eye, endsOf(placed, robot, up, reach, boxes, postures, rest()), reach);
+    rescale();
+    scene.fit();
+  };
   const node = el("figure.arm", {}, el("figcaption", {}, el(level, {}, title), el("p.note", {}, caption, " ", lead), stageChoice(stages, state, rescale)),
-    el("div.cell", {}, el("div.stage", {}, scene.canvas, key), panel), shown);
+    cell, shown);
   rescale();
   refresh();
-  return { node, refresh, redraw: scene.redraw, scene };
+  return { node, refresh, place, redraw: scene.redraw, scene };
+}
+
+/** Errors this many times smaller than the first ones are dots on the scale of those. */
+const DOTS_FROM = 8;
+
+/** Whether the errors after would be seen as dots on the scale of those before. */
+function hidesAfter(points, stages) {
+  if (stages.length < 2 || !stages.some(([name]) => name === "after")) return false;
+  const size = (stage) => quantile(points.map((p) => p.errors?.[stage]), 0.5);
+  return size(stages[0][0]) > DOTS_FROM * size("after");
 }
 
 let choices = 0;
@@ -97,8 +121,7 @@ function stageChoice(stages, state, changed) {
   if (stages.length < 2) return false;
   choices += 1;
   const radios = stages.map(([name, words]) => el("label.choice", {}, el("input", { type: "radio", name: `stage-${choices}`, value: name, checked: name === state.stage, change: () => { state.stage = name; changed(); } }), words));
-  const own = stages.length > 1 && el("label.choice", {}, el("input", { type: "checkbox", checked: true, change: (event) => { state.own = !event.target.checked; changed(); } }), "same scale for all");
-  state.own = false;
+  const own = stages.length > 1 && el("label.choice", {}, el("input", { type: "checkbox", checked: !state.own, change: (event) => { state.own = !event.target.checked; changed(); } }), "same scale for all");
   return el("fieldset.toggles", {}, el("legend", {}, "Errors"), radios, own);
 }
 

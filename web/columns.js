@@ -24,20 +24,27 @@ export async function saidBefore(robot, isPair) {
 const OTHERS = ["configuration", "target", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
 const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s", "time, s"], ["time_ms", "time, ms"]];
 
+/** End of a meaning whose unit nobody has stated yet. */
+const OPEN = "_?";
+/** A unit in a column's name. */
+const STATED = /deg|rad|°|[mcuµ]m\b|\b(m|in|inch)\b/i;
+
 /** What a column of this file may be: [value, text]. */
 function meanings(part, nJoints) {
   const joints = Array.from({ length: nJoints }, (_, j) => j + 1).flatMap((j) => [[`q${j}_deg`, `joint ${j}, degrees`], [`q${j}_rad`, `joint ${j}, radians`]]);
   const axes = ["x", "y", "z"].flatMap((axis) => ["mm", "m", "cm", "um", "in"].map((unit) => [`${axis}_${unit}`, `${axis}, ${unit}`]));
   const others = OTHERS.map((name) => [name, name]);
   const own = { robot: joints, instrument: [...axes, ...others], table: [...joints, ...axes, ...others] }[part];
-  return [["", "(not read)"], ...own, ...(part === "table" ? [] : KEYS)];
+  // a file that states no unit is not read before somebody says which
+  const open = { robot: joints, instrument: axes, table: [...joints, ...axes] }[part].map(([value, text]) => [`${value.split("_")[0]}${OPEN}`, `${text.split(", ")[0]}, unit?`]).filter(([value], i, all) => all.findIndex(([other]) => other === value) === i);
+  return [["", "(not read)"], ...open, ...own, ...(part === "table" ? [] : KEYS)];
 }
 
 /** The mapping that a file is understood by so far: meaning → column number. */
 function soFar(file, said) {
-  const found = new Map();
+  const found = new Map(OTHERS.map((name) => [file.header.indexOf(name) + 1, name]).filter(([number]) => number > 0));
   for (const column of file.understood?.columns ?? []) found.set(column.number, column.unit ? `${column.means}_${column.unit}` : column.means);
-  for (const [means, number] of Object.entries(file.proposed)) found.set(number, means);
+  for (const [means, number] of Object.entries(file.proposed)) found.set(number, /^(q\d+|[xyz])_/.test(means) && found.get(number) !== means && !STATED.test(file.header[number - 1] ?? "") ? `${means.split("_")[0]}${OPEN}` : means);
   const own = file.part === "table" ? said : said?.[file.part];
   for (const [means, column] of Object.entries(own ?? {})) {
     const number = typeof column === "string" ? file.header.indexOf(column) + 1 : column;
@@ -58,6 +65,12 @@ export async function askColumns(robot, body, contentType, out, read) {
   const by = files.length > 1 && el("select", { id: "columns-join" }, ["", "name", "number", "time", "order"].map((value) => el("option", { value }, value || "as the columns say")));
   const submit = async (event) => {
     event.preventDefault();
+    const open = asked.flatMap(({ selects }) => selects).find((select) => select.value.endsWith(OPEN));
+    if (open) {
+      fill(wrong, el("p.problem", {}, `${open.getAttribute("aria-label")}: choose its unit.`));
+      open.focus();
+      return;
+    }
     const columns = mapping(asked, by && by.value);
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
@@ -78,12 +91,13 @@ export async function askColumns(robot, body, contentType, out, read) {
   return true;
 }
 
+const isWithoutUnit = (issue) => issue.code === "missing_unit" && issue.column;
+
 /** What is to be said of the columns; what many of them lack is said once. */
 function remarks(issues) {
-  const isWithout = (issue) => issue.code === "missing_unit" && issue.column;
-  const without = [...new Set(issues.filter(isWithout).map((issue) => issue.column))];
-  const some = without.length > 1 ? `${without.slice(0, -1).join(", ")} and ${without.at(-1)} have no unit: choose it for each of them` : `${without[0]} has no unit: choose it`;
-  return [...without.length > 0 ? [`${some} in the list above its column`] : [], ...new Set(issues.filter((issue) => !isWithout(issue)).map((issue) => capital(plain(issue.detail))))];
+  const without = [...new Set(issues.filter(isWithoutUnit).map((issue) => issue.column))];
+  const some = without.length > 1 ? `${without.slice(0, -1).join(", ")} and ${without.at(-1)} have no unit: choose it in the list above one of them, and the others follow` : `${without[0]} has no unit: choose it in the list above its column`;
+  return [...without.length > 0 ? [some] : [], ...new Set(issues.filter((issue) => !isWithoutUnit(issue)).map((issue) => capital(plain(issue.detail))))];
 }
 
 /** The choices as a mapping. A file with a header is mapped by names, so that a column more in the next file does no harm. */
@@ -114,6 +128,12 @@ function fileTable(file, nJoints, found) {
     select.value = options.some(([value]) => value === means) ? means : "";
     return select;
   });
+  // joints have one unit, and so have axes
+  selects.forEach((select) => select.addEventListener("change", () => {
+    const [, kind, , unit] = /^(q|[xyz])(\d*)_(\w+)$/.exec(select.value) ?? [];
+    const isAlike = (other) => other.value.endsWith(OPEN) && (kind === "q") === other.value.startsWith("q");
+    if (kind) selects.filter(isAlike).forEach((other) => { other.value = other.value.replace(OPEN, `_${unit}`); });
+  }));
   const title = { table: "The file", robot: "The robot's file", instrument: "The instrument's file" }[file.part];
   const cells = (row) => Array.from({ length: width }, (_, at) => el("td", {}, row[at] ?? ""));
   const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood, false)}`),

@@ -5,8 +5,10 @@ import { cellCard, cellOf } from "./cell.js";
 import { rowsOf } from "./csv.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
 import { error, fixed, mm, signed, when } from "./format.js";
+import { best, state } from "./history.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
+import { foundAgainst } from "./verdicts.js";
 
 /** Targets of one request. */
 const PART = 5000;
@@ -19,9 +21,10 @@ export async function correctPage({ main, signal, may }, id) {
   const [robot, sets, measured, cell] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal), list(`/v1/robots/${id}/measurement-sets`, 50, signal), cellOf(id, signal)]);
   document.title = `kincal: correct a program of ${robot.name}`;
   const usable = sets.filter((set) => set.status !== "withdrawn");
+  const doubtOf = await doubts(robot, signal);
   const out = el("div", { "aria-live": "polite" });
   const place = el("div", {});
-  const { node, offer } = form(robot, usable, out);
+  const { node, offer } = form(robot, usable, doubtOf, out);
   const draw = (of) => {
     offer(of);
     fill(place, cellCard(robot, of, measured, may, changed));
@@ -40,13 +43,18 @@ export async function correctPage({ main, signal, may }, id) {
 }
 
 /** The form, and a function that offers the cell's work frames and tools in it. */
-function form(robot, sets, out) {
+function form(robot, sets, doubtOf, out) {
   const pick = (name, label, options) => {
     const select = el("select", { id: name }, options.map(([value, words]) => el("option", { value }, words)));
     return [select, el("div", {}, el("label", { for: name }, label), select)];
   };
   const set = el("select", { id: "correct-set" }, setOptions(sets));
   const setField = el("div", {}, el("label", { for: "correct-set" }, "Parameters, identified"), set);
+  const chosen = () => sets.find((one) => one.id === set.value);
+  const doubted = el("div", {});
+  const showDoubt = () => fill(doubted, chosen() && doubtWarning(doubtOf(chosen())));
+  set.addEventListener("change", showDoubt);
+  showDoubt();
   const [mode, modeField] = pick("correct-mode", "What of the tool is corrected", [["pose", "position and orientation"], ["position", "position only"]]);
   const [frame, frameField] = pick("correct-frame", "Frame of Cartesian targets", []);
   const [named, namedField] = pick("correct-tool", "Tool", []);
@@ -59,25 +67,26 @@ function form(robot, sets, out) {
     options(named, [["", "reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
   };
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
-  const file = el("input", { id: "correct-file", type: "file", accept: ".csv,text/csv", required: true });
-  const submit = async (event) => {
-    event.preventDefault();
-    if (file.files.length === 0) return;
+  const file = el("input", { id: "correct-file", type: "file", accept: ".csv,.txt,.tsv,text/csv", required: true });
+  const correct = async (unit) => {
     fill(out, el("p.quiet", {}, "Correcting …"));
     try {
-      const program = read(await file.files[0].text(), robot.links.length);
+      const program = read(await file.files[0].text(), robot.links.length, unit);
       const at = tool.map((input) => input.value);
       const typed = at.some((v) => v !== "") && { tool: { translation_mm: at.map(Number) } };
       const request = { mode: mode.value, ...typed, ...named.value && { tool_name: named.value }, ...program.targets && { frame: frame.value } };
       const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
-      const chosen = sets.find((one) => one.id === set.value);
-      fill(out, corrected(program, await compensate(set.value, program, request), { name: file.files[0].name, posesIn, set: chosen }));
+      fill(out, corrected(program, await compensate(set.value, program, request), { name: file.files[0].name, posesIn, set: chosen(), doubt: doubtOf(chosen()) }));
     } catch (error) {
-      fill(out, problem(error));
+      fill(out, error.without ? unitQuestion(error.without, correct) : problem(error));
     }
   };
-  const node = el("form.card", { submit }, el("div.fields.wide", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
-    el("label", { for: "correct-file" }, `A CSV with q1_deg … q${robot.links.length}_deg (or _rad). With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+  const submit = (event) => {
+    event.preventDefault();
+    if (file.files.length > 0) correct();
+  };
+  const node = el("form.card", { submit }, doubted, el("div.fields.wide", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
+    el("label", { for: "correct-file" }, `A table (CSV with commas, semicolons or tabs) with q1_deg … q${robot.links.length}_deg (or _rad), or with J1 … J${robot.links.length} or A1 … A${robot.links.length}. With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
   return { node, offer };
 }
 
@@ -90,6 +99,29 @@ function setOptions(sets) {
 
 const isActive = (set) => set.status === "released";
 
+/** A function that says what speaks against correcting with a set: {why, rms, job}, `rms` null where no session says how far off it is; null where nothing does. */
+async function doubts(robot, signal) {
+  const [{ sessions, since }, { tolerance_mm: tolerance }] = await Promise.all([state(robot, signal), get(`/v1/robots/${robot.id}/policy`, signal)]);
+  const newer = since && (await get(`/v1/jobs/${since.job_id}/report`, signal));
+  const hasChanged = newer?.warnings.some(({ code }) => code === "robot_changed");
+  return (set) => {
+    const newest = sessions.find(({ job }) => job.parameter_set_from === set.id);
+    const { after, n_points: n } = newest ? best(newest.report) : {};
+    const found = newest && (foundAgainst(newest.report) ?? (tolerance && tolerance < after.rms_mm && `beyond the robot's tolerance of ${mm(tolerance)}`));
+    if (found) return { why: `The newest session speaks against these parameters: ${found}. With them the robot missed its ${n} points by ${mm(after.rms_mm)} rms, at most ${mm(after.max_mm)}.`, rms: newest.report.evidence === "none" ? null : after.rms_mm, job: newest.job.id };
+    if (robot.state === "check_robot") return { why: "A session does not fit this robot, and nobody has said why.", rms: null, job: robot.check_job_id };
+    return hasChanged && set.created_at < since.created_at ? { why: "A newer calibration found that the robot has changed since these parameters were identified.", rms: null, job: since.job_id } : null;
+  };
+}
+
+const doubtWarning = (doubt) => doubt && el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "These parameters may be wrong. "), doubt.why, " Do not run a corrected program in the cell before the cause is known. ", el("a", { href: `#/jobs/${doubt.job}` }, "Look at that session")));
+
+/** Asks for the unit of joint columns that state none. */
+function unitQuestion(names, again) {
+  const button = (unit, words) => el("button", { type: "button", click: () => again(unit) }, words);
+  return el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "In which unit are the joint values? "), `${names.join(", ")} state none.`), el("div.actions", {}, button("deg", "Degrees"), button("rad", "Radians")));
+}
+
 /** Why a program that was corrected with another set than the active one must not run in the cell. */
 function trialOnly(set) {
   if (isActive(set)) return false;
@@ -97,17 +129,24 @@ function trialOnly(set) {
   return el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "For trial only. "), why, " Do not run this program in the cell before a set is released and the program corrected with it. ", el("a", { href: `#/jobs/${set.job_id}` }, "To that parameter set")));
 }
 
-/** The targets of a file, and what is needed to write it again. */
-function read(text, n) {
+/** Joint and unit of a column, as programs and controllers name it: q1_deg, J1, A1 [deg], Joint 1 (rad). */
+const JOINT = /^(?:q|j|a|jt|joint|axis)[\s_[]*(\d{1,2})\]?[\s_,([]*(deg|rad|mm|°)?(?:rees?|ians?)?[)\]\s]*$/i;
+
+/** The targets of a file, and what is needed to write it again. `unit` is that of joint values whose columns state none. */
+function read(text, n, unit) {
   const header = text.split(/\r\n|\n|\r/, 1)[0];
   const separator = header.includes(";") ? ";" : header.includes("\t") ? "\t" : ",";
   const [first, ...rows] = rowsOf(text, separator);
-  const places = Array.from({ length: n }, (_, i) => ["deg", "rad", "mm"].map((unit) => ({ at: first?.cells.findIndex((cell) => cell.toLowerCase() === `q${i + 1}_${unit}`) ?? -1, factor: unit === "rad" ? DEG : 1 })).find(({ at }) => at >= 0));
-  const missing = places.findIndex((place) => place === undefined);
-  if (missing >= 0) throw { title: "A joint is missing", detail: `The file has no column q${missing + 1}_deg. It needs one column for each of the ${n} joints.` };
-  const q = rows.map(({ cells, line }) => places.map(({ at, factor }, k) => {
+  const joints = (first?.cells ?? []).map((cell, at) => ({ at, name: cell, joint: JOINT.exec(cell) })).filter(({ joint }) => joint);
+  const found = Array.from({ length: n }, (_, i) => joints.find(({ joint }) => Number(joint[1]) === i + 1));
+  const missing = found.findIndex((column) => column === undefined);
+  if (missing >= 0) throw { title: "A joint is missing", detail: `The file has no column for joint ${missing + 1}. It needs one for each of the ${n} joints: q1_deg … q${n}_deg (or _rad), J1 … J${n}, or A1 … A${n}, with commas, semicolons or tabs between them. Its first line has: ${first?.cells.join(", ") || "nothing"}` };
+  const without = found.filter(({ joint }) => !joint[2]).map(({ name }) => name);
+  if (without.length > 0 && !unit) throw { without };
+  const places = found.map(({ at, name, joint }) => ({ at, name, factor: (joint[2] ?? unit).toLowerCase() === "rad" ? DEG : 1 }));
+  const q = rows.map(({ cells, line }) => places.map(({ at, name, factor }) => {
     const value = Number(separator === "," ? cells[at] : cells[at]?.replace(",", "."));
-    if (!Number.isFinite(value) || cells[at] === "" || cells[at] === undefined) throw { title: "A target cannot be read", detail: `Line ${line}, column q${k + 1}: "${cells[at] ?? ""}" is no number.` };
+    if (!Number.isFinite(value) || cells[at] === "" || cells[at] === undefined) throw { title: "A target cannot be read", detail: `Line ${line}, column ${name}: "${cells[at] ?? ""}" is no number.` };
     return value * factor;
   }));
   if (q.length === 0) throw { title: "No targets", detail: "The file has a header row only." };
@@ -158,7 +197,9 @@ const toLookAt = (answer) => answer.status.map((status, i) => [!FINE.includes(st
 /** The error that is left by the identified robot, with how well that robot is known: the first alone says nothing of the real tool. */
 const left = (mm, std) => `${error(mm)} ± ${std === undefined ? "?" : error(std)}`;
 
-function corrected(program, answer, { name, posesIn, set }) {
+function corrected(program, answer, { name, posesIn, set, doubt }) {
+  // what the fit alone says of its uncertainty holds no longer: the newest session says more
+  if (doubt) answer.position_std_mm = doubt.rms === null ? [] : answer.status.map((_, i) => Math.max(answer.position_std_mm[i] ?? 0, doubt.rms));
   const remarks = toLookAt(answer);
   const odd = remarks.map((remark, i) => [remark, i]).filter(([remark]) => remark.length > 0);
   const outside = answer.extrapolated.filter(Boolean).length;
@@ -169,13 +210,13 @@ function corrected(program, answer, { name, posesIn, set }) {
   const last = answer.status.reduce((best, _, i) => (sum(i) > sum(best) ? i : best), 0);
   const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
   const frame = `in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`;
-  return [trialOnly(set), facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))],
-    ["Largest error after", `${left(answer.position_error_after_mm[last], answer.position_std_mm[last])} mm`, `by the identified robot, ${frame}; ± ${answer.position_std_mm.length > 0 ? "its standard uncertainty there" : "is not known for these parameters"}`],
-    answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), "standard uncertainty of the tool's position at the least certain target"],
-    ["To look at", odd.length, odd.length > 0 ? counted(remarks) : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
-  answer.warnings.map(warning), notCorrected(answer), uncertain(answer),
-  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name, set) }, "Download as CSV"))),
-    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}After: what is left by the identified robot ± the standard uncertainty of the tool's position. Rows are counted from 0 without the header row.`,
+  return [doubtWarning(doubt), trialOnly(set), facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))],
+    doubt?.rms === null ? ["Largest error after", "not known", "the fit's own figure holds no longer: see the warning above"] : ["Largest error after", `${left(answer.position_error_after_mm[last], answer.position_std_mm[last])} mm`, `by the identified robot, ${frame}; ± ${answer.position_std_mm.length === 0 ? "is not known for these parameters" : doubt ? "the error of the newest session" : "its standard uncertainty there"}`],
+    answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), doubt ? "no better than the newest session found, rms" : "standard uncertainty of the tool's position at the least certain target"],
+    ["To look at", odd.length, odd.length > 0 ? counted(remarks) : doubt ? "computed for all targets; see the warning above" : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
+  answer.warnings.map(warning), notCorrected(answer), uncertain(answer, doubt),
+  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name, isActive(set) && !doubt) }, "Download as CSV"))),
+    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}After: what is left by the identified robot ± ${doubt ? "what is known of the tool's position" : "the standard uncertainty of the tool's position"}. Rows are counted from 0 without the header row.`,
       [["Row", (i) => i, "n"], ["State", (i) => (remarks[i].length > 0 ? remarks[i].join(", ") : stateOf(answer.status[i])), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => left(answer.position_error_after_mm[i], answer.position_std_mm[i]), "n"], ...joints], shown, ""))];
 }
 
@@ -194,12 +235,12 @@ function notCorrected({ status }) {
   return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is not fully corrected. " : `${rows.length} targets are not fully corrected. `), "The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. ", rowsNamed(rows)));
 }
 
-function uncertain(answer) {
+function uncertain(answer, doubt) {
   const rows = answer.status.map((_, i) => i).filter((i) => isUncertain(answer, i));
-  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is uncertain. " : `${rows.length} targets are uncertain. `), "There the tool is known less well than it is corrected by, so the correction may make it worse. Measure poses near these targets, and calibrate again. ", rowsNamed(rows)));
+  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is uncertain. " : `${rows.length} targets are uncertain. `), doubt ? "The newest session missed by more than they are corrected by, so the correction may make them worse. " : "There the tool is known less well than it is corrected by, so the correction may make it worse. Measure poses near these targets, and calibrate again. ", rowsNamed(rows)));
 }
 
-function save({ header, rows, places, separator, position, quaternion }, answer, name, set) {
+function save({ header, rows, places, separator, position, quaternion }, answer, name, isForCell) {
   const quoted = (cell) => (/["\n\r]/.test(cell) || cell.includes(separator) ? `"${cell.replaceAll("\"", "\"\"")}"` : cell);
   const number = (value) => (separator === "," ? String(value) : String(value).replace(".", separator === ";" ? "," : "."));
   const lines = rows.map((cells, i) => cells.map((cell, at) => {
@@ -210,5 +251,5 @@ function save({ header, rows, places, separator, position, quaternion }, answer,
     const k = places.findIndex((place) => place.at === at);
     return k < 0 ? quoted(cell) : number(Number((answer.q_deg[i][k] / places[k].factor).toFixed(8)));
   }).join(separator));
-  saveText(`${header.map(quoted).join(separator)}\n${lines.join("\n")}\n`, name.replace(/(\.\w+)?$/, isActive(set) ? "-corrected.csv" : "-corrected-for-trial.csv"), "text/csv");
+  saveText(`${header.map(quoted).join(separator)}\n${lines.join("\n")}\n`, name.replace(/(\.\w+)?$/, isForCell ? "-corrected.csv" : "-corrected-for-trial.csv"), "text/csv");
 }

@@ -71,3 +71,28 @@ export function restOf(robot) {
     return low <= 0 && high >= 0 ? 0 : (low + high) / 2;
   });
 }
+
+/** Iterations that find the rotation; points that are not in a line need far fewer. */
+const PLACEMENT_STEPS = 400;
+
+/** The rigid motion that brings points onto others best in the sum of squares. Horn (1987), "Closed-form solution of absolute orientation using unit quaternions", section 4. */
+export function placement(from, to) {
+  const mean = (points) => [0, 1, 2].map((k) => points.reduce((sum, p) => sum + p[k], 0) / points.length);
+  const [a, b] = [mean(from), mean(to)];
+  const s = [0, 1, 2].map((i) => [0, 1, 2].map((j) => from.reduce((sum, p, n) => sum + (p[i] - a[i]) * (to[n][j] - b[j]), 0)));
+  const n = [[s[0][0] + s[1][1] + s[2][2], s[1][2] - s[2][1], s[2][0] - s[0][2], s[0][1] - s[1][0]], [0, s[0][0] - s[1][1] - s[2][2], s[0][1] + s[1][0], s[2][0] + s[0][2]],
+    [0, 0, s[1][1] - s[0][0] - s[2][2], s[1][2] + s[2][1]], [0, 0, 0, s[2][2] - s[0][0] - s[1][1]]];
+  for (let i = 0; i < 4; i += 1) for (let j = 0; j < i; j += 1) n[i][j] = n[j][i];
+  // the eigenvector of the largest eigenvalue, by powers; the shift makes every eigenvalue positive
+  const shift = Math.hypot(...n.flat());
+  let q = [1, 0.1, 0.2, 0.3];
+  for (let step = 0; step < PLACEMENT_STEPS; step += 1) {
+    const next = n.map((row, i) => shift * q[i] + row.reduce((sum, v, j) => sum + v * q[j], 0));
+    const length = Math.hypot(...next) || 1;
+    q = next.map((v) => v / length);
+  }
+  const [w, x, y, z] = q;
+  const turned = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 0, 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), 0, 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), 0];
+  const moved = turn(turned, a);
+  return turned.map((v, i) => (i % 4 === 3 ? b[(i - 3) / 4] - moved[(i - 3) / 4] : v));
+}

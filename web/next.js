@@ -3,6 +3,7 @@
 import { get, post } from "./api.js";
 import { el, fill, gateItems, linked, problem } from "./dom.js";
 import { gateDetail, gateTitle, mm } from "./format.js";
+import { leftOut } from "./residuals.js";
 import { MATTERS, NO_USE, REMEDIES, WARNINGS } from "./words.js";
 
 /** The code of the warning that makes a result useless; undefined if it is of use. */
@@ -22,7 +23,7 @@ export const verifyPage = (robot, set) => `#/robots/${robot.id}/upload?verify=${
 export const endedEarly = (report) => report.termination === "iteration_limit" && report.tool_uncertainty_mm === null;
 
 /** The card. `verified` is the set that a verification scored. */
-export function nextSteps({ report, job, robot, set, parameterSet, verified }, { may, why, signal }) {
+export function nextSteps({ report, job, robot, set, parameterSet, verified, outliers, later }, { may, why, signal }) {
   const useless = uselessBy(report);
   const card = (...content) => el("section.card.next", { "aria-label": "What to do next" }, el("h2", {}, "What to do next"), ...content);
   if (report.check) return false; // its verdict says what to measure next
@@ -37,12 +38,14 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified }, {
   if (!parameterSet) return false;
   const [way, words] = [el("div", {}), el("div", {})];
   const draw = (gates) => {
-    const evidence = gates?.evidence ?? report.evidence;
+    const evidence = gates?.evidence ?? (later?.against ? undefined : later?.report.evidence) ?? report.evidence;
     const isOpen = ["candidate", "superseded"].includes(parameterSet.status);
     const against = isOpen ? hindrances(report, gates) : [];
-    setAside(against.length > 0);
-    fill(way, path(report, evidence, parameterSet, against[0]?.code));
-    fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may), gates && isOpen && judged(gates, against[0]));
+    const isStray = isOpen && outliers.rows.length > 0;
+    setAside(against.length > 0 || isStray, evidence === "independent_session");
+    fill(way, path(report, evidence, parameterSet, isStray ? "outliers" : against[0]?.code));
+    if (isStray) fill(words, lookFirst(report, outliers, gates, robot, parameterSet), gates && judged(gates));
+    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may, later), gates && isOpen && judged(gates, against[0], set));
   };
   draw(null);
   // the gates know of verifications that were made since
@@ -55,10 +58,10 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified }, {
   return card(way, words, el("div.actions", {}, button));
 }
 
-/** The release is the main button of its card, and the headline is good news, only where nothing stands against it. Both may be drawn after this card. */
-function setAside(isAside) {
+/** The headline is good news only where nothing stands against a release, and the release is the main button of its card only where it is the next step. Both may be drawn after this card. */
+function setAside(isAside, isVerified = false) {
   const change = () => {
-    document.querySelector(".decision .release")?.classList.toggle("primary", !isAside);
+    document.querySelector(".decision .release")?.classList.toggle("primary", !isAside && isVerified);
     const headline = document.querySelector(".verdict");
     headline?.classList.toggle("done", !isAside);
     headline?.classList.toggle("warning", isAside);
@@ -79,7 +82,7 @@ function path(report, evidence, { status }, hindrance) {
   const isVerified = evidence === "independent_session";
   const isFit = !hindrance || LATER.includes(hindrance);
   const fit = report.verify ? `checked on ${report.verify.n_points} points that were not fitted` : "no point was kept aside";
-  const steps = [["Fit", isFit, isFit ? fit : "not usable yet"], ["Verify", isVerified, isVerified ? "on another session" : "on another session: not yet"], ["Release", isOver && !hindrance, { released: "the cell gets it", superseded: "was released once", withdrawn: "withdrawn" }[status] ?? "not yet"]];
+  const steps = [["Fit", isFit, isFit ? fit : hindrance === "outliers" ? "points to look at" : "not usable yet"], ["Verify", isVerified, isVerified ? "on another session" : "on another session: not yet"], ["Release", isOver && !hindrance, { released: "the cell gets it", superseded: "was released once", withdrawn: "withdrawn" }[status] ?? "not yet"]];
   const now = steps.findIndex(([, done]) => !done);
   return el("ol.path", {}, steps.map(([name, done, said], i) => el(done ? "li.done-step" : i === now && status !== "withdrawn" ? "li.now" : "li", i === now ? { "aria-current": "step" } : {}, el("strong", {}, name), el("span", {}, said))));
 }
@@ -117,6 +120,17 @@ function sentenceOf(detail) {
   return linked(`${text.charAt(0).toUpperCase()}${text.slice(1)}.`.replace(/([.?!])\.$/, "$1"));
 }
 
+/** Points that do not fit the others come before everything else: what they mean is decided by who measured them. */
+function lookFirst(report, { rows, name, lookAt }, gates, robot, parameterSet) {
+  const half = report.verify ?? report.identify;
+  const worst = rows.reduce((a, b) => (report.per_point[b].after_mm > report.per_point[a].after_mm ? b : a));
+  const one = rows.length === 1;
+  const compared = gates?.gates.some(({ gate, passed, warning }) => gate === "improved_on_active" && (warning || !passed));
+  return [el("p", {}, el("strong", {}, `${one ? `Look at ${name(worst)} first` : `Look at ${rows.length} points first`}: `, `${one ? "it is" : "the worst is"} off by ${mm(report.per_point[worst].after_mm)}${one ? "" : `, ${name(worst)}`}. `), `The mean error is ${mm(half.after.mean_mm)}. Was the reading bad, leave it out and calibrate again; was it right, verify with another session.`,
+    compared && " The active set was scored with such points, and this set without them: do not compare the two before."),
+  el("div.actions", {}, el("button.primary", { type: "button", click: lookAt }, one ? `Look at ${name(worst)}` : "Look at these points"), el("a.button", { href: verifyPage(robot, parameterSet) }, "Verify with another session"))];
+}
+
 /** Why a set is not usable yet, and the one button that leads on. */
 function notYet(first, context) {
   const out = el("div", {});
@@ -145,28 +159,32 @@ function wayOut({ code, detail = "" }, { job, robot, set, parameterSet, may }, o
   return known[code] || (code in known ? plan : verify);
 }
 
-function advice(report, evidence, robot, parameterSet, may) {
+function advice(report, evidence, robot, parameterSet, may, later) {
   const isVerified = evidence === "independent_session";
   const link = (text, href) => el("a.button", { href }, text);
-  const verify = link("Verify with another session", verifyPage(robot, parameterSet));
+  const verify = el(isVerified || parameterSet.status !== "candidate" ? "a.button" : "a.button.primary", { href: verifyPage(robot, parameterSet) }, "Verify with another session");
   const half = report.verify ?? report.identify;
   if (parameterSet.status === "withdrawn") return el("p", {}, "This set was withdrawn. Calibrate anew, or release an older set.");
   if (parameterSet.status === "released" && robot.state === "check_robot") return [el("p", {}, "It is in force, but a session does not fit the robot. Look at the robot before programs are corrected with this set; its page says what to do."), el("div.actions", {}, el("a.button.primary", { href: `#/robots/${robot.id}` }, `To ${robot.name}`))];
+  if (parameterSet.status === "released" && later?.against) return [el("p", {}, `It is in force, but a later session speaks against it: ${later.against}. Look at that session before programs are corrected with this set.`), el("div.actions", {}, el("a.button.primary", { href: `#/jobs/${later.job.id}` }, "Look at that session"), verify)];
   if (parameterSet.status === "released") return [el("p", {}, "It is in force. Load it into the controller, or correct a program with it. Verify it with a short session from time to time: the robot's page says when."),
     el("div.actions", {}, link("Correct a program", `#/robots/${robot.id}/correct`), verify)];
   return [el("p", {}, isVerified ? "The fit holds on another session. It can be released below."
     : `The fit is good: ${mm(half.after.mean_mm)} on average instead of ${mm(half.before.mean_mm)}. Measure some 20 to 30 other poses in a session of their own, and verify it with them: only that shows a wrong tool, base or scale. Then release it.`),
-  el("div.actions", {}, !isVerified && verify, !isVerified && link("Plan the poses to measure", `#/robots/${robot.id}/plan`), may("release") && el("button", { type: "button", click: () => { const decision = document.querySelector(".decision"); decision?.scrollIntoView({ block: "center" }); decision?.querySelector("button")?.focus({ preventScroll: true }); } }, "To the release"))];
+  el("div.actions", {}, !isVerified && verify, !isVerified && link("Plan the poses to measure", `#/robots/${robot.id}/plan`), may("release") && el(isVerified ? "button.primary" : "button", { type: "button", click: () => { const decision = document.querySelector(".decision"); decision?.scrollIntoView({ block: "center" }); decision?.querySelector("button")?.focus({ preventScroll: true }); } }, "To the release"))];
 }
 
 /** What a release would find, beside the cause that was told above. */
-function judged(found, told) {
+function judged(found, told, set) {
   const failed = found.gates.filter((gate) => !gate.passed);
   if (failed.length === 0) return el("p.note", {}, told ? "A release would be accepted all the same." : "A release would be accepted now.");
   const others = failed.filter((gate) => gate.gate !== told?.code);
-  if (others.length === 0) return el("p.note", {}, "A release would be refused now.");
-  return el("div.warning", {}, el("p", {}, el("strong", {}, told ? "A release would be refused now, also for this:" : "A release would be refused now:")), gateItems(others));
+  if (others.length === 0) return [el("p.note", {}, "A release would be refused now."), sameWithout(found, set)];
+  return [sameWithout(found, set), el("div.warning", {}, el("p", {}, el("strong", {}, told ? "A release would be refused now, also for this:" : "A release would be refused now:")), gateItems(others))];
 }
+
+/** A comparison with the active set is made on the points of this file. */
+const sameWithout = (found, set) => leftOut(set) && found.gates.some(({ gate, passed }) => gate === "improved_on_active" && !passed) && el("p.note", {}, "Both sets were scored on the points of this file, without those that were left out by hand. A figure of the active set from another session may differ.");
 
 function afterVerification(report, verified, again) {
   if (!verified) return el("p", {}, "The nominal robot was scored. Calibrate with these points to see what can be gained.");

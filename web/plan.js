@@ -4,7 +4,7 @@ import { get, list, post } from "./api.js";
 import { armFigure, jointFacts, pointFacts } from "./arm.js";
 import { el, fill, problem, table } from "./dom.js";
 import { capital, fixed, mm, plain } from "./format.js";
-import { positionOf } from "./kinematics.js";
+import { positionOf, reachOf } from "./kinematics.js";
 import { facts } from "./robots.js";
 import { saveText } from "./save.js";
 import { selection } from "./selection.js";
@@ -30,7 +30,7 @@ const DIRECTIONS = [["", "every direction"], ["0,0,1", "the flange's +z"], ["0,0
 function form(robot, sets, out) {
   const number = (name, value, more = {}) => el("input", { id: name, type: "number", value, ...more });
   const field = (name, label, input) => el("div", {}, el("label", { for: name }, label), input);
-  const [n, floor] = [number("plan-n", 30, { min: 1, max: 300, step: 1, required: true }), number("plan-floor", "", { step: "any", placeholder: "none" })];
+  const [n, floor] = [number("plan-n", 30, { min: 1, max: 300, step: 1, required: true }), number("plan-floor", standsOnFloor(robot) ? 0 : "", { step: "any", placeholder: "none" })];
   const kind = el("select", { id: "plan-kind" }, el("option", { value: "position" }, "positions of a reflector"), el("option", { value: "pose" }, "poses of a 6D target"));
   const frame = el("select", { id: "plan-frame" }, el("option", { value: "base" }, "the robot's base frame"), el("option", { value: "instrument", selected: sets[0]?.frame === "instrument" }, "the instrument's frame"));
   const axis = el("select", { id: "plan-axis" }, DIRECTIONS.map(([value, words]) => el("option", { value }, words)));
@@ -42,7 +42,7 @@ function form(robot, sets, out) {
     event.preventDefault();
     button.disabled = true;
     fill(out, el("p.quiet", {}, "Looking for the best poses …"));
-    const shown = { keepOut: boxes.read().map(({ values: v }) => ({ min_mm: v.slice(0, 3), max_mm: v.slice(3) })), places: places.read().map(({ name, values }) => ({ name, instrument_mm: values })) };
+    const shown = { floor: floor.value === "" ? null : Number(floor.value), keepOut: boxes.read().map(({ values: v }) => ({ min_mm: v.slice(0, 3), max_mm: v.slice(3) })), places: places.read().map(({ name, values }) => ({ name, instrument_mm: values })) };
     const request = { n_configurations: Number(n.value), kind: kind.value, frame: frame.value, ...floor.value === "" ? {} : { floor_z_mm: Number(floor.value) }, ...shown.keepOut.length > 0 ? { keep_out: shown.keepOut } : {},
       ...shown.places.length > 1 ? { set_ups: shown.places } : shown.places.length === 1 ? { instrument_mm: shown.places[0].instrument_mm } : {}, ...axis.value === "" ? {} : { target_axis: axis.value.split(",").map(Number) },
       ...before.checked && sets.length > 0 ? { measured: sets.map((set) => set.id) } : {} };
@@ -57,8 +57,11 @@ function form(robot, sets, out) {
     button.disabled = false;
   };
   return el("form.card", { submit }, el("div.fields", {}, field("plan-n", "Number of poses", n), field("plan-kind", "What is measured", kind), field("plan-frame", "Measured in", frame), field("plan-floor", "Nothing below z, mm", floor), field("plan-axis", "The reflector can be seen from", axis)),
+    standsOnFloor(robot) && el("p.note", {}, "Nothing below z: 0 is the robot's mounting surface. Give another height if it stands on a pedestal, or none if the arm may reach below it."),
     sets.length > 0 && el("label.choice", {}, before, `count what was measured already (${sets.length === 1 ? "one set" : `${sets.length} sets`})`), places.node, boxes.node, el("div.actions", {}, button));
 }
+
+const standsOnFloor = ({ mounting }) => mounting === undefined || mounting === null || mounting === "floor";
 
 /** A list of rows of numbers, each with a name if `named`, to which rows are added and from which they are removed. */
 function rowsOfNumbers({ note, add: text, named, labels, required }) {
@@ -78,14 +81,14 @@ function rowsOfNumbers({ note, add: text, named, labels, required }) {
   return { read, node: el("div", {}, el("p.note", {}, note), place, el("button", { type: "button", click: add }, text)) };
 }
 
-function planned(robot, plan, { keepOut, places }, kind) {
+function planned(robot, plan, { floor, keepOut, places }, kind) {
   const poses = plan.configurations;
   // the number of the pose that is repeated, counted from 0
   const isRepeat = (i) => Number.isInteger(poses[i].repeats);
   const again = poses.some((_, i) => isRepeat(i));
   const points = poses.map(({ q_deg: q }) => ({ position: positionOf(robot, q), target: 0 }));
   const selected = selection(points.length);
-  const cell = armFigure({ title: "The planned poses", level: "h2", caption: `Dots: the nominal flange at each pose.${keepOut.length > 0 ? " Dashed boxes: the arm keeps out." : ""}${places.length > 0 ? " Dashed cubes: the instrument." : ""}`, robot, points, selected, boxes: [...keepOut, ...places.map(instrumentCube)], postures: (i) => poses[i].q_deg,
+  const cell = armFigure({ title: "The planned poses", level: "h2", caption: `Dots: the nominal flange at each pose.${floor === null ? " Nothing keeps the arm above the floor: state a height below which it must not go." : ` Dashed square: reflector, flange, wrist and elbow stay above z = ${fixed(floor, 0)} mm.`}${keepOut.length > 0 ? " Dashed boxes: the arm keeps out." : ""}${places.length > 0 ? " Dashed cubes: the instrument." : ""}`, robot, points, selected, boxes: [...keepOut, ...places.map(instrumentCube), ...floor === null ? [] : [plane(floor, reachOf(robot))]], postures: (i) => poses[i].q_deg,
     describe: (i) => pointFacts(`Pose ${i + 1} of ${poses.length}`, [jointFacts(poses[i].q_deg), ["Flange, mm", points[i].position.map((v) => fixed(v, 0)).join(", ")], poses[i].set_up && ["Measured from", poses[i].set_up], isRepeat(i) && ["Repeats", `pose ${poses[i].repeats + 1}`]]),
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   selected.set(0);
@@ -104,6 +107,9 @@ function withoutLimits({ links }) {
   const joints = open.length === 1 ? `Joint ${open[0]} has` : `Joints ${open.slice(0, -1).join(", ")} and ${open.at(-1)} have`;
   return el("div.warning", {}, el("p", {}, el("strong", {}, `${joints} no stated limits. `), `The plan takes ${WITHOUT_LIMITS.map((limit) => fixed(limit, 0)).join("° to ")}° for ${open.length === 1 ? "it" : "each of them"}: check that the robot can go there. Poses beyond that range are not planned before the robot's limits are stated (on its page, under Name, joint limits).`));
 }
+
+/** A square at a height, as wide as the arm reaches. */
+const plane = (z, reach) => ({ min_mm: [-reach, -reach, z], max_mm: [reach, reach, z], colour: "--quiet" });
 
 /** A cube of 200 mm where the instrument stands. */
 const instrumentCube = ({ instrument_mm: at }) => ({ min_mm: at.map((v) => v - 100), max_mm: at.map((v) => v + 100), colour: "--accent" });

@@ -1,7 +1,7 @@
-// The error of every point as a figure that answers: bars in the order of the file, or dots against a joint or the time; with values by
+// The error of every point as a figure that answers: bars in the order of the rows or of the measurement, or dots against a joint or the time; with values by
 // pointer, touch and keyboard, zoom by dragging, and one selection with arrows and table.
 
-import { axes, figure, legend, range, timeAxis } from "./charts.js";
+import { axes, figure, legend, range, ticks, timeAxis } from "./charts.js";
 import { quantile } from "./arm.js";
 import { el, fill, svg } from "./dom.js";
 import { mm, number, SMALLEST_MM } from "./format.js";
@@ -26,7 +26,7 @@ export function spansMuch(points) {
 
 /** The figure; `name(index)` names a point. `known(rows)` tells it joints and times once they were read. */
 export function pointsFigure(points, names, selected, name) {
-  const state = { against: "order", span: null, toAfter: false, log: spansMuch(points), marks: [], joints: null, times: null };
+  const state = { against: "order", span: null, toAfter: false, log: spansMuch(points), marks: [], joints: null, times: null, sequence: null, name };
   const value = el("p.value", { "aria-live": "polite" });
   const choice = el("select", { id: "error-against", change: (event) => { Object.assign(state, { against: event.target.value, span: null }); changed(); } });
   const toAfter = el("button", { type: "button", "aria-pressed": "false", click: () => { state.toAfter = !state.toAfter; toAfter.setAttribute("aria-pressed", state.toAfter); changed(); } }, "Scale to after");
@@ -34,7 +34,7 @@ export function pointsFigure(points, names, selected, name) {
   const closer = (by) => () => { state.span = zoomed(state, points, selected.index, by); changed(); };
   const controls = el("div.controls", {}, el("label.inline", { for: "error-against" }, "Against"), choice, toAfter,
     el("span.together", {}, el("button", { type: "button", "aria-label": "Zoom in on the points", click: closer(0.5) }, "+"), el("button", { type: "button", "aria-label": "Zoom out of the points", click: closer(2) }, "\u2212")), whole);
-  const options = () => fill(choice, [["order", "order of the file"], ...state.joints ? state.joints[0].map((_, i) => [`q${i}`, `joint ${i + 1}`]) : [], ...state.times ? [["time", "time"]] : []]
+  const options = () => fill(choice, [["order", "order of the rows"], ...state.sequence ? [["sequence", "order of the measurement"]] : [], ...state.joints ? state.joints[0].map((_, i) => [`q${i}`, `joint ${i + 1}`]) : [], ...state.times ? [["time", "time"]] : []]
     .map(([v, words]) => el("option", { value: v, selected: v === state.against }, words)));
   const note = el("span", {});
   const node = figure("Error per point", note, 280, (width, height) => plot(width, height, points, names, state, selected.index), legend(names.legend), controls);
@@ -51,7 +51,7 @@ export function pointsFigure(points, names, selected, name) {
   options();
   say(null);
   fill(note, captionOf(points, names, state));
-  return { node, known: ({ joints, times }) => { Object.assign(state, { joints, times }); options(); } };
+  return { node, known: ({ joints, times, sequence }) => { Object.assign(state, { joints, times, sequence }); options(); say(selected.index); } };
 }
 
 const sentenceOf = (p, name, names) => [el("strong", {}, name), `: ${mm(p.before_mm)} ${names.before}, ${mm(p.after_mm)} ${names.after}${p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm ? `, ${mm(p.corrected_mm)} with corrections` : ""} (${p.subset})`];
@@ -60,21 +60,25 @@ function captionOf(points, names, { against, toAfter, log, span }) {
   const share = Math.ceil((span ? span[1] - span[0] : points.length) / MAX_BARS);
   const parts = ["Position error of each measured point, mm"];
   if (log && !toAfter) parts[0] += ", on a logarithmic axis";
-  if (against === "order" && share > 1) parts.push(`Each bar is the largest of ${share} neighbouring points`);
+  if (isOrder(against) && share > 1) parts.push(`Each bar is the largest of ${share} neighbouring points`);
+  if (isOrder(against) && points.some((p) => p.subset !== points[0].subset)) parts.push("Verify points have a mark below their bar");
   if (toAfter) parts.push("Marks that reach the upper edge go on beyond it");
   return `${parts.join(". ")}. ${names.note}`;
 }
 
-/** Order on the page: the verify half first, each in the order of the file. */
-function ordered(points) {
-  const half = (subset) => points.map((p, i) => [p, i]).filter(([p]) => p.subset === subset);
-  return [["verify", half("verify")], ["identify", half("identify")]].filter(([, some]) => some.length > 0);
+/** Whether each point has a bar, in some order, and not a dot at its value. */
+const isOrder = (against) => against === "order" || against === "sequence";
+
+/** The points in the order of the bars. */
+function ordered(points, { against, sequence }) {
+  const rows = points.map((_, i) => i);
+  return against === "sequence" ? rows.sort((a, b) => (sequence[a] ?? Infinity) - (sequence[b] ?? Infinity) || a - b) : rows;
 }
 
 function plot(width, height, points, names, state, chosen) {
   state.scales ??= {};
   const y = (state.scales[state.toAfter] ??= scaleOf(points, state));
-  return state.against === "order" ? bars(width, height, points, y, state, chosen) : dots(width, height, points, y, state, chosen, names);
+  return isOrder(state.against) ? bars(width, height, points, y, state, chosen) : dots(width, height, points, y, state, chosen, names);
 }
 
 /** The scale of the errors; it does not depend on what is selected. */
@@ -87,20 +91,17 @@ function scaleOf(points, state) {
 const seen = (value) => Math.max(value, SMALLEST_MM);
 
 function bars(width, height, points, y, state, chosen) {
-  const halves = (state.halves ??= ordered(points));
-  const flat = (state.flat ??= halves.flatMap(([, some]) => some.map(([, i]) => i)));
+  const flat = ordered(points, state);
   const [from, to] = state.span ?? [0, flat.length];
   const share = Math.max(1, Math.ceil((to - from) / MAX_BARS));
-  const border = halves.length > 1 ? halves[0][1].length : -1;
-  const frame = axes(width, height, { min: from, max: to, ticks: [] }, y);
+  // rows of the verify set count from 0 again
+  const labelOf = (at) => (state.against === "order" ? /\d+/.exec(state.name(at))[0] : at);
+  // a row's number stands below the middle of its bar
+  const scale = { min: from, max: to };
+  const places = ticks({ min: from, max: to - 1 }, Math.max(2, Math.floor(width / 90))).filter((v) => Number.isInteger(v) && v < to);
+  const frame = axes(width, height, { ...scale, ticks: places.map((v) => v + share * 0.42), format: (v) => labelOf(Math.round(v - share * 0.42)), label: state.against === "sequence" ? "place in the measurement, from 0" : "row, from 0" }, y);
   const nodes = [frame.nodes];
-  let start = 0;
-  for (const [name, some] of halves) {
-    const [a, b] = [Math.max(from, start), Math.min(to, start + some.length)];
-    if (b > a) nodes.push(svg("text.axislabel", { x: (frame.x(a) + frame.x(b)) / 2, y: frame.bottom + 20, "text-anchor": "middle" }, `${name} (${b - a < some.length ? `${b - a} of ${some.length}` : some.length} points)`));
-    start += some.length;
-  }
-  if (border > from && border < to) nodes.push(svg("line.divider", { x1: frame.x(border), x2: frame.x(border), y1: frame.top, y2: frame.bottom + 22 }));
+  const isMixed = points.some((p) => p.subset !== points[0].subset);
   state.marks = [];
   const step = frame.x(from + share) - frame.x(from);
   for (let at = from; at < to; at += share) {
@@ -108,6 +109,8 @@ function bars(width, height, points, y, state, chosen) {
     const [b, a] = ["before_mm", "after_mm"].map((key) => largest(group.map((i) => points[i][key])));
     const worst = group.includes(chosen) ? chosen : group.reduce((x, i) => (points[i].after_mm > points[x].after_mm ? i : x));
     nodes.push(bar(frame, at, step, b, a, y, group.includes(chosen)));
+    // a verify point has a mark below its bar
+    if (isMixed && group.some((i) => points[i].subset === "verify")) nodes.push(svg("rect.released", { x: frame.x(at) + step * 0.2, y: frame.bottom + 2, width: Math.max(1, step * 0.45), height: 2 }));
     state.marks.push({ x: frame.x(at) + step * 0.42, index: worst, at });
   }
   state.frame = frame;
@@ -146,7 +149,7 @@ function dots(width, height, points, y, state, chosen, names) {
 function zoomed(state, points, chosen, by) {
   const marks = state.marks;
   if (marks.length === 0 || !state.frame) return state.span;
-  const whole = state.against === "order" ? [0, points.length] : null;
+  const whole = isOrder(state.against) ? [0, points.length] : null;
   const span = state.span ?? whole ?? [Math.min(...marks.map((m) => m.at)), Math.max(...marks.map((m) => m.at))];
   const here = marks.find((m) => m.index === chosen)?.at ?? (span[0] + span[1]) / 2;
   const half = ((span[1] - span[0]) * by) / 2;
@@ -175,7 +178,7 @@ function answer(node, state, selected, say, zoom) {
     const to = at(event);
     if (from !== null && Math.abs(to - from) > 12 && event.pointerType === "mouse") {
       const within = state.marks.filter((m) => m.x >= Math.min(from, to) && m.x <= Math.max(from, to)).map((m) => m.at);
-      const wide = state.against === "order" ? 1 : 0;
+      const wide = isOrder(state.against) ? 1 : 0;
       if (within.length > 1) zoom([Math.min(...within), Math.max(...within) + wide]);
     } else if (from !== null) {
       const mark = near(event);

@@ -12,10 +12,10 @@ const ROW_PX = 30;
 /** Rows beyond the edges that are kept as elements. */
 const SPARE = 8;
 
-/** The table. `name(index)` is the row of the file; `leave` says whether points can be left out: {excluded: Set, again(reason)} or null. */
-export function residualTable(points, name, selected, leave) {
-  const state = { key: "row", up: true, filter: "all", least: null, order: [], joints: null };
-  const columns = () => [["row", "Row", (i) => name(i), (i) => i], ["configuration", "Configuration", (i) => points[i].configuration], ["target", "Target", (i) => points[i].target], ["subset", "Half", (i) => points[i].subset],
+/** The table. `name(index)` is the row of the file, `label(index)` its configuration or the point's name; `leave` says whether points can be left out: {excluded: Set, again(reason)} or null. */
+export function residualTable(points, name, label, selected, leave) {
+  const state = { key: "row", up: true, filter: "all", least: null, find: "", order: [], joints: null };
+  const columns = () => [["row", "Row", (i) => name(i), (i) => i], ["configuration", "Configuration", label], ["target", "Target", (i) => points[i].target], ["subset", "Half", (i) => points[i].subset],
     ["before", "Before, mm", (i) => error(points[i].before_mm), (i) => points[i].before_mm], ["after", "After, mm", (i) => error(points[i].after_mm), (i) => points[i].after_mm],
     ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "Corrected, mm", (i) => error(points[i].corrected_mm), (i) => points[i].corrected_mm]] : [],
     ...["x", "y", "z"].map((axis, k) => [axis, `Δ${axis}, mm`, (i) => fixed(points[i].after_vector_mm?.[k], 3), (i) => points[i].after_vector_mm?.[k] ?? 0]),
@@ -29,7 +29,7 @@ export function residualTable(points, name, selected, leave) {
   const sort = () => {
     const [, , text, number] = columns().find(([key]) => key === state.key);
     const of = number ?? text;
-    state.order = points.map((_, i) => i).filter((i) => keeps(points[i], i, state, leave));
+    state.order = points.map((_, i) => i).filter((i) => keeps(points[i], i, state, leave) && `${name(i)} ${label(i)}`.toLowerCase().includes(state.find));
     const compare = (a, b) => { const [x, y] = [of(a), of(b)]; return typeof x === "number" && typeof y === "number" ? x - y : String(x).localeCompare(String(y), "en", { numeric: true }); };
     state.order.sort((a, b) => (state.up ? 1 : -1) * compare(a, b) || a - b);
     fill(head, columns().map(([key, words]) => el(["th", kindOf(key)].filter(Boolean).join("."), { scope: "col", "aria-sort": key === state.key ? (state.up ? "ascending" : "descending") : "none" },
@@ -37,7 +37,7 @@ export function residualTable(points, name, selected, leave) {
     fill(count, `${state.order.length.toLocaleString("en-GB")} of ${points.length.toLocaleString("en-GB")} points`);
     draw();
   };
-  const controls = filters(state, sort, () => download(points, name, state));
+  const controls = filters(state, sort, () => download(points, name, label, state));
   box.addEventListener("scroll", draw, { passive: true });
   box.addEventListener("keydown", (event) => {
     const by = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10 }[event.key];
@@ -58,7 +58,7 @@ export function residualTable(points, name, selected, leave) {
   new ResizeObserver(draw).observe(box);
   const node = el("section.card", {}, el("h2", {}, "Residuals"), el("p.note", {}, "Measured minus predicted, in the measuring frame. Rows are counted from 0 without the header. A row that is selected here is selected in the figures, too."), controls, count, box, leave?.node);
   sort();
-  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; }, download: () => download(points, name, state) };
+  return { node, redraw: sort, known: ({ joints }) => { state.joints = joints; sort(); }, download: () => download(points, name, label, state), only: (filter) => { Object.assign(state, { filter }); node.querySelector("#residual-half").value = filter; sort(); node.scrollIntoView({ block: "center" }); } };
 }
 
 function keeps(p, i, { filter, least }, leave) {
@@ -72,7 +72,8 @@ function filters(state, sort, save) {
   const which = el("select", { id: "residual-half", change: (event) => { state.filter = event.target.value; sort(); } },
     [["all", "all points"], ["identify", "identify half"], ["verify", "verify half"], ["outlier", "outliers"], ["left", "left out"]].map(([value, words]) => el("option", { value }, words)));
   const least = el("input", { id: "residual-least", type: "number", min: 0, step: "any", inputmode: "decimal", input: (event) => { state.least = event.target.value === "" ? null : Number(event.target.value); sort(); } });
-  return el("div.controls", {}, el("label.inline", { for: "residual-half" }, "Show"), which, el("label.inline", { for: "residual-least" }, "after at least, mm"), least, el("button", { type: "button", click: save }, "Download as CSV"));
+  const find = el("input", { id: "residual-find", type: "search", input: () => { state.find = find.value.trim().toLowerCase(); sort(); } });
+  return el("div.controls", {}, el("label.inline", { for: "residual-half" }, "Show"), which, el("label.inline", { for: "residual-find" }, "row or name"), find, el("label.inline", { for: "residual-least" }, "after at least, mm"), least, el("button", { type: "button", click: save }, "Download as CSV"));
 }
 
 /** Columns that a narrow page leaves out. */
@@ -95,13 +96,13 @@ function spaced(cell, height) {
   return cell;
 }
 
-function download(points, name, { order, joints }) {
+function download(points, name, label, { order, joints }) {
   const vectors = ["before", "after", "corrected"].filter((stage) => points[0]?.[`${stage}_mm`] !== undefined);
   const header = ["row", "configuration", "target", "subset", "outlier", ...joints ? joints[0].map((_, k) => `q${k + 1}_deg`) : [], "x_mm", "y_mm", "z_mm", ...vectors.flatMap((stage) => [`${stage}_mm`, ...["x", "y", "z"].map((axis) => `${stage}_d${axis}_mm`)])];
   const quoted = (cell) => (/[",\n\r]|^[=+@]/.test(String(cell)) ? `"${String(cell).replaceAll("\"", "\"\"")}"` : cell);
   const lines = order.map((i) => {
     const p = points[i];
-    return [quoted(name(i)), quoted(p.configuration), p.target, p.subset, p.outlier ? 1 : 0, ...joints ? joints[i] ?? joints[0].map(() => "") : [], ...p.position_mm ?? ["", "", ""], ...vectors.flatMap((stage) => [p[`${stage}_mm`], ...p[`${stage}_vector_mm`] ?? ["", "", ""]])].join(",");
+    return [quoted(name(i)), quoted(label(i)), p.target, p.subset, p.outlier ? 1 : 0, ...joints ? joints[i] ?? joints[0].map(() => "") : [], ...p.position_mm ?? ["", "", ""], ...vectors.flatMap((stage) => [p[`${stage}_mm`], ...p[`${stage}_vector_mm`] ?? ["", "", ""]])].join(",");
   });
   saveText(`${header.join(",")}\n${lines.join("\n")}\n`, "residuals.csv", "text/csv");
 }

@@ -1,17 +1,18 @@
 // Result of a calibration, in this order: errors, release, changes, method.
 
-import { get, post } from "./api.js";
+import { get, list, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
 import { el, fill, gateItems, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, ran, signed, span, when } from "./format.js";
+import { best } from "./history.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 import { endedEarly, nextSteps, uselessBy } from "./next.js";
 import { leftOut } from "./residuals.js";
 import { resultPoints } from "./result_points.js";
 import { saveButton, savePoints } from "./save.js";
-import { foundBadge } from "./verdicts.js";
+import { foundAgainst, foundBadge } from "./verdicts.js";
 import { NO_USE } from "./words.js";
 import { workspaceCard } from "./workspace.js";
 
@@ -23,23 +24,50 @@ const BASE_HIDDEN = "Checked on another upload, whose base was placed anew: a wr
 export async function result(body, context, { job, robot, set, verified }) {
   const { signal } = context;
   const verifySet = job.request?.verify?.measurement_set_id;
-  const [report, curve, parameterSet, other] = await Promise.all([
+  const [report, curve, parameterSet, other, later] = await Promise.all([
     get(`/v1/jobs/${job.id}/report`, signal), get(`/v1/jobs/${job.id}/convergence`, signal),
-    job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null, verifySet ? get(`/v1/measurement-sets/${verifySet}`, signal) : null,
+    job.parameter_set_id ? get(`/v1/parameter-sets/${job.parameter_set_id}`, signal) : null, verifySet ? get(`/v1/measurement-sets/${verifySet}`, signal) : null, job.parameter_set_id ? laterSession(job.parameter_set_id, robot, signal) : null,
   ]);
   const half = report.verify ?? report.identify;
   const against = job.kind !== "identify" && foundBadge(report);
   if (against) fill(document.querySelector(`[data-state="${job.id}"]`) ?? el("div"), against);
   const names = job.kind !== "identify" ? VERIFIED : isPartial(job) ? RECALIBRATED : IDENTIFIED;
-  const drawn = resultPoints({ report, job, set, robot, parameterSet: parameterSet ?? verified, names }, context);
+  const drawn = resultPoints({ report, job, set, other, robot, parameterSet: parameterSet ?? verified, names }, context);
   const next = el("div", {});
-  const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified }, context));
+  const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified, outliers: drawn.outliers, later }, context));
   steps(parameterSet);
-  const swarm = curve.iteration.length > 1 && convergence(curve);
-  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified, leftOut(set)) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", leftOut(other ?? set)), next, summary(report, half, job, verified), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
-    report.check && checkTables(report), report.warnings.map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
-    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet));
+  const swarm = curve.iteration.length > 1 && convergence(curve, costWords(report, curve));
+  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified, leftOut(set)) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", leftOut(other ?? set), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+    report.check && checkTables(report), report.warnings.filter((remark) => !isSetUp(remark, report, set)).map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report, set), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet, job));
 }
+
+/** The newest session that scored a parameter set after it was identified: {job, report, against}; null if there is none. */
+async function laterSession(id, robot, signal) {
+  const jobs = await list(`/v1/robots/${robot.id}/jobs?kind=verify&status=succeeded`, MAX_SESSIONS, signal);
+  const job = jobs.filter((one) => one.parameter_set_from === id).sort((a, b) => Date.parse(b.created_at) - Date.parse(a.created_at))[0];
+  if (!job) return null;
+  const report = await get(`/v1/jobs/${job.id}/report`, signal);
+  return { job, report, against: foundAgainst(report) };
+}
+
+/** Verifications among which the newest of a parameter set is looked for. */
+const MAX_SESSIONS = 30;
+
+/** What a later session found, with a link to it. */
+const laterWords = ({ job, report }) => [el("a", { href: `#/jobs/${job.id}` }, `session of ${when(job.created_at)}`), `, ${mm(best(report).after.mean_mm)} on average on ${best(report).n_points} points`];
+
+/** A search counts more in F than the points, or is refined afterwards: why the last F of the curve is not that of the result; undefined if it is. */
+function costWords(report, { iteration, best_cost_mm2: cost }) {
+  if (Math.abs(cost.at(-1) - report.cost_mm2) < 0.01 * report.cost_mm2) return undefined;
+  const why = report.method === "least_squares" ? `Least squares also counts how far each parameter is from what is usual of robots; the points alone have F ${number(report.cost_mm2)} mm², which the table of methods states` : `Least squares then refined it to ${number(report.cost_mm2)} mm²`;
+  return `The cost F, the sum of the squared position errors on the identify points, from ${number(cost[0])} to ${number(cost.at(-1))} mm² in ${iteration.at(-1)} iterations. ${why}.`;
+}
+
+/** Whether parameters are only the place of the instrument, which is another one with every set-up. */
+const isPlace = (name, set) => set.frame === "instrument" && /^base_/.test(name);
+/** Whether a warning says no more than that. */
+const isSetUp = ({ code }, { changed }, set) => code === "placement_changed" && changed?.length > 0 && changed.filter(({ name }) => /^(base|target)_/.test(name)).every(({ name }) => isPlace(name, set));
 
 const pairs = (figures) => figures.length > 0 && el("div.two", {}, figures);
 
@@ -59,15 +87,23 @@ function useless(report, half, before) {
   return el("div.problem", { role: "alert" }, el("p", {}, el("strong", {}, `${plain(noUse(report))}.`), ` The mean position error is ${mm(half.after.mean_mm)}, and ${mm(half.before.mean_mm)} with the ${before}. The warnings below say more.`));
 }
 
-function verdict(report, half, before, left) {
+/** Largest error beside the mean from which on the points are looked at one by one. */
+const STRAY = 10;
+
+function verdict(report, half, before, left, later) {
   if (noUse(report)) return useless(report, half, before);
   const share = 1 - half.after.mean_mm / half.before.mean_mm;
   const where = `${report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`}${byHand(left)}`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
   const isBaseHidden = report.evidence === "same_upload" && report.warnings.some((remark) => remark.code === "base_not_checked");
-  const why = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : EVIDENCE[report.evidence]?.[1] ?? "";
-  const isGood = share > 0.001 && report.evidence !== "none" && !left?.verify;
-  return el(isGood ? "div.verdict.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), " ", why));
+  const own = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : EVIDENCE[report.evidence]?.[1] ?? "";
+  const isStray = half.after.max_mm > STRAY * half.after.mean_mm;
+  const hasOutliers = isStray || report.per_point.some((p) => p.outlier);
+  const stray = isStray && ` The largest error is ${mm(half.after.max_mm)}, ${Math.round(half.after.max_mm / half.after.mean_mm)} times the mean: look at that point before you believe the fit.`;
+  const verified = later?.report.evidence === "independent_session";
+  const why = later?.against ? ["A later session speaks against it (", later.against, "): ", laterWords(later), "."] : verified ? ["A later session verified it: ", laterWords(later), "."] : own;
+  const isGood = share > 0.001 && (report.evidence !== "none" || verified) && !left?.verify && !hasOutliers && !later?.against;
+  return el(isGood ? "div.verdict.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), stray, " ", why));
 }
 
 /** Points that somebody left out: an error without the points that do not fit looks better than the robot is. */
@@ -90,13 +126,8 @@ function score(report, half, verified, left) {
   return el(share > 0.001 && isAnew && !left ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points${byHand(left)}, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
 }
 
-function summary(report, half, job, verified) {
-  const { rank, n_parameters: n } = report.identifiability;
-  const alone = report.parameters.filter((p) => p.identifiable).length;
+function summary(report, half, job, verified, later) {
   const before = job.kind !== "identify" ? "nominal robot" : "before";
-  // the robot's page has the same figure; what the service computed is the smaller part of a short job
-  const whole = ran(job) ?? report.duration_ms / 1000;
-  const how = job.kind !== "identify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`;
   const [evidence] = EVIDENCE[report.evidence] ?? [report.evidence];
   return facts([
     verified && ["Verified", el("a", { href: `#/jobs/${verified.job_id}` }, verified.status === "released" ? "active set" : `${verified.status} set`), `identified ${when(verified.created_at)}`],
@@ -107,9 +138,7 @@ function summary(report, half, job, verified) {
     report.reference && ["Instrument, by its reference", `${report.reference.scale_error_ppm.toFixed(1)} ppm`, `standard uncertainty ${report.reference.scale_std_ppm.toFixed(1)} ppm; ${mm(report.reference.at_reach_std_mm)} at the arm's reach`],
     report.tool_uncertainty_absent_because && ["Uncertainty at the tool", "not stated", capital(plain(report.tool_uncertainty_absent_because))],
     report.flange_rotation_std_deg != null && ["Flange's rotation known to", `${number(report.flange_rotation_std_deg)}°`, report.flange_rotation_std_deg > 0.5 ? "one standard deviation; corrected poses are refused, positions of a measured reflector are not" : `one standard deviation${report.last_joint_zero_std_deg == null ? "" : `; ${number(report.last_joint_zero_std_deg)}° by the zero of the last joint, which positions never show`}`],
-    !report.check && ["Evidence", evidence, `${half.n_points} points`],
-    n > 0 && ["Identified", `${alone} of ${n}`, alone < n || rank < n ? `parameters alone, ${rank} independent combinations` : "all parameters were seen"],
-    ["Took", span(whole), `from start to end, computed for ${span(report.duration_ms / 1000)}; ${how}`],
+    !report.check && (later?.against ? ["Evidence", "speaks against it", [later.against, ": ", laterWords(later)]] : later?.report.evidence === "independent_session" ? ["Evidence", EVIDENCE.independent_session[0], laterWords(later)] : ["Evidence", evidence, `${half.n_points} points`]),
   ]);
 }
 
@@ -287,12 +316,15 @@ function priors(report) {
   return el("section.card", {}, el("h2", {}, "Known beforehand"), table("Share: how much of what is known now comes from beforehand; at 100 % the measured points say nothing of it.", columns, rows, ""));
 }
 
-function changed(report) {
+function changed(report, set) {
   if (!report.changed?.length) return [];
+  const rows = report.changed.filter(({ name }) => !isPlace(name, set));
+  const elsewhere = rows.length < report.changed.length && el("p.note", {}, "The instrument stood elsewhere than in the set before, as with every set-up.");
+  if (rows.length === 0) return elsewhere;
   // where positions cannot tell which of several moved, all of them have one unit
   const unit = (c) => ({ deg: "°" })[report.parameters.find((p) => p.name === c.name.split(" or ")[0])?.unit] ?? "mm";
   const columns = [["Parameter", (c) => parameter(c.name)], ["Unit", unit], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]];
-  return el("section.card", {}, el("h2", {}, "Moved since the set before"), el("div.narrow", {}, table("Changes that are larger than chance.", columns, report.changed, "")));
+  return el("section.card", {}, el("h2", {}, "Moved since the set before"), el("div.narrow", {}, table("Changes that are larger than chance.", columns, rows, "")), elsewhere);
 }
 
 /** What other programs read the links as: the query of the export, the ending of the file, the name of the button. */
@@ -313,8 +345,12 @@ function files(job, set, parameterSet, residuals) {
     parameterSet && group("Programs", "Joint targets that were programmed offline, corrected with these parameters.", el("a.button", { href: `#/robots/${parameterSet.robot_id}/correct` }, "Correct a program"))));
 }
 
-function origin(report, set, parameterSet) {
-  const entries = [["Model", report.model], ["Preset", report.preset], ["Seed", report.seed], ["Ended by", report.termination.replaceAll("_", " ")], ["Version", report.version],
+function origin(report, set, parameterSet, job) {
+  const { rank, n_parameters: n } = report.identifiability;
+  const alone = report.parameters.filter((p) => p.identifiable).length;
+  // the robot's page has the same figure; what the service computed is the smaller part of a short job
+  const took = `${span(ran(job) ?? report.duration_ms / 1000)} from start to end, computed for ${span(report.duration_ms / 1000)}; ${job.kind !== "identify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`}`;
+  const entries = [["Took", took], n > 0 && ["Identified", alone < n || rank < n ? `${alone} of ${n} parameters alone, ${rank} independent combinations` : `all ${n} parameters`], ["Model", report.model], ["Preset", report.preset], ["Seed", report.seed], ["Ended by", report.termination.replaceAll("_", " ")], ["Version", report.version],
     ["Result SHA-256", report.result_sha256], ["Upload SHA-256", set.sha256], parameterSet && ["Parameters SHA-256", parameterSet.sha256]].filter(Boolean);
   return el("section.card", {}, el("details", {}, el("summary", {}, "Where it comes from"),
     el("dl.facts.plain", {}, entries.map(([name, value]) => el("div.fact.plain", {}, el("dt", {}, name), el("dd.hash", {}, value))))));

@@ -1,46 +1,84 @@
 // The points of a result: the arm, the errors and the residuals, with one selection.
 
 import { armFigure, errorFacts, jointFacts, pointFacts, pointsOfReport, poseOf } from "./arm.js";
-import { el } from "./dom.js";
+import { el, fill } from "./dom.js";
 import { fixed } from "./format.js";
-import { reachOf } from "./kinematics.js";
+import { apply, framesOf, IDENTITY, inverse, placement, reachOf } from "./kinematics.js";
 import { pointsFigure } from "./points.js";
 import { leavingOut, residualTable } from "./residuals.js";
 import { rowsOfSet } from "./rows.js";
 import { selection } from "./selection.js";
 
-/** Figures and table of a report's points. */
-export function resultPoints({ report, job, set, robot, parameterSet, names }, { signal, may }) {
+/** Figures and table of a report's points. `parameterSet` is what was identified, or scored; `other` the set that was verified on, if it is another one. */
+export function resultPoints({ report, job, set, other, robot, parameterSet, names }, { signal, may }) {
   const points = report.per_point;
   const selected = selection(points.length);
-  const name = (i) => (i < set.n_points ? `row ${i}` : `row ${i - set.n_points} of the verify set`);
-  const rows = { joints: null };
+  const rows = { joints: null, names: null, lines: null };
+  const row = (i) => (i < set.n_points ? `row ${i}` : `row ${i - set.n_points} of the verify set`);
+  // the service numbers the points of files without a column of configurations
+  const label = (i) => rows.names?.[i] ?? points[i].configuration;
+  const name = (i) => (/^(row_)?\d+$/.test(label(i)) ? row(i) : `${row(i)} (${label(i)})`);
   const leave = leavingOut({ job, set, points, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
   const stages = [["before", names.before], ["after", names.after, names.remains], ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "with corrections"]] : []];
   const describe = (i) => {
     const p = points[i];
-    return pointFacts(`${name(i).replace("row", "Row")} of ${set.name ?? "the set"}`, [["Configuration", p.configuration], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
+    return pointFacts(`${name(i).replace("row", "Row")} of ${set.name ?? "the set"}`, [["Configuration", label(i)], rows.lines?.[i] && [`Line in the ${set.joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
       p.position_mm && ["Measured, mm", p.position_mm.map((v) => fixed(v, 2)).join(", ")], jointFacts(rows.joints?.[i])]);
   };
   const actions = (i) => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
     leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), leave?.excluded.size > 0 && el("button.primary", { type: "button", click: () => { leave.node.scrollIntoView({ block: "center" }); leave.node.querySelector("input").focus({ preventScroll: true }); } }, `Calibrate without ${leave.excluded.size === 1 ? "it" : `these ${leave.excluded.size}`} …`), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"));
   const figure = pointsFigure(points, names, selected, name);
-  const table = residualTable(points, name, selected, leave);
-  const cell = points.some((p) => p.position_mm) && armFigure({ title: "The arm and what was measured", caption: captionOf(set, robot, parameterSet), robot, points: pointsOfReport(report, baseOf(parameterSet, report)), stages,
+  const table = residualTable(points, row, label, selected, leave);
+  // points of a session that only scored a set have a base of their own, which the report does not state
+  const isFound = (i) => set.frame === "base" || (job.kind === "identify" && (i < set.n_points || other?.frame === "base"));
+  const base = parameterSet ? inverse(poseOf(parameterSet.t_instrument_base)) : IDENTITY;
+  const known = pointsOfReport(report, (i) => (isFound(i) ? base : null));
+  const caption = el("span", {}, captionOf(set, robot, points.every((_, i) => isFound(i)) ? "found" : "waiting"));
+  const cell = points.some((p) => p.position_mm) && armFigure({ title: "The arm and what was measured", caption, robot, points: known, stages,
     targets: targetsOf(parameterSet), selected, postures: (i) => rows.joints?.[i] ?? null, describe, actions });
-  rowsOfSet(set, robot.links.length, signal).then((read) => {
-    if (signal.aborted || (read.joints && read.joints.length < set.n_points)) return;
-    rows.joints = read.joints;
-    figure.known(read);
-    table.known(read);
+  const place = () => {
+    if (points.every((_, i) => isFound(i))) return;
+    const group = points.map((_, i) => i).filter((i) => !isFound(i) && rows.joints?.[i] && points[i].position_mm && points[i].after_vector_mm);
+    const found = group.length > 3 && placedBy(group, points, rows.joints, parameterSet ? { ...robot, links: parameterSet.links } : robot, targetsOf(parameterSet));
+    fill(caption, captionOf(set, robot, found ? "placed" : "unknown"));
+    if (found) cell?.place?.(pointsOfReport(report, (i) => (isFound(i) ? base : found)));
+  };
+  const read = (one) => rowsOfSet(one, robot.links.length, signal).catch(() => ({}));
+  Promise.all([read(set), other ? read(other) : {}]).then(([own, more]) => {
+    if (signal.aborted) return;
+    const both = (key) => own[key] && (points.length === set.n_points ? own[key] : [...own[key], ...more[key] ?? []]);
+    const all = Object.fromEntries(["joints", "names", "lines", "times", "sequence"].map((key) => [key, own[key]?.length < set.n_points ? null : both(key) ?? null]));
+    Object.assign(rows, all);
+    figure.known(all);
+    table.known(all);
     cell?.refresh?.();
-  }, () => { /* the figures stand without joints */ });
-  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node, download: table.download };
+    place();
+  });
+  /** Shows the points that a warning calls outliers. */
+  const outliers = points.map((p, i) => i).filter((i) => points[i].outlier);
+  const lookAt = () => {
+    table.only("outlier");
+    selected.set(outliers[0]);
+  };
+  return { cell: cell ? cell.node : [], errors: figure.node, table: table.node, download: table.download, outliers: { rows: outliers, name, lookAt } };
 }
 
-const captionOf = (set, robot, parameterSet) => `${Math.round(reachOf(robot)).toLocaleString("en-GB")} mm from joint to joint; grey: the nominal arm. ${set.frame === "base" ? "Positions are in the robot's base frame." : parameterSet ? "Positions are brought into the robot's base frame by the base that was found." : "Positions stand as the instrument measured them."}`;
+/** The measuring frame in the robot's base frame, from the points: measured minus residual is where the arm of these links is, seen from the instrument. */
+function placedBy(group, points, joints, robot, targets) {
+  const seen = group.map((i) => points[i].position_mm.map((v, k) => v - points[i].after_vector_mm[k]));
+  const here = group.map((i) => apply(framesOf(robot, joints[i]).at(-1), targets[points[i].target] ?? targets[0] ?? [0, 0, 0]));
+  return placement(seen, here);
+}
 
-const baseOf = (parameterSet) => parameterSet && poseOf(parameterSet.t_instrument_base);
+/** How the points came into the robot's base frame, in words. */
+const PLACED = {
+  found: "Positions are brought into the robot's base frame by the base that was found.",
+  placed: "Positions are brought into the robot's base frame by the place of the instrument in this session.",
+  waiting: "Positions are brought into the robot's base frame once the file is read.",
+  unknown: "The joint values of this file cannot be read here, so its points cannot be shown beside the arm.",
+};
+
+const captionOf = (set, robot, how) => `${Math.round(reachOf(robot)).toLocaleString("en-GB")} mm from joint to joint; grey: the nominal arm. ${set.frame === "base" ? "Positions are in the robot's base frame." : PLACED[how]}`;
 
 /** The measured reflectors in the flange frame, by their number. */
 function targetsOf(parameterSet) {

@@ -1,4 +1,4 @@
-// The joint values, positions and times of an uploaded file, row by row, for figures. The service keeps files as they came, and says how it
+// The joint values, positions, times and names of an uploaded file, row by row, for figures. The service keeps files as they came, and says how it
 // understood them; what this page cannot read in one, it leaves out.
 
 import { blob } from "./api.js";
@@ -7,13 +7,13 @@ import { rowsOf } from "./csv.js";
 const DEG = 180 / Math.PI;
 /** A larger file is not read again for its figures. */
 const MAX_BYTES = 64 * 2 ** 20;
-const NOTHING = { joints: null, positions: null, times: null };
+const NOTHING = { joints: null, positions: null, times: null, names: null, lines: null, sequence: null };
 /** What separates columns, by its name. */
 const MARKS = { tab: "\t", spaces: / +/ };
 /** Degrees or millimetres of a unit. */
 const UNITS = { deg: 1, rad: DEG, mm: 1, m: 1000, cm: 10, um: 0.001, in: 25.4 };
 
-/** `{joints, positions, times}` of a set, each null or one entry for each point; `n` is the number of the robot's joints. */
+/** `{joints, positions, times, names, lines, sequence}` of a set, each null or one entry for each point; `n` is the number of the robot's joints. */
 export async function rowsOfSet(set, n, signal) {
   const file = await blob(`/v1/measurement-sets/${set.id}/points`, signal);
   if (file.size > MAX_BYTES) return NOTHING;
@@ -27,12 +27,13 @@ export async function rowsOfSet(set, n, signal) {
 function fromJson(text) {
   const { points } = JSON.parse(text);
   const times = points.map((p) => (p.measured_at ? Date.parse(p.measured_at) : null));
-  return { joints: points.every((p) => p.q_deg) ? points.map((p) => p.q_deg) : null, positions: points.every((p) => p.position_mm) ? points.map((p) => p.position_mm) : null, times: times.some(Number.isFinite) ? times : null };
+  return { ...NOTHING, joints: points.every((p) => p.q_deg) ? points.map((p) => p.q_deg) : null, positions: points.every((p) => p.position_mm) ? points.map((p) => p.position_mm) : null, times: times.some(Number.isFinite) ? times : null, sequence: points.every((p) => Number.isFinite(p.sequence)) ? points.map((p) => p.sequence) : null };
 }
 
 function columnsOf(rows) {
   const all = (key) => (rows.every((row) => row[key]) ? rows.map((row) => row[key]) : null);
-  return { joints: all("q"), positions: all("p"), times: rows.some((row) => Number.isFinite(row.time)) ? rows.map((row) => row.time) : null };
+  const numbers = (key, some) => (rows[some]((row) => Number.isFinite(row[key])) ? rows.map((row) => row[key]) : null);
+  return { joints: all("q"), positions: all("p"), times: numbers("time", "some"), names: all("key"), lines: all("line"), sequence: numbers("sequence", "every") };
 }
 
 /** Cells of each row with its line; quotes are rare, and looking for them in every cell of a large file takes its time. */
@@ -47,6 +48,7 @@ function fromTable(text, n, understood) {
   const columns = new Map(understood.columns.map((column) => [column.means, { at: column.number - 1, factor: UNITS[column.unit] ?? 1 }]));
   const some = (names) => { const found = names.map((name) => columns.get(name)); return found.every(Boolean) ? found : null; };
   const [joints, axes, time] = [some(Array.from({ length: n }, (_, i) => `q${i + 1}`)), some(["x", "y", "z"]), columns.get("measured_at")];
+  const sequence = columns.get("sequence");
   const key = columns.get("name") ?? columns.get("number");
   const number = (cell) => (cell === undefined || cell.trim() === "" ? NaN : Number(understood.decimal === "comma" ? cell.replace(",", ".") : cell));
   const values = (places, cells) => { const found = places.map(({ at, factor }) => number(cells[at]) * factor); return found.every(Number.isFinite) ? found : null; };
@@ -55,7 +57,7 @@ function fromTable(text, n, understood) {
     if (line <= (understood.header_row ?? 0)) continue;
     const [q, p] = [joints && values(joints, cells), axes && values(axes, cells)];
     if ((joints && !q) || (axes && !p)) continue;
-    rows.push({ line, q, p, time: time ? Date.parse(cells[time.at]) : NaN, key: key && cells[key.at]?.trim() });
+    rows.push({ line, q, p, time: time ? Date.parse(cells[time.at]) : NaN, sequence: sequence ? number(cells[sequence.at]) : NaN, key: key && cells[key.at]?.trim() });
   }
   return rows;
 }

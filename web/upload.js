@@ -71,11 +71,11 @@ const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["
 
 /** What is known of the measurement beside the file. */
 function statedForm(robot) {
-  const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate" });
+  const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate", value: robot.serial_number });
   const pick = (id, options) => el("select", { id }, options.map(([value, words]) => el("option", { value }, words)));
   const [rotation, decimal] = [pick("stated-rotation", ROTATIONS), pick("stated-decimal", DECIMALS)];
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
-  const why = robot.serial_number ? "A file of another robot is refused by it, and a release knows that it is the same robot." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
+  const why = robot.serial_number ? "Compare it with the type plate of the robot that was measured. Sent with the file, it refuses a file of another robot, and a release knows that it is the same one." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
   const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
     el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table"))));
   const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value]].filter(([, value]) => value !== ""));

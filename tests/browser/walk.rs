@@ -119,6 +119,18 @@ fn what_columns_mean_is_asked_once() {
             !said.contains("?columns") && !said.contains("--columns"),
             "words for programs: {said}"
         );
+        // Without a unit nothing is read. One joint and one axis are chosen, and the others follow.
+        browser.button("Read it so").await.click().await.unwrap();
+        browser.until_it_says("choose its unit").await;
+        browser
+            .run(
+                "for (const [column, means] of [['J1', 'q1_deg'], ['x', 'x_mm']]) {
+                     const select = document.querySelector(`.columns select[aria-label$=', ${column}']`);
+                     select.value = means;
+                     select.dispatchEvent(new Event('change'));
+                 }",
+            )
+            .await;
         browser.button("Read it so").await.click().await.unwrap();
         browser.until_it_says("odd: 100 points").await;
         // The postures of such a file are shown, too.
