@@ -222,7 +222,10 @@ fn a_plan_within_typed_joint_limits_is_downloaded_with_a_row_for_each_pose() {
             .run(&one_limit.replace("['', 40]", "[-20, 40]"))
             .await;
         browser.run(store).await;
-        browser.until_it_says("-20 to 40").await;
+        // the page is drawn anew, with the form closed
+        browser
+            .until("!document.querySelector(\"[aria-label='Joint 1, upper limit, °']\")")
+            .await;
         browser.go(&format!("/#/robots/{robot}/plan")).await;
         browser.button("Plan").await.click().await.unwrap();
         browser.until_it_says("Joint values").await;

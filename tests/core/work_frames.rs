@@ -154,7 +154,7 @@ fn a_tool_from_a_drawing_is_as_uncertain_as_the_flange_of_simulated_robots() {
     let point = |std_mm| ToolPoint::of(&Tool::Tcp(tcp), 0, std_mm);
     for base in [Base::Robot, Base::Measured] {
         let (mut squares, mut stated, mut measured_tool) = (0.0, 0.0, 0.0);
-        for seed in 0..30 {
+        for seed in 0..15 {
             let mut truth = robot_of_the_priors(&nominal, 3, &mut Normal::new(200 + seed));
             let frame = match base {
                 Base::Robot => Frame::Instrument,
