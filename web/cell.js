@@ -72,14 +72,17 @@ export function cellCard(robot, { frames, tools }, sets, may, changed) {
   return el("section.card", {}, el("details", { id: "cell" }, el("summary", {}, `Work frames (${frames.length}) and tools (${tools.length}) of the cell`),
     table("Work frames, newest first. A frame that was fitted to measured points has residuals.", [["Name", (f) => f.name, "name"], ["Given in", (f) => (f.reference === "base" ? "robot's base" : `measuring frame of ${of(f.measurement_set_id)}`)], ...shared((f) => f.t_reference_work),
       ["Points", (f) => f.residuals_mm.length || "typed", "n"], ["Residuals, rms", (f) => (f.rms_mm === undefined ? "–" : mm(f.rms_mm)), "n"], ["Origin known to", (f) => (f.origin_std_mm === undefined ? "–" : mm(f.origin_std_mm)), "n"], ["Stored", (f) => when(f.created_at)]], frames, "No work frame is stored."),
-    table("Tools, newest first: the tool centre point in the flange frame.", [["Name", (t) => t.name, "name"], ...shared((t) => t.t_flange_tool), ["Stored", (t) => when(t.created_at)]], tools, "No tool is stored."),
+    table("Tools, newest first: the tool centre point in the flange frame.", [["Name", (t) => t.name, "name"], ...shared((t) => t.t_flange_tool), ["Known to", (t) => (t.std_mm === undefined ? "from a drawing" : mm(t.std_mm)), "n"], ["Stored", (t) => when(t.created_at)]], tools, "No tool is stored."),
     may("upload") && [toolForm(robot, changed), frameForm(robot, sets, changed)]));
 }
 
 function toolForm(robot, changed) {
   const name = el("input", { id: "tool-name", required: true, maxlength: 200 });
   const [lengths, rotation, pose] = poseFields("tool", "Tool centre point in the flange frame, mm");
-  return stored("Store a tool", [el("div", {}, el("label", { for: "tool-name" }, "Name"), name), lengths, rotation], async () => changed(await put(`/v1/robots/${robot.id}/tools/${encodeURIComponent(name.value)}`, pose())));
+  const std = el("input", { id: "tool-std", type: "number", step: "any", min: 0, max: 10000, placeholder: "from a drawing" });
+  const known = el("div", {}, el("label", { for: "tool-std" }, "Measured on this robot's flange to, mm (one standard deviation)"), std);
+  const body = () => ({ ...pose(), ...std.value !== "" && { std_mm: Number(std.value) } });
+  return stored("Store a tool", [el("div", {}, el("label", { for: "tool-name" }, "Name"), name), lengths, rotation, known], async () => changed(await put(`/v1/robots/${robot.id}/tools/${encodeURIComponent(name.value)}`, body())));
 }
 
 function frameForm(robot, sets, changed) {

@@ -67,13 +67,10 @@ export async function past({ sets, active }, signal) {
   return shown.map((set, i) => ({ set, report: reports[i] }));
 }
 
-/** Time of the measurement where the service knows it, else of the upload or the job. */
-export const timeOf = (thing) => Date.parse(thing.measured_at ?? thing.created_at);
-/** Which of the two the time axis has. */
-const timesSaid = (things) => {
-  const n = things.filter((thing) => thing.measured_at).length;
-  return n === 0 ? "Time: when it was uploaded and computed, not when it was measured." : n === things.length ? "Time: when it was measured." : "Time: when it was measured; where that is not known, when it was uploaded.";
-};
+/** Time of a job or a set on the axis. */
+export const timeOf = (thing) => Date.parse(thing.created_at);
+/** Which time the axis has. */
+const TIMES = "Time: when it was uploaded and computed, not when it was measured.";
 
 /** Errors on the verify points or, if there are none, on the fitted points. */
 export const best = (report) => report.verify ?? report.identify;
@@ -98,7 +95,7 @@ export function errorHistory(entries, sessions) {
   const later = scored(sessions.filter(({ report }) => counts(report)));
   const misfits = scored(sessions.filter(({ report }) => !counts(report)));
   const onAxis = [...entries.map(({ set }) => timeOf(set)), ...[...later, ...misfits].map(({ at }) => at)];
-  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? ` A round mark is a later session that a set was scored on${later.some(({ isAgainst }) => isAgainst) ? "; a red one speaks against the set" : ""}.` : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}${misfits.length > 0 ? " A triangle is a session that does not fit the robot; beyond the scale it stands at its upper edge." : ""} ${timesSaid([...entries.map(({ set }) => set), ...sessions.map(({ job }) => job)])}`;
+  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? ` A round mark is a later session that a set was scored on${later.some(({ isAgainst }) => isAgainst) ? "; a red one speaks against the set" : ""}.` : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}${misfits.length > 0 ? " A triangle is a session that does not fit the robot; beyond the scale it stands at its upper edge." : ""} ${TIMES}`;
   let told = [];
   const chart = figure("Error over time", caption, 260, (width, height) => {
     const values = [...shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]), ...later.map(({ rms }) => Math.max(SMALLEST_MM, rms))];
@@ -152,7 +149,7 @@ export function parameterHistory(entries) {
   const choice = el("select", { id: "history-parameter", change: (event) => { chosen = event.target.value; chart.redraw(); } },
     names.map((name) => el("option", { value: name }, `${parameter(name)}  (${name})`)));
   const isMoved = entries.length > 1 && jump(entries, names[0]) > 1;
-  const caption = `${isMoved ? "Those that moved most come first. " : ""}Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone. ${timesSaid(entries.map(({ set }) => set))}`;
+  const caption = `${isMoved ? "Those that moved most come first. " : ""}Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone. ${TIMES}`;
   const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen, told),
     el("p", {}, el("label", { for: "history-parameter" }, "Parameter"), choice));
   return answering(chart, () => told);

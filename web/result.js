@@ -122,8 +122,9 @@ function score(report, half, verified, left) {
   const beside = share > 0.001 ? `${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} % less than with the nominal robot (${mm(half.before.mean_mm)})` : `no less than with the nominal robot (${mm(half.before.mean_mm)})`;
   // what the words for an upload's own verify points say is not true here: these poses are those of the fit
   const same = "These poses repeat those that the parameters were identified from, and nothing in their noise shows that they were measured anew: that they fit proves little. Measure other poses.";
-  const why = { independent_session: EVIDENCE.independent_session[1], same_upload: same, none: NO_EVIDENCE }[report.evidence] ?? "";
-  return el(share > 0.001 && isAnew && !left ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points${byHand(left)}, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
+  const against = verified && foundAgainst(report);
+  const why = against ? `It speaks against these parameters: ${against}.` : { independent_session: EVIDENCE.independent_session[1], same_upload: same, none: NO_EVIDENCE }[report.evidence] ?? "";
+  return el(share > 0.001 && isAnew && !left && !against ? "div.done" : "div.warning", {}, el("p", {}, el("strong", {}, `On ${half.n_points} points${byHand(left)}, the mean position error with ${which} is ${mm(half.after.mean_mm)}, ${beside}.`), " ", why));
 }
 
 function summary(report, half, job, verified, later) {

@@ -114,7 +114,7 @@ function checkRobot(robot, { active, newest, sessions }, may, why) {
     }
   };
   return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
-    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the session of ${when(misfit.job.measured_at ?? misfit.job.created_at)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
+    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the session of ${when(misfit.job.created_at)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
     active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
     el("div.actions", {}, may("upload") && el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
     why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
@@ -139,13 +139,13 @@ function errorFacts({ active, report, lastSession, doubt }, now) {
   const doubted = doubt ? ". A newer session does not fit the robot" : "";
   const evidence = (remark) => {
     const misses = doubt && best(doubt.report);
-    return doubt ? ["Evidence", "a newer session does not fit", `that of ${when(doubt.job.measured_at ?? doubt.job.created_at)} misses by ${mm(misses.after.rms_mm)} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
+    return doubt ? ["Evidence", "a newer session does not fit", `that of ${when(doubt.job.created_at)} misses by ${mm(misses.after.rms_mm)} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
   };
   if (lastSession) {
     const found = foundAgainst(lastSession.report);
     // of the active set the service decides, by the tolerance if there is one
     const against = active ? now?.need === "drifted" && now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
-    return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.measured_at ?? lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
+    return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
       ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`],
       against && !doubt ? ["Evidence", "a later session speaks against it", capital(against)] : evidence(`${against ? "a later session speaks against it" : "a later session verified it"}: ${count(n)} points`)];
   }
@@ -176,18 +176,16 @@ function guide(robot, stand, { now, sets, may, signal }) {
   const found = lastSession && foundAgainst(lastSession.report);
   if (active && now?.need === "drifted") return card(`The newest session speaks against the active set. ${capital(now.reason)}. The cell runs this set until another one is released, or it is withdrawn.`, since && link("a.button.primary", `#/jobs/${since.job_id}`, "Review the newer result"), link(since ? "a.button" : "a.button.primary", `#/jobs/${now.need_job_id}`, "Look at that session"),
     verify(active), may("identify") && link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), may("release") && link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
-  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, now, sets, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
+  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
   if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
   return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
 }
 
-/** Whether a release would be accepted: as the overview says, else as the gates do. Large sets take them long, so these are not asked here. */
-function releasable(set, now, sets, signal) {
+/** Whether a release would be accepted, by the gates. Large sets take them long, so these are not asked here. */
+function releasable(set, sets, signal) {
   const said = el("span", {}, "Its page says what a release still asks for.");
   const tell = (isAccepted, gates) => fill(said, isAccepted ? "A release would be accepted now." : `A release would be refused now${gates.length > 0 ? `: ${gates.map((gate) => gateTitle({ gate, passed: false }).replace(/^./, (c) => c.toLowerCase())).join("; ")}` : ""}.`);
-  const { id, releasable: known, refused_by: by } = now?.newest ?? {};
-  if (id === set.id && typeof known === "boolean") tell(known, by ? [by] : []);
-  else if (sets.every(({ n_points: n }) => n <= SOON_JUDGED)) get(`/v1/parameter-sets/${set.id}/gates`, signal).then((found) => tell(found.releasable, found.gates.filter((gate) => !gate.passed).map(({ gate }) => gate)), () => { /* its page says so, too */ });
+  if (sets.every(({ n_points: n }) => n <= SOON_JUDGED)) get(`/v1/parameter-sets/${set.id}/gates`, signal).then((found) => tell(found.releasable, found.gates.filter((gate) => !gate.passed).map(({ gate }) => gate)), () => { /* its page says so, too */ });
   return said;
 }
 

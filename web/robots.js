@@ -2,7 +2,7 @@
 
 import { each, get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
-import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
+import { age, capital, error, EVIDENCE, mm, signed, when } from "./format.js";
 import { newRobot } from "./new_robot.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
@@ -30,7 +30,7 @@ function errorOf(robot) {
   const set = measured(robot);
   if (!set) return undefined;
   const doubt = robot.need === "check_robot" && robot.session?.job_id !== robot.need_job_id ? "; a newer session does not fit" : "";
-  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.measured_at ?? robot.session.created_at)}${doubt}` };
+  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.created_at)}${doubt}` };
   const [words] = EVIDENCE[set.evidence] ?? [];
   return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${error(set.before_rms_mm)}${doubt}` };
 }
@@ -143,12 +143,11 @@ async function drifts(page, state, signal, rows) {
 
 /** Misfit of the sessions that do not fit, where the overview does not have it: for robots in sight only. */
 async function checks(page, state, signal, rows) {
-  const open = page.filter((r) => r.need === "check_robot" && r.need_job_id && !r.check && !state.checks.has(r.robot_id));
+  const open = page.filter((r) => r.need === "check_robot" && r.need_job_id && !state.checks.has(r.robot_id));
   for (const robot of open) state.checks.set(robot.robot_id, null);
   await each(open, async (robot) => {
-    const id = robot.need_job_id;
-    const [job, { verify, identify }] = await Promise.all([robot.last_job?.id === id ? robot.last_job : get(`/v1/jobs/${id}`, signal), get(`/v1/jobs/${id}/report`, signal)]).catch(() => [{}, {}]);
-    state.checks.set(robot.robot_id, { created_at: job.created_at, rms_mm: (verify ?? identify)?.after.rms_mm });
+    const job = await get(`/v1/jobs/${robot.need_job_id}`, signal).catch(() => ({}));
+    state.checks.set(robot.robot_id, job);
     const place = rows.querySelector(`[data-reason="${robot.robot_id}"]`);
     if (place) fill(place, reasonOf(robot, state));
   }, 2);
@@ -156,12 +155,8 @@ async function checks(page, state, signal, rows) {
 
 /** Why a robot is as it is, in one sentence. */
 function reasonOf(robot, { checks: known }) {
-  const { releasable, refused_by: gate } = robot.newest ?? {};
-  const which = robot.active ? "the newer result" : "the first result";
-  if (robot.need === "review" && releasable === true) return capital(`${which} can be released`);
-  if (robot.need === "review" && releasable === false) return capital(`${which} would be refused${gate ? `: ${gateTitle({ gate, passed: false }).toLowerCase()}` : ""}`);
-  const check = robot.need === "check_robot" ? robot.check ?? known.get(robot.robot_id) : null;
-  return check?.rms_mm === undefined || check === null ? capital(robot.reason) : `The session of ${when(check.measured_at ?? check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
+  const check = robot.need === "check_robot" && known.get(robot.robot_id);
+  return typeof check?.rms_mm !== "number" ? capital(robot.reason) : `The session of ${when(check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
 }
 
 const isNewer = ({ active, newest }) => active !== undefined && newest !== undefined && newest.id !== active.id && newest.created_at > active.created_at;
