@@ -225,8 +225,11 @@ pub fn of_another_session(
         identified_rms_mm: fitted.after.rms_mm,
     };
     let comparison = robust_comparison(errors_mm);
-    let far_run = far_run(points, order, &held_out, &robot.links);
     let fit = session_fit(errors_mm, Some(&held_out), robot, || scatter.own_mm());
+    let far_run = match fit {
+        Fit::Fits => far_run(points, order, &held_out, &robot.links),
+        _ => None,
+    };
     let verdict = Verdict {
         is_identified: true,
         fit: fit.with_run(far_run.is_some()),

@@ -14,6 +14,7 @@ use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::errors::{
     corrected_errors, per_point, rotation_errors, verify_without,
 };
+use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{
     SessionScatter, far_run, nominal_fit, session_fit, times_worse,
@@ -374,10 +375,27 @@ fn report(
         model: &scored.after.model,
         observations: &scored.after.observed.all,
     };
-    let held_out = request.held_out.as_ref().filter(|_| is_identified);
-    let order = request.set.measuring_order();
-    let far_run =
-        held_out.and_then(|held_out| far_run(&per_point, &order, held_out, &request.robot.links));
+    let fit = match is_identified {
+        true => session_fit(
+            &errors_mm,
+            request.held_out.as_ref(),
+            &request.robot,
+            || scatter.own_mm(),
+        ),
+        false => nominal_fit(
+            &request.robot,
+            &scored.after.model,
+            &scored.after.observed.all,
+            scored.n_refitted,
+        ),
+    };
+    let far_run = match &request.held_out {
+        Some(held_out) if is_identified && fit == Fit::Fits => {
+            let order = request.set.measuring_order();
+            far_run(&per_point, &order, held_out, &request.robot.links)
+        }
+        _ => None,
+    };
     let verdict = Verdict {
         is_identified,
         times_its_scatter: is_identified
@@ -388,21 +406,7 @@ fn report(
             times_worse(comparison.after_rms_mm, identified_mm, &request.robot.links)
         }),
         comparison,
-        fit: match is_identified {
-            true => session_fit(
-                &errors_mm,
-                request.held_out.as_ref(),
-                &request.robot,
-                || scatter.own_mm(),
-            )
-            .with_run(far_run.is_some()),
-            false => nominal_fit(
-                &request.robot,
-                &scored.after.model,
-                &scored.after.observed.all,
-                scored.n_refitted,
-            ),
-        },
+        fit: fit.with_run(far_run.is_some()),
         far_run,
         held_out: request.held_out,
         refused_as: request.refused_as.clone(),
