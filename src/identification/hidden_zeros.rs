@@ -1,23 +1,27 @@
 //! Joint zeros that a session hardly shows, because base and targets are placed on its own points.
 //!
 //! Let J be the displacement of the points by a joint's zero, and P that by base and targets. The placement takes up the part of J in the span of P;
-//! J − P·P⁺·J is left. A session shows a zero as well as the whole workspace does if this part, as an rms over the points, is as large as over random
-//! configurations within the joint limits. If joint 6 stands still, an error of joint 5 is a shift of the reflector, and nothing is left.
+//! J − P·P⁺·J is left. A session shows a zero as well as the region around it does if this part, as an rms over the points, is as large as over random
+//! configurations of that region: the ranges of the joints in the session, and a quarter turn to both sides for joints that move little. If joint 6 stands
+//! still, an error of joint 5 is a shift of the reflector, and nothing is left. A session in a part of the workspace says little of other parts, but it
+//! shows the robot there.
 
 use crate::identification::KinematicModel;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::{Parameter, Quantity, placement_parameters};
 use crate::identification::quick_check::span;
-use crate::identification::workspace::random_configurations;
-use crate::kinematics::Robot;
 use nalgebra::{DMatrix, Vector3};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 
-/// A zero is hidden if the session shows less than this share of what it does over the workspace: the tool is then off by more than five times what
-/// the session shows.
+/// A zero is hidden if the session shows less than this share of what it does over the region: the tool is then off by more than five times what the
+/// session shows.
 const SHOWN: f64 = 0.2;
-/// The placement takes up a zero everywhere if less than this share of it is left over the workspace: that of the first and last joint.
+/// A joint with a smaller range moves little, rad (60°). Its range is extended to a quarter turn to both sides of its middle.
+const SMALL_RANGE_RAD: f64 = FRAC_PI_3;
+/// The placement takes up a zero everywhere if less than this share of it is left over the region: that of the first and last joint.
 const LEFT: f64 = 1e-3;
-/// Number of configurations of the workspace.
+/// Number of configurations of the region.
 const N_CONFIGURATIONS: usize = 100;
 /// Seed of the configurations.
 const SEED: u64 = 1;
@@ -34,29 +38,32 @@ pub struct HiddenZero {
 }
 
 /// The hidden zeros of a session on which `placed` was placed. `observations` are its points.
-pub fn hidden_zeros(
-    robot: &Robot,
-    placed: &KinematicModel,
-    observations: &[Observation],
-) -> Vec<HiddenZero> {
+pub fn hidden_zeros(placed: &KinematicModel, observations: &[Observation]) -> Vec<HiddenZero> {
     let step = observations.len().div_ceil(MAX_POINTS).max(1);
     let session: Vec<Observation> = observations.iter().step_by(step).map(plain).collect();
     let Some(first) = session.first() else {
         return vec![];
     };
-    let n_targets = placed.targets_mm.len();
-    let workspace: Vec<Observation> = random_configurations(robot, N_CONFIGURATIONS, SEED)
-        .iter()
-        .flat_map(|q_rad| {
-            let q_rad = robot.q_model_rad(q_rad);
-            (0..n_targets).map(move |target| Observation {
-                q_rad: q_rad.clone(),
-                target,
-                ..first.clone()
-            })
-        })
+    let ranges: Vec<(f64, f64)> = (0..first.q_rad.len())
+        .map(|joint| range(&session, joint))
         .collect();
-    let (Some(shown), Some(everywhere)) = (left(placed, &session), left(placed, &workspace)) else {
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    let mut configuration = || -> Vec<f64> {
+        let joints = ranges.iter();
+        joints
+            .map(|(low, high)| low + (high - low) * random.random::<f64>())
+            .collect()
+    };
+    let mut region = Vec::new();
+    for _ in 0..N_CONFIGURATIONS {
+        let q_rad = configuration();
+        region.extend((0..placed.targets_mm.len()).map(|target| Observation {
+            q_rad: q_rad.clone(),
+            target,
+            ..first.clone()
+        }));
+    }
+    let (Some(shown), Some(everywhere)) = (left(placed, &session), left(placed, &region)) else {
         return vec![];
     };
     let joints = 0..placed.links.len();
@@ -68,6 +75,19 @@ pub fn hidden_zeros(
             is_hidden.then_some(HiddenZero { joint, share })
         })
         .collect()
+}
+
+/// The range of a joint in the session, or the larger one of a joint that moves little, rad.
+fn range(session: &[Observation], joint: usize) -> (f64, f64) {
+    let values = session.iter().map(|o| o.q_rad[joint]);
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| {
+        (low.min(q), high.max(q))
+    });
+    let middle = 0.5 * (low + high);
+    match high - low < SMALL_RANGE_RAD {
+        true => (middle - FRAC_PI_2, middle + FRAC_PI_2),
+        false => (low, high),
+    }
 }
 
 /// Unweighted, without a rotation.

@@ -4,7 +4,9 @@
 use crate::data::{real_data, robot};
 use crate::simulation::Normal;
 use kincal::calibration::request::VerifySource;
-use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate, is_anew};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate, is_anew, verify};
+use kincal::identification::KinematicModel;
+use kincal::identification::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, Point, csv, split};
 use nalgebra::{Rotation3, Vector3};
@@ -128,6 +130,32 @@ fn what_one_visit_identified_holds_on_the_other() {
             "{first} on {second}: {}",
             verify.after.rms_mm
         );
+    }
+}
+
+/// The poses of both visits stand on three surfaces before the robot. They say little of other poses, but they are evidence there.
+#[test]
+fn a_visit_is_evidence_about_the_set_of_the_other_visit() {
+    let Some(root) = real_data() else { return };
+    let folder = root.join("motoman_ma1400");
+    let robot = robot(&folder.join("robot.json"));
+    let visits = ["visit_1.csv", "visit_2.csv"].map(|file| set(&folder.join(file)));
+    for (identified, scored) in [(0, 1), (1, 0)] {
+        let request = CalibrationRequest::new(robot.clone(), visits[identified].clone());
+        let found = calibrate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let model = KinematicModel {
+            t_instrument_base: found.t_instrument_base,
+            links: found.links,
+            targets_mm: found.targets_mm,
+            target_rotations: vec![],
+        };
+        let report = verify(
+            &CalibrationRequest::new(robot.clone(), visits[scored].clone()),
+            Some(&IdentifiedRobot::of_links(model)),
+            &mut |_| ControlFlow::Continue(()),
+        )
+        .unwrap();
+        assert!(report.is_evidence(), "{:?}", report.warnings);
     }
 }
 

@@ -70,14 +70,14 @@ pub fn shows_little(
             still.join(", ")
         ));
     }
-    let hidden = placed.map_or(vec![], |(model, points)| hidden_zeros(robot, model, points));
+    let hidden = placed.map_or(vec![], |(model, points)| hidden_zeros(model, points));
     let hidden: Vec<String> = hidden
         .iter()
         .map(|zero| format!("{} ({:.0} %)", zero.joint + 1, 100.0 * zero.share))
         .collect();
     if !hidden.is_empty() {
         reasons.push(format!(
-            "base and reflector are placed on these points, which then show little of what the zeros of these joints do elsewhere: {}",
+            "base and reflector are placed on these points, which then show little of what the zeros of these joints do around them: {}",
             hidden.join(", ")
         ));
     }

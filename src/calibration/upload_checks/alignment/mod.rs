@@ -151,7 +151,12 @@ pub fn explain(
         return suspect.frame(&free, "");
     }
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm) {
-        return Explanation::Refusal(suspect.suspicion(best, others));
+        // a frame turned by quarter turns, with an unmastered joint
+        let is_frame = set.frame == Frame::Base && best.what.turns_first_joint();
+        return is_frame
+            .then(|| suspect.frame_and_joints())
+            .flatten()
+            .unwrap_or_else(|| Explanation::Refusal(suspect.suspicion(best, others)));
     }
     if let Some(found) = suspect
         .convention_and_zeros(set.frame)

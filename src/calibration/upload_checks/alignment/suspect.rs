@@ -63,6 +63,11 @@ impl What {
         matches!(self, Self::Joints(convention) if convention.is_turned())
     }
 
+    /// True for a convention whose first zero is shifted by quarter turns, which looks like a turned base frame.
+    pub fn turns_first_joint(&self) -> bool {
+        matches!(self, Self::Joints(convention) if convention.quarter_turns.first().is_some_and(|turns| *turns > 0))
+    }
+
     /// Order of likelihood: of the causes that fit equally well, the one with the smallest rank is reported. A left-handed frame and a maker's signs
     /// look the same on most arms, and makers do use these signs. Turned zeros are rarer than exchanged columns.
     fn rank(&self, frame: Frame) -> usize {
