@@ -164,7 +164,7 @@ async function upload(context, file, query, out, isTried = false) {
 
 /** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
 function remedies({ code, errors }, isJson, retry) {
-  const decimal = (errors ?? []).map((issue) => /\?decimal=(comma|point)/.exec(issue.detail)?.[1]).find(Boolean);
+  const decimal = (errors ?? []).map((issue) => /"decimal": "(comma|point)"/.exec(issue.detail)?.[1]).find(Boolean);
   if (decimal && !isJson) return el("div.actions", {}, el("button.primary", { type: "button", click: retry({ decimal }) }, `Read it with decimal ${decimal}s`));
   if (!SUSPICIONS.includes(code)) return [];
   const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);

@@ -95,7 +95,10 @@ fn argument(value: &Value) -> String {
             let is_word = |c: char| c.is_alphanumeric() || "_.-".contains(c);
             match !text.is_empty() && text.chars().all(is_word) {
                 true => text.clone(),
-                false => format!("{text:?}"),
+                false if text.contains(['$', '`', '!', '\\', '"']) => {
+                    format!("'{}'", text.replace('\'', "'\\''"))
+                }
+                false => format!("\"{text}\""),
             }
         }
         other => other.to_string(),

@@ -3,7 +3,9 @@
 //! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
 //! of [`misfit`](crate::identification::misfit). Both errors have the root R of their mean square error from the identification. One standard
 //! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange
-//! depend
+//! depend on the links. Measured positions do not show theta_offset and d of the last link. Where they count, their usual errors are added in squares
+//! (see [`ToolPoint::Tcp`] and [`HeldReflector`]).
+
 use crate::compensation::anchor::{
     Anchor, HeldReflector, anchor_in, contains_tool, usual_error_of_last_d_mm,
 };

@@ -11,12 +11,15 @@ pub(super) fn cell_places(line: &str, separator: Separator) -> Vec<Range<usize>>
         other => c == char::from(other.byte()),
     };
     let mut places = Vec::new();
-    let (mut from, mut is_quoted) = (0, false);
+    // Within a cell that begins with a quote, two quotes stand for one: they close and open it.
+    let (mut from, mut begins_quoted, mut is_quoted) = (0, false, false);
     for (at, c) in line.char_indices() {
-        is_quoted ^= c == '"' && (is_quoted || at == from);
+        begins_quoted |= c == '"' && at == from;
+        is_quoted ^= c == '"' && begins_quoted;
         if !is_quoted && is_separator(c) {
             places.push(from..at);
             from = at + c.len_utf8();
+            begins_quoted = false;
         }
     }
     places.push(from..line.len());
@@ -56,6 +59,10 @@ mod tests {
         assert_eq!(
             cells("5\",\"a, \"\"b\"\"\",7", Separator::Comma),
             ["5", "a, \"\"b", "7"]
+        );
+        assert_eq!(
+            cells("\"say \"\"x\"\", y\",1,2", Separator::Comma),
+            ["say \"\"x\"\", y", "1", "2"]
         );
         assert_eq!(cells("  1   2\t\t3 ", Separator::Spaces), ["1", "2", "3"]);
         assert_eq!(

@@ -68,10 +68,11 @@ fn unquoted_cells(line: &str, separator: char) -> Vec<String> {
 /// Replaces each run of spaces and tabs outside quoted cells by one tab. A quote opens a quoted cell only as its first character.
 pub(super) fn with_tabs(line: &str) -> String {
     let mut found = String::with_capacity(line.len());
-    let mut is_quoted = false;
+    let (mut begins_quoted, mut is_quoted) = (false, false);
     for c in line.trim().chars() {
-        let begins = found.is_empty() || found.ends_with('\t');
-        is_quoted ^= c == '"' && (is_quoted || begins);
+        let begins = !is_quoted && (found.is_empty() || found.ends_with('\t'));
+        begins_quoted = c == '"' && begins || begins_quoted && !begins;
+        is_quoted ^= c == '"' && begins_quoted;
         match c {
             ' ' | '\t' if !is_quoted => {
                 if !found.ends_with('\t') {

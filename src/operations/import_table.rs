@@ -170,7 +170,7 @@ impl Numbers {
         let (place, name) = self.column.as_ref()?;
         let number: i64 = cells.get(*place)?.trim().parse().ok()?;
         let before = self.before.replace(number)?;
-        (number != before + 1).then(|| Issue {
+        (before.checked_add(1) != Some(number)).then(|| Issue {
             line: Some(line),
             column: Some(name.clone()),
             code: "links_out_of_order".into(),

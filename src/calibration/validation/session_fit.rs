@@ -29,6 +29,8 @@ const AS_BEFORE: f64 = 2.0;
 const FINEST: f64 = 1e-5;
 /// Ratio of rms to median of the length of a 3-D normal error: √3 over 1.5382. A few outliers do not move a median.
 const RMS_OVER_MEDIAN: f64 = 1.126;
+/// The errors of a [`FarRun`] are above this multiple of the session's own typical error as well.
+const FAR_OF_TYPICAL: f64 = 3.0;
 /// Minimum number of successive configurations of a [`FarRun`].
 const FEWEST_OF_RUN: usize = 4;
 /// Maximum number of points for estimating the scatter of a session.
@@ -232,11 +234,13 @@ pub fn far_run(
     held_out: &HeldOut,
     links: &[Link],
 ) -> Option<FarRun> {
-    let limit_mm = FAR * held_out.identified_rms_mm.max(FINEST * reach_mm(links));
     let error_mm = |row: &usize| {
         let [_, links_mm, corrected_mm] = points[*row].errors_mm();
         links_mm.min(corrected_mm)
     };
+    let expected_mm = held_out.identified_rms_mm.max(FINEST * reach_mm(links));
+    // the points of a coarse session are far off one by one
+    let limit_mm = (FAR * expected_mm).max(FAR_OF_TYPICAL * typical_mm(order.iter().map(error_mm)));
     let runs = order.chunk_by(|a, b| (error_mm(a) > limit_mm) == (error_mm(b) > limit_mm));
     let far = runs.filter(|rows| error_mm(&rows[0]) > limit_mm);
     let run = |rows: &[usize]| {
