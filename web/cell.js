@@ -80,7 +80,7 @@ function toolForm(robot, changed) {
   const name = el("input", { id: "tool-name", required: true, maxlength: 200 });
   const [lengths, rotation, pose] = poseFields("tool", "Tool centre point in the flange frame, mm");
   const std = el("input", { id: "tool-std", type: "number", step: "any", min: 0, max: 10000, placeholder: "from a drawing" });
-  const known = el("div", {}, el("label", { for: "tool-std" }, "Measured on this robot's flange to, mm (one standard deviation)"), std);
+  const known = el("div", {}, el("label", { for: "tool-std" }, "Measured with this robot to, mm (one standard deviation)"), std);
   const body = () => ({ ...pose(), ...std.value !== "" && { std_mm: Number(std.value) } });
   return stored("Store a tool", [el("div", {}, el("label", { for: "tool-name" }, "Name"), name), lengths, rotation, known], async () => changed(await put(`/v1/robots/${robot.id}/tools/${encodeURIComponent(name.value)}`, body())));
 }

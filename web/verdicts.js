@@ -19,7 +19,7 @@ const badge = (words) => words && el("span.badge.bad", {}, words);
 export const foundBadge = (report) => badge(foundAgainst(report));
 
 /** The badge of a verification or check that found something; otherwise undefined. */
-export const findingBadge = (job) => (job.kind === "identify" ? undefined : badge(FINDINGS[job.finding]));
+export const findingBadge = (job) => (job.kind === "identify" ? undefined : badge(job.kind === "check" && job.finding === "set_far_off" ? "has changed" : FINDINGS[job.finding]));
 
 /** An error and that of the nominal robot beside it. */
 export const figureOf = (after, before) => (typeof after === "number" ? [mm(after), typeof before === "number" && el("small.quiet", {}, `nominal ${error(before)}`)] : "–");

@@ -30,6 +30,7 @@ pub use session_comparison::ROBOT_CHANGED;
 pub use session_pool::{SESSIONS_DIFFER, check};
 pub use solve::corrections::are_wanted as corrections_are_wanted;
 pub use solve::larger_model::MODEL_TOO_SMALL;
+pub use validation::enough_points::check_verify;
 pub use validation::fit::Fit;
 pub use validation::quick_check::{ReleasedSet, check_quick_check, check_released};
 pub use validation::repeated_rows::{RepeatedRows, is_anew, repeats};
@@ -38,7 +39,7 @@ pub use validation::robust_comparison::{RobustComparison, after_errors_mm, robus
 pub use validation::session_fit::{HeldOut, session_fit, times_worse};
 pub use validation::verdict::{MISSES_SESSION, NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
 pub use validation::verification_set::{n_placed, n_placed_where};
-pub use validation::verify::{check_verify, verify};
+pub use validation::verify::verify;
 pub use warnings::orientation::{MAX_FLANGE_ROTATION_STD_RAD, NOT_KNOWN as ORIENTATION_NOT_KNOWN};
 pub use warnings::orientation::{last_joint_zero_remedy, last_joint_zero_unknown};
 pub use warnings::overstated_noise::NOISE_OVERSTATED;

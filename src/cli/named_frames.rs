@@ -80,7 +80,7 @@ struct SetTool {
     /// Orientation in the flange frame [default: as the flange].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
     quaternion: Option<[f64; 4]>,
-    /// Standard uncertainty of one coordinate, mm, of a tool that was measured on the flange of this robot [default: the tool is from a drawing].
+    /// Standard uncertainty of one coordinate, mm, of a tool that was measured with this robot [default: it is known relative to the flange, as from a drawing].
     #[arg(long, value_name = "MM")]
     std_mm: Option<f64>,
 }

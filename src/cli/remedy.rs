@@ -11,12 +11,16 @@ pub fn with_options(text: &str) -> String {
     let (mut found, mut rest) = (String::new(), text);
     while let Some((before, after)) = rest.split_once(MAPPING) {
         let mut mapping = Deserializer::from_str(after).into_iter::<Value>();
-        let said = match mapping.next() {
-            Some(Ok(Value::Object(mapping))) => format!("with {}", options(&mapping)),
-            _ => MAPPING.to_owned(),
-        };
-        found = found + before + &said;
-        rest = &after[mapping.byte_offset()..];
+        match mapping.next() {
+            Some(Ok(Value::Object(said))) => {
+                found = found + before + "with " + &options(&said);
+                rest = &after[mapping.byte_offset()..];
+            }
+            _ => {
+                found = found + before + MAPPING;
+                rest = after;
+            }
+        }
     }
     found + rest
 }

@@ -13,7 +13,7 @@ use crate::compensation::mode::Base;
 use crate::compensation::targets::Tool;
 use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
-use crate::identification::parameters::{Parameter, apply};
+use crate::identification::parameters::{Parameter, Quantity, apply};
 use crate::identification::problem::USUAL_OFFSET_RAD;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::{DMatrix, IsometryMatrix3, Matrix3xX, Point3, Vector3};
@@ -76,8 +76,9 @@ pub enum ToolPoint {
     Tcp {
         /// Position in the nominal flange frame, mm.
         flange_mm: Vector3<f64>,
-        /// Standard uncertainty of one coordinate of this position relative to the flange of the real robot, mm. `None` for a position from a drawing: the flange
-        /// then misses by the usual errors of theta_offset and d of the last link, which measured positions of a reflector do not show.
+        /// Standard uncertainty of one coordinate of this position, mm, if it was measured with this robot, that is relative to its calibrated axes. `None`
+        /// for a position relative to the flange, as from a drawing: the flange misses by the usual errors of theta_offset and d of the last link, which
+        /// measured positions of a reflector do not show.
         std_mm: Option<f64>,
     },
 }
@@ -109,8 +110,10 @@ fn flange_error_mm(nominal: &Robot, estimate: &Estimate, base: Base, tool: &Tool
             ..
         } => libm::hypot(3f64.sqrt() * std_mm, held_mm.unwrap_or(0.0)),
         ToolPoint::Tcp { flange_mm, .. } => {
-            let is_in_estimate =
-                base == Base::Measured && !contains_tool(&estimate.model.links, links);
+            let last_d = Parameter::Link(links.len() - 1, Quantity::D);
+            let is_in_estimate = base == Base::Measured
+                && !contains_tool(&estimate.model.links, links)
+                && estimate.parameters.contains(&last_d);
             let along_mm = match held_mm {
                 None if is_in_estimate => 0.0,
                 None => usual_error_of_last_d_mm(links),

@@ -37,10 +37,17 @@ pub struct HiddenZero {
     pub share: f64,
 }
 
-/// The hidden zeros of a session on which `placed` was placed. `observations` are its points.
-pub fn hidden_zeros(placed: &KinematicModel, observations: &[Observation]) -> Vec<HiddenZero> {
-    let step = observations.len().div_ceil(MAX_POINTS).max(1);
-    let session: Vec<Observation> = observations.iter().step_by(step).map(plain).collect();
+/// The hidden zeros of a session on which `placed` was placed. Each of `stations` has the points of one place of the instrument, with a base of its own.
+/// Points of weight 0 do not count.
+pub fn hidden_zeros(placed: &KinematicModel, stations: &[Vec<&Observation>]) -> Vec<HiddenZero> {
+    let n_points: usize = stations.iter().map(Vec::len).sum();
+    let step = n_points.div_ceil(MAX_POINTS).max(1);
+    let some = |points: &Vec<&Observation>| -> Vec<Observation> {
+        let counted = points.iter().filter(|point| point.weight > 0.0);
+        counted.step_by(step).map(|point| plain(point)).collect()
+    };
+    let stations: Vec<Vec<Observation>> = stations.iter().map(some).collect();
+    let session: Vec<Observation> = stations.concat();
     let Some(first) = session.first() else {
         return vec![];
     };
@@ -63,7 +70,7 @@ pub fn hidden_zeros(placed: &KinematicModel, observations: &[Observation]) -> Ve
             ..first.clone()
         }));
     }
-    let (Some(shown), Some(everywhere)) = (left(placed, &session), left(placed, &region)) else {
+    let (Some(shown), Some(everywhere)) = (left(placed, &stations), left(placed, &[region])) else {
         return vec![];
     };
     let joints = 0..placed.links.len();
@@ -99,22 +106,32 @@ fn plain(observation: &Observation) -> Observation {
     }
 }
 
-/// For each joint: what is left of its zero's effect on the points after the placement, and the whole effect, rms, mm per rad.
-fn left(model: &KinematicModel, observations: &[Observation]) -> Option<Vec<(f64, f64)>> {
-    let jacobian = |parameters: &[Parameter]| {
-        weighted_jacobian(model, parameters, observations, &Vector3::zeros())
-    };
+/// For each joint: what is left of its zero's effect on the points after base and targets are placed on each station, and the whole effect, rms, mm per
+/// rad.
+fn left(model: &KinematicModel, stations: &[Vec<Observation>]) -> Option<Vec<(f64, f64)>> {
     let zeros: Vec<Parameter> = (0..model.links.len())
         .map(|link| Parameter::Link(link, Quantity::ThetaOffset))
         .collect();
-    let whole = jacobian(&zeros);
-    let taken = span(&jacobian(&placement_parameters(model.targets_mm.len()))).ok()?;
-    let left: DMatrix<f64> = &whole - &taken * taken.tr_mul(&whole);
-    let rms = |column: f64| column / (observations.len() as f64).sqrt();
-    let columns = left.column_iter().zip(whole.column_iter());
+    let placement = placement_parameters(model.targets_mm.len());
+    let mut squares = vec![(0.0, 0.0); zeros.len()];
+    for points in stations.iter().filter(|points| !points.is_empty()) {
+        let jacobian = |parameters: &[Parameter]| {
+            weighted_jacobian(model, parameters, points, &Vector3::zeros())
+        };
+        let whole = jacobian(&zeros);
+        let taken = span(&jacobian(&placement)).ok()?;
+        let left: DMatrix<f64> = &whole - &taken * taken.tr_mul(&whole);
+        for (joint, sum) in squares.iter_mut().enumerate() {
+            sum.0 += left.column(joint).norm_squared();
+            sum.1 += whole.column(joint).norm_squared();
+        }
+    }
+    let n_points = stations.iter().map(Vec::len).sum::<usize>() as f64;
+    let rms = |squares: f64| (squares / n_points).sqrt();
     Some(
-        columns
-            .map(|(left, whole)| (rms(left.norm()), rms(whole.norm())))
+        squares
+            .into_iter()
+            .map(|(left, whole)| (rms(left), rms(whole)))
             .collect(),
     )
 }

@@ -152,7 +152,7 @@ pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
 /// The column that numbers the links, and the number of the row before.
 struct Numbers {
     column: Option<(usize, String)>,
-    before: Option<i64>,
+    before: Option<usize>,
 }
 
 impl Numbers {
@@ -168,9 +168,12 @@ impl Numbers {
     /// The issue of a row whose number does not follow the one before. Cells that are not whole numbers are names, and any names are allowed.
     fn out_of_order(&mut self, line: usize, cells: &csv::StringRecord) -> Option<Issue> {
         let (place, name) = self.column.as_ref()?;
-        let number: i64 = cells.get(*place)?.trim().parse().ok()?;
+        let number: usize = cells.get(*place)?.trim().parse().ok()?;
+        if number > MAX_LINKS {
+            return None; // something else, such as the ratio of a gear (i)
+        }
         let before = self.before.replace(number)?;
-        (before.checked_add(1) != Some(number)).then(|| Issue {
+        (number != before + 1).then(|| Issue {
             line: Some(line),
             column: Some(name.clone()),
             code: "links_out_of_order".into(),

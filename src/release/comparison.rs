@@ -39,6 +39,8 @@ impl ComparedRms {
 pub const SAME_MM: f64 = 0.001;
 /// Largest share of the active set's error that counts as chance, however few the points are.
 const CHANCE: f64 = 0.1;
+/// Fewer points say little of their own scatter, which then counts as 0.
+const FEWEST_FOR_SCATTER: usize = 12;
 /// Points with errors above this multiple of the rms are left out of the scatter.
 const CLIPPED: f64 = 4.0;
 
@@ -156,12 +158,15 @@ fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
     let comparison = robust_comparison(&errors_mm);
     let (set_mm, active_mm) = (comparison.after_rms_mm, comparison.before_rms_mm);
     let largest_mm = CLIPPED * set_mm.max(active_mm);
-    let differences: Vec<f64> = errors_mm
+    let mut differences: Vec<f64> = errors_mm
         .iter()
         .map(|[active, links, corrected]| (*active, links.max(*corrected)))
         .filter(|(active, own)| active.max(*own) <= largest_mm)
         .map(|(active, own)| own * own - active * active)
         .collect();
+    if differences.len() < FEWEST_FOR_SCATTER {
+        differences.clear();
+    }
     ComparedRms {
         set_mm,
         active_mm,

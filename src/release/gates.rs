@@ -289,7 +289,9 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
                 passed &= rms.is_as_good();
                 changed |= active > CHANGED * own + SAME_MM;
                 let equal = match own > active && rms.is_as_good() {
-                    true => ", which is equal within the scatter of these points",
+                    true => {
+                        ", which is as good within the scatter of these points and a micrometre"
+                    }
                     false => "",
                 };
                 details.push(format!(

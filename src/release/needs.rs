@@ -111,7 +111,7 @@ fn drift(facts: &NeedFacts) -> Option<String> {
             "the newest session has {now:.3} mm rms; it was {then:.3} mm when the set was identified"
         )),
         _ if facts.is_worse => Some(format!(
-            "the newest session has {now:.3} mm rms, several times what a robot has that is fitted to it"
+            "the newest session has {now:.3} mm rms, several times what is left where a robot is fitted to it, or was left when the set was identified"
         )),
         _ => None,
     }

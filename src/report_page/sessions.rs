@@ -1,4 +1,4 @@
-//! The section about sessions that were measured at another time and scored with the identified parameter set.
+//! The section about sessions of other uploads and scored with the identified parameter set.
 
 use super::sources::{ScoredSession, Sources};
 use super::text::{error, time};
@@ -13,7 +13,7 @@ pub fn sessions(sources: &Sources<'_>) -> Markup {
         @if !sessions.is_empty() {
             section {
                 h2 { "Verified on other sessions" }
-                p.note { "The set was scored on points that were measured at another time. No parameter was fitted to them; errors are rms, mm." }
+                p.note { "The set was scored on points that were measured at another time. No link parameter was fitted to them; errors are rms, mm." }
                 table {
                     thead { tr { th { "Scored" } th { "Job" } th.n { "Points" } th.n { "Nominal robot" } th.n { "This set" } th { "What it shows" } } }
                     tbody { @for session in sessions { (row(session)) } }
@@ -35,8 +35,8 @@ fn row(session: &ScoredSession) -> Markup {
         (Fit::Fits, _) if !found.is_better => "no better than the nominal robot",
         (Fit::Fits, _) if found.is_worse => "several times worse than at the identification",
         (Fit::Fits, Evidence::IndependentSession) => "the set holds: independent session",
-        (Fit::Fits, Evidence::SameUpload) => "the points repeat those of the set",
-        (Fit::Fits, Evidence::None) => "no evidence: its poses show too little",
+        (Fit::Fits, Evidence::SameUpload) => "limited evidence: its job says why",
+        (Fit::Fits, Evidence::None) => "no evidence: its job says why",
     };
     html! {
         tr {

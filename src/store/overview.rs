@@ -70,7 +70,8 @@ const LIST: &str = "
         vn.before_rms_mm as newest_before_rms_mm, vn.after_rms_mm as newest_after_rms_mm, vn.evidence as newest_evidence,
         s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm,
         s.after_expanded_mm as session_expanded_mm, s.fit as session_fit, s.before_rms_mm as session_before_rms_mm,
-        coalesce(s.is_better, 1) as session_is_better, coalesce(s.is_worse, 0) as session_is_worse,
+        case when s.is_better = 0 and s.evidence <> 'none' then cast(0 as bigint) else cast(1 as bigint) end as session_is_better,
+        coalesce(s.is_worse, 0) as session_is_worse,
         (select count(*) from verification w where w.parameter_set_id = a.id and w.kind = 'session') as n_sessions,
         j.id as job_id, j.kind as job_kind, j.status as job_status, j.created_at_ms as job_created_at_ms, j.finished_at_ms as job_finished_at_ms
     from robot_now r

@@ -107,7 +107,7 @@ pub struct ToolAnswer {
     pub name: String,
     /// Pose of the tool in the flange frame.
     pub t_flange_tool: Transform,
-    /// Standard uncertainty of one coordinate of the tool centre point, mm; absent for a tool from a drawing.
+    /// Standard uncertainty of one coordinate of the tool centre point, mm; absent for a tool that is known relative to the flange, as from a drawing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_mm: Option<f64>,
     /// RFC 3339, UTC.

@@ -22,8 +22,9 @@ pub struct ToolBody {
     /// Rotation matrix, row by row; default: the identity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<[[f64; 3]; 3]>,
-    /// Standard uncertainty of one coordinate of `translation_mm`, mm, for a tool that was measured on the flange of this robot. Default: the tool is
-    /// from a drawing, and the flange misses by the usual errors of `theta_offset` and `d` of the last link.
+    /// Standard uncertainty of one coordinate of `translation_mm`, mm, for a tool that was measured with this robot: by moving it about a point, or as a
+    /// reflector at its tip. Default: the tool is known relative to the flange, as from a drawing, and the flange misses by the usual errors of
+    /// `theta_offset` and `d` of the last link.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 10000)]
     pub std_mm: Option<f64>,

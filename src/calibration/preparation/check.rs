@@ -9,7 +9,7 @@ use crate::calibration::preparation::placement::nominal_model;
 use crate::calibration::request::{CalibrationRequest, Method, Model, VerifySource};
 use crate::calibration::settings::settings;
 use crate::calibration::settings::{box_too_small, half_widths};
-use crate::calibration::validation::verify::check_verify_set;
+use crate::calibration::validation::enough_points::check_verify_set;
 use crate::calibration::{Error, unusable};
 use crate::identification::TrainedNetwork;
 use crate::identification::bpnn_pso::fits;

@@ -7,7 +7,7 @@ pub mod rotations;
 use crate::calibration::report::Warning;
 use crate::calibration::upload_checks::alignment::{Alignment, align};
 use crate::calibration::validation::coverage;
-use crate::calibration::validation::verify::{Serves, serves};
+use crate::calibration::validation::enough_points::{Serves, serves};
 use crate::calibration::{CalibrationRequest, Error, check};
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point, split};

@@ -7,6 +7,7 @@ use crate::identification::objective::Observation;
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 
 /// A joint that moves less than this over the whole set hardly separates its link from the neighbouring links, rad (20°).
 const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
@@ -70,7 +71,14 @@ pub fn shows_little(
             still.join(", ")
         ));
     }
-    let hidden = placed.map_or(vec![], |(model, points)| hidden_zeros(model, points));
+    let hidden = placed.map_or(vec![], |(model, points)| {
+        let mut stations: BTreeMap<Option<&str>, Vec<&Observation>> = BTreeMap::new();
+        for (point, observation) in set.points.iter().zip(points) {
+            let of_station = stations.entry(point.station.as_deref()).or_default();
+            of_station.push(observation);
+        }
+        hidden_zeros(model, &stations.into_values().collect::<Vec<_>>())
+    });
     let hidden: Vec<String> = hidden
         .iter()
         .map(|zero| format!("{} ({:.0} %)", zero.joint + 1, 100.0 * zero.share))

@@ -1,6 +1,7 @@
 //! Validation on points that were not fitted: errors, verification, sessions, repeated rows.
 
 pub mod coverage;
+pub mod enough_points;
 pub mod errors;
 pub mod fit;
 pub mod quick_check;

@@ -8,10 +8,11 @@ use crate::calibration::quick_check::{
 };
 use crate::calibration::report::{BASE_NOT_CHECKED, CalibrationReport, DOES_NOT_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, Estimate};
+use crate::calibration::validation::enough_points::{check_verify, is_placed_anew};
 use crate::calibration::validation::session_fit::{least_worth_a_word_mm, times_worse};
 use crate::calibration::validation::verdict::{NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
 use crate::calibration::validation::verification_set::n_stations;
-use crate::calibration::validation::verify::{check_verify, is_placed_anew, verify};
+use crate::calibration::validation::verify::verify;
 use crate::calibration::validation::what_next::{Found, what_next};
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;

@@ -8,7 +8,9 @@ mod explanation;
 mod fitting;
 mod hypotheses;
 mod joint_maps;
+mod supposed;
 mod suspect;
+mod texts;
 
 pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTERED_RAD};
 pub use hypotheses::{Hypothesis, hypotheses};
@@ -21,7 +23,8 @@ use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};
 use fitting::{Zeroed, placed, placed_thoroughly, quickly_placed, reach_mm, with_free_zeros};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use suspect::{Suspect, What};
+use supposed::What;
+use suspect::Suspect;
 
 /// Whether the nominal robot fits an uploaded set, with the best placement of base and target.
 #[derive(Clone, Debug, PartialEq)]
@@ -140,10 +143,9 @@ pub fn explain(
     if let Some(best) = best.as_ref().filter(|best| best.rms_mm <= suspect.fits_mm)
         && !best.what.is_turned()
     {
-        return match free.filter(|free| Suspect::are_equal(free, best)) {
-            Some(free) if matches!(best.what, What::Joints(_)) => {
-                suspect.frame_or_joints(&free, best)
-            }
+        let free = free.filter(|free| Suspect::are_equal(free, best));
+        return match (&best.what, free) {
+            (What::Joints(convention), Some(free)) => suspect.frame_or_joints(&free, convention),
             _ => Explanation::Refusal(suspect.suspicion(best, others)),
         };
     }

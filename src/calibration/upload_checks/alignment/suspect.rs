@@ -9,8 +9,10 @@ use super::fitting::{
 };
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::joint_maps;
+use super::supposed::{Supposed, What};
+use super::texts::{in_words, mm, offsets};
 use crate::identification::objective::Observation;
-use crate::kinematics::{JointMap, Robot};
+use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point};
 use std::collections::BTreeSet;
 
@@ -20,13 +22,12 @@ const EQUALLY_GOOD: f64 = 2.0;
 const TRIED_THOROUGHLY: usize = 8;
 /// Minimum number of distinct poses for refusing a set that nothing explains.
 const FEWEST_POSES: usize = 5;
+/// A joint that moves less than this shows no direction, rad (20°).
+const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 /// Maximum number of joints for trying all signs.
 const MOST_JOINTS: usize = 7;
 /// Minimum number of distinct poses for telling that other signs fit as well.
 const FEWEST_FOR_SIGNS: usize = 12;
-/// Zero errors of a joint below this are not reported, degrees.
-const OFFSET_DEG: f64 = 0.3;
-
 /// A set that the nominal robot does not fit.
 pub(super) struct Suspect<'a> {
     robot: &'a Robot,
@@ -38,49 +39,6 @@ pub(super) struct Suspect<'a> {
     pub fits_mm: f64,
     /// See `fits_mm`.
     pub near_mm: f64,
-}
-
-/// A possible cause, and how well the robot then fits.
-pub(super) struct Supposed {
-    pub what: What,
-    pub rms_mm: f64,
-    /// A hypothesis about the file that looks the same.
-    or: Option<Hypothesis>,
-    /// A joint convention that looks the same as a left-handed file.
-    or_joints: Option<Box<Convention>>,
-    /// Joint zero errors in addition.
-    zeros: Option<Zeroed>,
-}
-
-pub(super) enum What {
-    File(Hypothesis),
-    Joints(Box<Convention>),
-}
-
-impl What {
-    /// True for a convention with zeros shifted by quarter turns.
-    pub fn is_turned(&self) -> bool {
-        matches!(self, Self::Joints(convention) if convention.is_turned())
-    }
-
-    /// True for a convention whose first zero is shifted by quarter turns, which looks like a turned base frame.
-    pub fn turns_first_joint(&self) -> bool {
-        matches!(self, Self::Joints(convention) if convention.quarter_turns.first().is_some_and(|turns| *turns > 0))
-    }
-
-    /// Order of likelihood: of the causes that fit equally well, the one with the smallest rank is reported. A left-handed frame and a maker's signs
-    /// look the same on most arms, and makers do use these signs. Turned zeros are rarer than exchanged columns.
-    fn rank(&self, frame: Frame) -> usize {
-        match self {
-            Self::File(Hypothesis::Units { .. }) => 0,
-            Self::File(Hypothesis::Robot(_)) => 5,
-            Self::File(Hypothesis::PositionColumns(_)) if frame == Frame::Base => 1,
-            Self::File(file) if file.is_left_handed() => 3,
-            Self::File(_) => 1,
-            Self::Joints(_) if frame == Frame::Base && self.is_turned() => 4,
-            Self::Joints(_) => 2,
-        }
-    }
 }
 
 impl<'a> Suspect<'a> {
@@ -291,14 +249,25 @@ impl<'a> Suspect<'a> {
         }
     }
 
-    /// Other signs with which the points fit as well, because the arm is symmetric: turning the base by 180° has the effect of reversing joints. `None`
-    /// for few points, which several conventions fit by chance.
+    /// Other signs with which the points fit as well, because the arm is symmetric: turning a free base by 180° has the effect of reversing joints.
+    /// `None` for few points, which several conventions fit by chance.
     fn other_signs(&self, convention: &Convention, rms_mm: f64) -> Option<Convention> {
         let n = self.robot.links.len();
         let is_simple = convention.coupling == 0.0 && !convention.is_turned();
-        if !is_simple || n > MOST_JOINTS || self.n_poses() < FEWEST_FOR_SIGNS {
+        let is_few = self.n_poses() < FEWEST_FOR_SIGNS;
+        if self.frame == Frame::Base || !is_simple || n > MOST_JOINTS || is_few {
             return None;
         }
+        // points do not show the direction of a joint that hardly moves; that of the last one alone is told separately
+        let moves = |joint: usize| {
+            let values = self.observations.iter().map(|o| o.q_rad[joint]);
+            let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| {
+                (low.min(q), high.max(q))
+            });
+            high - low >= SMALL_JOINT_RANGE_RAD
+        };
+        let moving: usize = (0..n).map(|joint| usize::from(moves(joint)) << joint).sum();
+        let last = 1 << (n - 1);
         let with = |pattern: usize| Convention {
             reversed: (0..n)
                 .map(|joint| convention.reversed[joint] ^ (pattern >> joint & 1 == 1))
@@ -310,35 +279,25 @@ impl<'a> Suspect<'a> {
             quickly_placed(&self.robot.links, &points, self.frame)
                 .is_some_and(|found| found.rms_mm <= EQUALLY_GOOD * rms_mm)
         };
-        // the direction of the last joint alone is told separately
-        let last = 1 << (n - 1);
         (1..1 << n)
-            .filter(|pattern| *pattern != last)
+            .filter(|pattern| *pattern != last && pattern & !moving == 0)
             .map(with)
             .filter(|other| other.complexity() > 0)
             .find(fits)
     }
 
     /// The refusal if another frame and another joint convention fit equally well.
-    pub fn frame_or_joints(&self, free: &Fitted, supposed: &Supposed) -> Explanation {
-        let What::Joints(convention) = &supposed.what else {
-            return self.frame(free, "");
+    pub fn frame_or_joints(&self, free: &Fitted, convention: &Convention) -> Explanation {
+        let frame = match self.frame(free, "") {
+            Explanation::Refusal(suspicion) => suspicion.detail,
+            Explanation::Warning { detail, .. } => detail,
         };
-        let or = format!(
-            ". It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one the base is turned",
+        let detail = format!(
+            "{frame}. It fits as well if {}: then the robot's joint_map is {}. Look at the controller which of both it is: with the wrong one the base is turned",
             convention.words(),
             in_words(&convention.joint_map(self.robot))
         );
-        match self.frame(free, "") {
-            Explanation::Refusal(suspicion) => Explanation::Refusal(Suspicion {
-                detail: suspicion.detail + &or,
-                ..suspicion
-            }),
-            Explanation::Warning { code, detail } => Explanation::Warning {
-                code,
-                detail: detail + &or,
-            },
-        }
+        Explanation::Refusal(suspicion("frame_suspect", None, detail))
     }
 
     /// True if the points would fit worse with the last joint reversed.
@@ -466,50 +425,4 @@ fn suspicion(code: &'static str, columns: Option<String>, detail: String) -> Sus
         detail,
         joint_map: None,
     }
-}
-
-/// A length as text: to a tenth of a millimetre, or with three digits if it is smaller.
-fn mm(length_mm: f64) -> String {
-    let digits = [10.0, 1.0, 0.1, 0.01]
-        .iter()
-        .filter(|from| length_mm < **from)
-        .count();
-    format!("{length_mm:.0$}", digits + 1)
-}
-
-/// The joints whose zeros are off, with their zero errors.
-fn offsets(zeros: &Zeroed) -> Option<String> {
-    let words: Vec<String> = zeros
-        .offsets_rad
-        .iter()
-        .zip(1..)
-        .map(|(offset_rad, joint)| (offset_rad.to_degrees(), joint))
-        .filter(|(offset_deg, _)| offset_deg.abs() > OFFSET_DEG)
-        .map(|(offset_deg, joint)| format!("{offset_deg:+.2}° (joint {joint})"))
-        .collect();
-    (!words.is_empty()).then(|| words.join(", "))
-}
-
-/// A joint map in the form of a robot's JSON.
-fn in_words(map: &JointMap) -> String {
-    let list = |values: &mut dyn Iterator<Item = f64>| {
-        let numbers: Vec<String> = values.map(|value| format!("{value}")).collect();
-        format!("[{}]", numbers.join(", "))
-    };
-    let rows: Vec<String> = map
-        .coupling
-        .row_iter()
-        .map(|row| list(&mut row.iter().copied()))
-        .collect();
-    format!(
-        "{{\"sign\": {}, \"offset_deg\": {}, \"coupling\": [{}]}}",
-        list(&mut map.sign.iter().copied()),
-        list(&mut map.offset_rad.iter().map(|offset| rounded_deg(*offset))),
-        rows.join(", ")
-    )
-}
-
-/// Degrees, without the rounding errors of the conversion from radians.
-fn rounded_deg(rad: f64) -> f64 {
-    (rad.to_degrees() * 1e9).round() / 1e9
 }
