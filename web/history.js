@@ -67,10 +67,14 @@ export async function past({ sets, active }, signal) {
   return shown.map((set, i) => ({ set, report: reports[i] }));
 }
 
-/** Time of a job or a set on the axis. */
-export const timeOf = (thing) => Date.parse(thing.created_at);
+/** Time on the axis of a job or a set, with its report: when it was measured or, where the upload did not say it, computed. */
+const timeOf = (thing, report) => Date.parse(report.measured_at ?? thing.created_at);
 /** Which time the axis has. */
-const TIMES = "Time: when it was uploaded and computed, not when it was measured.";
+function timeWords(reports) {
+  const n = reports.filter(({ report }) => report.measured_at).length;
+  if (n === reports.length) return "Time: when it was measured.";
+  return n > 0 ? "Time: when it was measured; where the upload did not say it, when it was computed." : "Time: when it was computed; no upload says when it was measured.";
+}
 
 /** Errors on the verify points or, if there are none, on the fitted points. */
 export const best = (report) => report.verify ?? report.identify;
@@ -91,26 +95,26 @@ function scaled(entries) {
 export function errorHistory(entries, sessions) {
   const shown = scaled(entries);
   const beyond = entries.length - shown.length;
-  const scored = (those) => those.filter(({ report }) => best(report).n_points > 0).map(({ job, report }) => ({ at: timeOf(job), rms: best(report).after.rms_mm, isAgainst: foundAgainst(report) !== undefined, words: verifiedWords(job, report, entries) }));
+  const scored = (those) => those.filter(({ report }) => best(report).n_points > 0).map(({ job, report }) => ({ at: timeOf(job, report), rms: best(report).after.rms_mm, isAgainst: foundAgainst(report) !== undefined, words: verifiedWords(job, report, entries) }));
   const later = scored(sessions.filter(({ report }) => counts(report)));
   const misfits = scored(sessions.filter(({ report }) => !counts(report)));
-  const onAxis = [...entries.map(({ set }) => timeOf(set)), ...[...later, ...misfits].map(({ at }) => at)];
-  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? ` A round mark is a later session that a set was scored on${later.some(({ isAgainst }) => isAgainst) ? "; a red one speaks against the set" : ""}.` : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}${misfits.length > 0 ? " A triangle is a session that does not fit the robot; beyond the scale it stands at its upper edge." : ""} ${TIMES}`;
+  const onAxis = [...entries.map(({ set, report }) => timeOf(set, report)), ...[...later, ...misfits].map(({ at }) => at)];
+  const caption = `Position error (rms) of each calibration on its own verify points, before and after. A filled square was released, a hollow one was not.${later.length > 0 ? ` A round mark is a later session that a set was scored on${later.some(({ isAgainst }) => isAgainst) ? "; a red one speaks against the set" : ""}.` : ""}${beyond > 0 ? ` Withdrawn sets and those far beyond the others (${beyond}) do not stretch the scale; they stand at its edge.` : ""}${misfits.length > 0 ? " A triangle is a session that does not fit the robot; beyond the scale it stands at its upper edge." : ""} ${timeWords([...entries, ...sessions])}`;
   let told = [];
   const chart = figure("Error over time", caption, 260, (width, height) => {
     const values = [...shown.flatMap(({ report }) => [best(report).before.rms_mm, Math.max(SMALLEST_MM, best(report).after.rms_mm)]), ...later.map(({ rms }) => Math.max(SMALLEST_MM, rms))];
     const log = Math.max(...values) > 40 * Math.min(...values);
     const frame = axes(width, height, times(onAxis), { ...range(values, log ? { log } : { zero: true }), label: "rms, mm" });
     const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(Math.max(v, SMALLEST_MM))));
-    told = [...entries.map(({ set, report }) => [frame.x(timeOf(set)), [el("strong", {}, when(timeOf(set))), `: ${errorWords(set, report)}`]]), ...[...later, ...misfits].map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
+    told = [...entries.map(({ set, report }) => [frame.x(timeOf(set, report)), [el("strong", {}, when(timeOf(set, report))), `: ${errorWords(set, report)}`]]), ...[...later, ...misfits].map(({ at, words }) => [frame.x(at), [el("strong", {}, when(at)), `: ${words}`]])].sort(([a], [b]) => a - b);
     const marks = entries.map(({ set, report }) => {
       const { before, after } = best(report);
-      const x = frame.x(timeOf(set));
+      const x = frame.x(timeOf(set, report));
       const isBeyond = !shown.some((entry) => entry.set.id === set.id);
       return svg(isBeyond ? "g.beyond" : "g", {}, svg("line.before-line", { x1: x, x2: x, y1: within(before.rms_mm), y2: within(after.rms_mm) }),
         svg("circle.before", { cx: x, cy: within(before.rms_mm), r: 4 }),
         square(x, within(after.rms_mm), set.status),
-        svg("title", {}, `${when(timeOf(set))}: ${errorWords(set, report)}`));
+        svg("title", {}, `${when(timeOf(set, report))}: ${errorWords(set, report)}`));
     });
     return [frame.nodes, marks, misfits.map(({ at, rms, words }) => svg("g", {}, triangle(frame.x(at), within(rms)), svg("title", {}, `${when(at)}: ${words}`))), later.map(({ at, rms, isAgainst, words }) => svg("g", {}, svg(isAgainst ? "circle.misfit" : "circle.scored", { cx: frame.x(at), cy: within(rms), r: 4.5 }), svg("title", {}, `${when(at)}: ${words}`)))];
   }, legend([["before", "before: nominal robot"], ["after", "after: identified robot"], ...later.length > 0 ? [["scored", "on a later session"]] : [], ...misfits.length > 0 ? [["misfit", "session that does not fit"]] : []]));
@@ -149,7 +153,7 @@ export function parameterHistory(entries) {
   const choice = el("select", { id: "history-parameter", change: (event) => { chosen = event.target.value; chart.redraw(); } },
     names.map((name) => el("option", { value: name }, `${parameter(name)}  (${name})`)));
   const isMoved = entries.length > 1 && jump(entries, names[0]) > 1;
-  const caption = `${isMoved ? "Those that moved most come first. " : ""}Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone. ${TIMES}`;
+  const caption = `${isMoved ? "Those that moved most come first. " : ""}Identified minus nominal value, with twice its standard uncertainty where one is stated. Hollow: the data of that set could not see it alone. ${timeWords(entries)}`;
   const chart = figure("Parameter over time", caption, 260, (width, height) => drawParameter(width, height, entries, chosen, told),
     el("p", {}, el("label", { for: "history-parameter" }, "Parameter"), choice));
   return answering(chart, () => told);
@@ -170,11 +174,11 @@ function drawParameter(width, height, entries, name, told) {
   const usual = entries.map(({ set }, i) => (set.status === "withdrawn" ? null : rows[i])).filter(Boolean);
   const ends = (usual.length > 0 ? usual : known).flatMap((p) => [p.delta - 2 * (p.std_uncertainty ?? 0), p.delta + 2 * (p.std_uncertainty ?? 0)]);
   const y = range(ends, { zero: true, pad: 0.1 });
-  const at = (i) => timeOf(entries[i].set);
+  const at = (i) => timeOf(entries[i].set, entries[i].report);
   const decimals = decimalsOf(ticks(y, 4));
-  const frame = axes(width, height, times(entries.map(({ set }) => timeOf(set))), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
+  const frame = axes(width, height, times(entries.map(({ set, report }) => timeOf(set, report))), { ...y, label: `change, ${unit}`, format: (v) => signed(v, decimals) });
   const within = (v) => Math.max(frame.top, Math.min(frame.bottom, frame.y(v)));
-  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(at(i))), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean));
+  told.splice(0, Infinity, ...rows.map((p, i) => p && [frame.x(at(i)), [el("strong", {}, when(at(i))), `: ${signed(p.delta, 5)} ${unit}${p.std_uncertainty ? ` ± ${p.std_uncertainty.toPrecision(2)} (one standard deviation)` : ""}, ${entries[i].set.status}`]]).filter(Boolean).sort(([a], [b]) => a - b));
   const marks = rows.map((p, i) => p && svg("g", {},
     p.std_uncertainty && svg("line.whisker", { x1: frame.x(at(i)), x2: frame.x(at(i)), y1: within(p.delta - 2 * p.std_uncertainty), y2: within(p.delta + 2 * p.std_uncertainty) }),
     svg(p.identifiable ? "circle.mark" : "circle.unseen", { cx: frame.x(at(i)), cy: within(p.delta), r: 4.5 }),

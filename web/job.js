@@ -49,7 +49,7 @@ function asked(job, verified) {
 function head(job, robot, set, verified) {
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
-    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${set.frame === "base" ? "robot base" : "instrument"} frame${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}) · begun ${when(job.created_at)} · `, asked(job, verified))),
+    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${set.frame === "base" ? "robot base" : "instrument"} frame${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; measured ${when(set.record.measured_at)}` : ""}) · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", { "data-state": job.id }, statusBadge(job.status)));
 }
 

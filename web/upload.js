@@ -42,7 +42,8 @@ function uploadForm(context) {
   const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", usual !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", usual === "instrument"));
   const instrument = instrumentForm(frames);
   const stated = statedForm(context.robot);
-  const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read(), ...stated.read() });
+  const record = recordForm();
+  const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read(), ...stated.read(), ...record.read() });
   // the next file is most likely of the same frame
   context.framed = (frame) => { frames.querySelector(`[value=${frame}]`).checked = true; };
   const take = async (chosen) => {
@@ -61,7 +62,7 @@ function uploadForm(context) {
     over(false)(event);
     take(event.dataTransfer.files);
   });
-  return el("div", {}, frames, instrument.node, stated.node, drop, out);
+  return el("div", {}, frames, instrument.node, stated.node, record.node, drop, out);
 }
 
 /** How angles of a measured rotation are written: the convention of the columns, and the words. */
@@ -79,6 +80,17 @@ function statedForm(robot) {
   const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
     el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table"))));
   const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value]].filter(([, value]) => value !== ""));
+  return { node, read };
+}
+
+/** When, by whom and with what the session was measured, for the report. */
+function recordForm() {
+  const at = el("input", { id: "record-measured-at", type: "datetime-local" });
+  const texts = [["instrument_name", "Instrument: maker, model, serial number"], ["instrument_certificate", "Its certificate: number, valid until"], ["operator", "Measured by"]].map(([name, label]) => [name, label, el("input", { id: `record-${name}`, type: "text", maxlength: 200 })]);
+  const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
+  const node = el("details", {}, el("summary", {}, "For the quality record: when, with what and by whom it was measured"), el("p.note", {}, "The report prints it, and the figures over time stand at this time. Nothing is computed from it."),
+    el("div.fields", {}, field(at, "Measured on"), texts.map(([, label, input]) => field(input, label))));
+  const read = () => ({ ...at.value ? { measured_at: new Date(at.value).toISOString() } : {}, ...Object.fromEntries(texts.map(([name, , input]) => [name, input.value.trim()]).filter(([, text]) => text !== "")) });
   return { node, read };
 }
 

@@ -1,6 +1,6 @@
 //! `kincal calibrate`: identifies a robot offline, without server and database.
 
-use super::files::{cannot_be_used, fault, parse_json, read};
+use super::files::{cannot_be_used, fault, faults, parse_json, read};
 
 use super::measured::{TableOptions, in_words as understood_in_words, read_measured};
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
@@ -99,6 +99,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .collect::<anyhow::Result<_>>()?;
     let all = || std::iter::once(&first).chain(&further);
     let insisted_on = all().find_map(|session| session.insisted_on);
+    let record = arguments.set_options.record.record().checked();
+    let record = record.map_err(|invalid| Usage(faults(&invalid.issues, None)))?;
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -106,6 +108,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         n_configurations: first.set.configurations().len(),
         sha256: &first.sha256,
         instrument: arguments.set_options.noise.instrument(),
+        record: record.as_ref(),
     };
     let parts = JobParts {
         robot,
@@ -140,7 +143,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }
-    let report = calibrated.report(OFFLINE, None, false, insisted_on)?;
+    let mut report = calibrated.report(OFFLINE, None, false, insisted_on)?;
+    report.measured_at = record
+        .as_ref()
+        .and_then(|record| record.measured_at.clone());
     if let Some(path) = &arguments.html {
         let convergence = calibrated.convergence();
         let sources = Sources {

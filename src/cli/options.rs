@@ -7,6 +7,7 @@ use crate::wire::job::{
     VerifyBody,
 };
 use crate::wire::measurement::Frame;
+use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use std::path::PathBuf;
 
@@ -21,6 +22,37 @@ pub struct SetOptions {
     pub insist: Option<Insist>,
     #[command(flatten)]
     pub noise: NoiseOptions,
+    #[command(flatten)]
+    pub record: RecordOptions,
+}
+
+/// When, by whom and with what a session was measured, for its report.
+#[derive(Debug, clap::Args)]
+pub struct RecordOptions {
+    /// When the session was measured, e.g. 2026-03-01T08:15:30Z.
+    #[arg(long, env = "KINCAL_MEASURED_AT", value_name = "TIME")]
+    pub measured_at: Option<String>,
+    /// Instrument: maker, model, serial number.
+    #[arg(long, env = "KINCAL_INSTRUMENT_NAME", value_name = "TEXT")]
+    pub instrument_name: Option<String>,
+    /// Certificate of the instrument: number, valid until.
+    #[arg(long, env = "KINCAL_INSTRUMENT_CERTIFICATE", value_name = "TEXT")]
+    pub instrument_certificate: Option<String>,
+    /// Who measured.
+    #[arg(long, env = "KINCAL_OPERATOR", value_name = "TEXT")]
+    pub operator: Option<String>,
+}
+
+impl RecordOptions {
+    /// The record, as it is stated.
+    pub fn record(&self) -> SessionRecord {
+        SessionRecord {
+            measured_at: self.measured_at.clone(),
+            instrument_name: self.instrument_name.clone(),
+            instrument_certificate: self.instrument_certificate.clone(),
+            operator: self.operator.clone(),
+        }
+    }
 }
 
 /// Noise and level of an instrument at the origin of the measuring frame.

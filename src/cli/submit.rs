@@ -242,6 +242,8 @@ async fn upload(
             .iter()
             .map(|name| ("reference", name.clone())),
     );
+    let record = arguments.set_options.record.record();
+    parameters.extend(record.parameters());
     let serial_number = arguments.serial_number.clone();
     parameters.extend(serial_number.map(|text| ("serial_number", text)));
     if files.content_type != "application/json" {

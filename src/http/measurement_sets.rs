@@ -23,6 +23,7 @@ use crate::wire::measurement::{
 use crate::wire::multipart::{FileBytes, UploadForm};
 use crate::wire::page::Page;
 use crate::wire::robot::{MAX_NAME, Robot, RobotBody};
+use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use crate::wire::time::rfc3339;
 use crate::wire::understood::Reading;
@@ -73,8 +74,31 @@ pub struct UploadQuery {
     /// Name of a reference of the robot that the instrument measured (`POST …/references`); its newest version counts.
     #[param(min_length = 1, max_length = 200)]
     reference: Option<String>,
+    /// When the session was measured: RFC 3339. It is shown in place of the time of the upload.
+    #[param(example = "2026-03-01T08:15:30Z")]
+    measured_at: Option<String>,
+    /// Instrument, for quality records: maker, model, serial number.
+    #[param(min_length = 1, max_length = 200)]
+    instrument_name: Option<String>,
+    /// Certificate of the instrument, for quality records: number, valid until.
+    #[param(min_length = 1, max_length = 200)]
+    instrument_certificate: Option<String>,
+    /// Who measured, for quality records.
+    #[param(min_length = 1, max_length = 200)]
+    operator: Option<String>,
     /// Mapping of the columns of a table: in JSON, or the name of a mapping that the robot has (`PUT …/columns/{name}`).
     columns: Option<String>,
+}
+
+impl UploadQuery {
+    fn record(&self) -> SessionRecord {
+        SessionRecord {
+            measured_at: self.measured_at.clone(),
+            instrument_name: self.instrument_name.clone(),
+            instrument_certificate: self.instrument_certificate.clone(),
+            operator: self.operator.clone(),
+        }
+    }
 }
 
 /// A parsed upload.
@@ -133,6 +157,7 @@ pub async fn create(
         Some(name) => Some(references::named(&app, &robot_id, name).await?),
         None => None,
     };
+    let record = query.record().checked()?;
     let mut upload = app
         .compute(submission.caller.class, move || {
             parse_upload(&robot, &bytes, content_type, &columns, query)
@@ -140,6 +165,9 @@ pub async fn create(
         .await?;
     if reference.is_some() {
         upload.reading.get_or_insert_default().reference = reference;
+    }
+    if record.is_some() {
+        upload.reading.get_or_insert_default().record = record;
     }
     let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
@@ -386,6 +414,7 @@ impl TryFrom<&MeasurementSetRow> for SetSummary {
             joined: reading.joined,
             instrument: reading.instrument,
             reference: reading.reference,
+            record: reading.record,
             archived_at: row.archived_at_ms.map(rfc3339),
         })
     }

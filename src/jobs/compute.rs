@@ -106,15 +106,22 @@ impl JobInputs {
     /// Names columns of the fitted sets that are not read and may say which reflector or set-up a row is of.
     pub fn unread_labels(&self) -> Option<String> {
         let mut sets = std::iter::once(&self.set).chain(&self.further_sets);
-        sets.find_map(|set| {
-            let reading = set.row.reading_json.as_deref()?;
-            let reading: Reading = serde_json::from_str(reading).ok()?;
-            reading.unread_labels()
-        })
+        sets.find_map(|set| set.stated_reading()?.unread_labels())
+    }
+
+    /// When the session was measured, if its upload states it.
+    pub fn measured_at(&self) -> Option<String> {
+        self.set.stated_reading()?.record?.measured_at
     }
 }
 
 impl MeasurementSetInput {
+    /// How the upload was interpreted. One that cannot be parsed fails the job when its points are parsed.
+    fn stated_reading(&self) -> Option<Reading> {
+        let reading = self.row.reading_json.as_deref()?;
+        serde_json::from_str(reading).ok()
+    }
+
     /// Reads a stored set.
     ///
     /// # Errors
@@ -338,10 +345,7 @@ async fn load_references(
 ) -> Result<Vec<NamedDocumentRow>> {
     let mut references = Vec::new();
     for set in std::iter::once(set).chain(further_sets) {
-        let reading = set.row.reading_json.as_deref();
-        // a reading that cannot be parsed fails the job when its points are parsed
-        let reading = reading.and_then(|text| serde_json::from_str::<Reading>(text).ok());
-        if let Some(reference) = reading.and_then(|reading| reading.reference) {
+        if let Some(reference) = set.stated_reading().and_then(|reading| reading.reference) {
             references.push(named_documents::get(store, &reference.id).await?);
         }
     }

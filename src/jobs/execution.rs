@@ -78,7 +78,7 @@ fn outcome(
     is_another_session: bool,
     facts: impl FnOnce(&Report) -> Verification,
 ) -> Result<JobOutcome, JobFailure> {
-    let report = calibrated
+    let mut report = calibrated
         .report(
             &inputs.job.id,
             inputs.job.parameter_set_input_id.as_deref(),
@@ -86,6 +86,7 @@ fn outcome(
             insisted_on(inputs),
         )
         .map_err(JobFailure::broken)?;
+    report.measured_at = inputs.measured_at();
     let report_json = serde_json::to_string(&report).map_err(JobFailure::broken)?;
     Ok(JobOutcome {
         summary_json: summary_json(&report_json).map_err(JobFailure::broken)?,

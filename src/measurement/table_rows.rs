@@ -28,15 +28,15 @@ pub(super) struct Rows {
     pub(super) issues: Vec<(Issue, Option<usize>)>,
     pub(super) n_skipped: usize,
     n_rows: usize,
-    /// Number of rows that begin with a number.
+    /// Number of other rows that begin with a number.
     n_numbered: usize,
     /// For each column, the cells with and without its unit behind the number.
     with_unit: Vec<UnitsOfCells>,
-    /// Rows that begin with the name of a statistic.
+    /// Rows that have the name of a statistic in front of their numbers.
     summaries: Vec<Summary>,
 }
 
-/// A row that begins with the name of a statistic.
+/// A row that has the name of a statistic in front of its numbers.
 struct Summary {
     row: usize,
     line: usize,
@@ -64,17 +64,24 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// The cell with which a row begins, if it may be the name of a statistic, and whether it is read as a label.
-    fn first<'r>(&self, row: &'r csv::StringRecord) -> Option<(&'r str, bool)> {
-        let mut cells = row.iter().enumerate();
-        let (place, first) = cells.find(|(_, cell)| !cell.trim().is_empty())?;
-        let read = self.places.iter().position(|read| *read == place);
-        let is_label = match read.map(|at| self.columns[at]) {
-            None => false,
-            Some(Column::Configuration | Column::Station | Column::Session) => true,
-            Some(_) => return None,
-        };
-        Some((first.trim(), is_label))
+    /// The cells in front of the first number that is read, and whether each is read as a label. One of them may be the name of a statistic.
+    fn leading_cells<'r>(
+        &self,
+        row: &'r csv::StringRecord,
+    ) -> impl Iterator<Item = (&'r str, bool)> {
+        let filled = row
+            .iter()
+            .enumerate()
+            .filter(|(_, cell)| !cell.trim().is_empty());
+        filled.map_while(|(place, cell)| {
+            let read = self.places.iter().position(|read| *read == place);
+            let is_label = match read.map(|at| self.columns[at]) {
+                None => false,
+                Some(Column::Configuration | Column::Station | Column::Session) => true,
+                Some(_) => return None,
+            };
+            Some((cell.trim(), is_label))
+        })
     }
 }
 
@@ -100,7 +107,7 @@ impl Rows {
         }
     }
 
-    /// Refuses rows that begin with the name of a statistic, if they are less than a quarter of all rows, or if all others begin with a number. In other
+    /// Refuses rows that have the name of a statistic in front of their numbers, if they are less than a quarter of all rows, or if all others begin with a number. In other
     /// files the word is part of a normal column.
     fn refuse_summaries(&mut self) {
         let is_numbered =
@@ -115,7 +122,7 @@ impl Rows {
             } = found;
             if is_numbered || is_rare && !is_label {
                 let detail = format!(
-                    "row {row} begins with {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
+                    "row {row} has the name {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
                 );
                 self.issue(Some(row), Some(line), "summary_row", detail);
             }
@@ -293,16 +300,17 @@ impl Rows {
         );
         self.issues
             .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
-        if let Some((first, is_label)) = layout.first(&row.cells) {
-            self.n_numbered += usize::from(is_numeric(first));
-            if is_statistic(first) {
-                self.summaries.push(Summary {
-                    row: index,
-                    line: row.line,
-                    word: first.to_owned(),
-                    is_label,
-                });
-            }
+        let leading: Vec<(&str, bool)> = layout.leading_cells(&row.cells).collect();
+        let statistic = leading.iter().find(|(cell, _)| is_statistic(cell));
+        if let Some((word, is_label)) = statistic {
+            self.summaries.push(Summary {
+                row: index,
+                line: row.line,
+                word: (*word).to_owned(),
+                is_label: *is_label,
+            });
+        } else if leading.first().is_some_and(|(cell, _)| is_numeric(cell)) {
+            self.n_numbered += 1;
         }
         if let Some(point) = point {
             self.points.push(point);

@@ -2,11 +2,13 @@
 //! signature.
 
 use super::Sources;
-use super::text::{error, number};
+use super::text::{error, number, time};
+use crate::wire::corrections::PayloadBody;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::measurement::Frame;
 use crate::wire::reference::ReferenceReport;
 use crate::wire::robot::{MountingBody, NamedMounting};
+use crate::wire::session_record::SessionRecord;
 use maud::{Markup, html};
 
 /// What the values refer to, and the comparison with the tolerance.
@@ -17,11 +19,13 @@ pub fn statement(sources: &Sources<'_>) -> Markup {
             dl.facts {
                 div { dt { "Quantity" } dd { (quantity(sources)) } }
                 div { dt { "Frame" } dd { (frame(sources)) } }
+                @if let Some(record) = sources.set.record { div { dt { "Measured" } dd { (measured(record)) } } }
                 @if let Some(stated) = &sources.set.instrument { div { dt { "Instrument, as stated" } dd { (instrument(stated)) } } }
                 @if let Some(found) = &sources.report.reference { div { dt { "Instrument, by its reference" } dd { (reference(found)) } } }
                 div { dt { "Tool" } dd { (tool(sources)) } }
                 div { dt { "Points" } dd { (points(sources)) } }
                 div { dt { "Tolerance" } dd { (tolerance(sources)) } }
+                @if let Some(payload) = payload(sources) { div { dt { "Payload, as stated" } dd { (payload_words(&payload)) } } }
                 @if sources.robot.mounting.is_some() { div { dt { "Mounting, as stated" } dd { (mounting(sources)) } } }
             }
         }
@@ -52,6 +56,20 @@ fn reference(found: &ReferenceReport) -> String {
         "lengths {:+.1} ppm, standard uncertainty {:.1} ppm: {:.4} mm at the arm's reach, part of the uncertainty of the tool; positions are not corrected for it",
         found.scale_error_ppm, found.scale_std_ppm, found.at_reach_std_mm
     )
+}
+
+fn measured(record: &SessionRecord) -> String {
+    let certificate = record.instrument_certificate.as_deref();
+    let certificate = certificate.map_or(String::new(), |text| format!(", certificate {text}"));
+    let instrument = record.instrument_name.as_deref();
+    let instrument = instrument.map(|name| format!("with {name}{certificate}"));
+    let words = [
+        record.measured_at.as_deref().map(time),
+        record.operator.as_deref().map(|name| format!("by {name}")),
+        instrument,
+    ];
+    let words: Vec<String> = words.into_iter().flatten().collect();
+    words.join("; ")
 }
 
 fn instrument(stated: &InstrumentBody) -> String {
@@ -138,6 +156,18 @@ fn tolerance(sources: &Sources<'_>) -> Markup {
     }
 }
 
+fn payload(sources: &Sources<'_>) -> Option<PayloadBody> {
+    sources.job?.request.payload
+}
+
+fn payload_words(payload: &PayloadBody) -> String {
+    let [x, y, z] = payload.centre_mm.map(number);
+    format!(
+        "{} kg, centre at {x}, {y}, {z} mm in the flange frame",
+        number(payload.mass_kg)
+    )
+}
+
 fn mounting(sources: &Sources<'_>) -> String {
     match sources.robot.mounting {
         Some(MountingBody::Named(NamedMounting::Floor)) => "on the floor".into(),
@@ -164,14 +194,27 @@ pub fn signature(sources: &Sources<'_>) -> Markup {
         };
         Some((by, set.release_reason.as_deref()?))
     });
+    let record = sources.set.record.cloned().unwrap_or_default();
+    let blanks = [
+        (
+            "Instrument, serial number",
+            record.instrument_name.is_none(),
+        ),
+        (
+            "Its certificate, valid until",
+            record.instrument_certificate.is_none(),
+        ),
+        ("Operator", record.operator.is_none()),
+        ("Payload while measuring", payload(sources).is_none()),
+        ("Place and date", true),
+        ("Checked by, signature", true),
+    ];
     html! {
         section.signature {
             h2 { "Responsibility" }
             @if let Some((by, reason)) = released { p.note { "Released with the key " (by) ": " (reason) } }
             div.blanks {
-                @for name in ["Instrument, serial number", "Its certificate, valid until", "Operator", "Payload while measuring", "Place and date", "Checked by, signature"] {
-                    div { (name) }
-                }
+                @for (name, is_blank) in blanks { @if is_blank { div { (name) } } }
             }
         }
     }

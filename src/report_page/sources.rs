@@ -6,6 +6,7 @@ use crate::wire::measurement::{Frame, SetSummary};
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
+use crate::wire::session_record::SessionRecord;
 use crate::wire::verification::Verification;
 
 /// The measurement set.
@@ -23,6 +24,8 @@ pub struct MeasuredSet<'a> {
     pub sha256: &'a str,
     /// What its instrument states.
     pub instrument: Option<InstrumentBody>,
+    /// When, by whom and with what it was measured.
+    pub record: Option<&'a SessionRecord>,
 }
 
 impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
@@ -34,6 +37,7 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
             n_configurations: set.n_configurations,
             sha256: &set.sha256,
             instrument: set.instrument,
+            record: set.record.as_ref(),
         }
     }
 }

@@ -16,6 +16,7 @@ use crate::wire::point::TimeCheck;
 pub use crate::wire::point::{MAX_JOINT_VALUE_DEG, PointBody};
 use crate::wire::reference::SetReference;
 use crate::wire::robot::MAX_NAME;
+use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use crate::wire::table_upload::{self, Files, StoredTable, UploadOptions};
 use crate::wire::time::is_rfc3339;
@@ -93,6 +94,9 @@ pub struct SetSummary {
     /// The reference that the instrument measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<SetReference>,
+    /// When, by whom and with what the session was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub record: Option<SessionRecord>,
     /// When it was archived: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,

@@ -51,6 +51,7 @@ pub mod robot;
 pub mod robot_model;
 pub mod robot_patch;
 pub mod safetensors;
+pub mod session_record;
 pub mod sessions;
 pub mod suspicion;
 pub mod table_preview;

@@ -59,6 +59,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
     Report {
         job_id: run.job_id.into(),
         parameter_set_from: run.parameter_set_from.map(Into::into),
+        measured_at: None,
         method: core.method,
         method_reason: core.method_reason.clone(),
         model: core.model,
@@ -138,6 +139,7 @@ fn result_sha256(
             ![
                 "job_id",
                 "parameter_set_from",
+                "measured_at",
                 "duration_ms",
                 "result_sha256",
                 "changed",

@@ -18,6 +18,9 @@ pub struct Report {
     /// the nominal robot was verified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameter_set_from: Option<String>,
+    /// When the session was measured, if its upload states it: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_at: Option<String>,
     /// The method that was used.
     pub method: Method,
     /// Reason why this method was used.

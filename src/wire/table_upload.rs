@@ -103,10 +103,8 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
     if files.files.len() == 1 {
         let content = read(0)?;
         let reading = Reading {
-            reference: None,
             understood: Some(UnderstoodBody::from(&content.understood)),
-            joined: None,
-            instrument: None,
+            ..Reading::default()
         };
         return Ok((MeasurementSet::new(options.frame, content.points), reading));
     }
@@ -123,14 +121,12 @@ fn joined(
     let (points, found) = join(robot, instrument, how)
         .map_err(|error| invalid(vec![Issue::at("/join", error.code, error.detail)]))?;
     let reading = Reading {
-        reference: None,
-        understood: None,
         joined: Some(JoinedFiles {
             robot: UnderstoodBody::from(&robot.understood),
             instrument: UnderstoodBody::from(&instrument.understood),
             join: JoinBody::from(&found),
         }),
-        instrument: None,
+        ..Reading::default()
     };
     Ok((MeasurementSet::new(frame, points), reading))
 }

@@ -40,9 +40,15 @@ pub fn is_rfc3339(text: &str) -> bool {
     head.iter().zip(SHAPE).all(fits) && is_zone && text.parse::<jiff::Timestamp>().is_ok()
 }
 
+/// The same time in UTC, as [`rfc3339`] writes it; `None` if the text is no time in RFC 3339 format.
+pub fn in_utc(text: &str) -> Option<String> {
+    let time = is_rfc3339(text).then(|| text.parse::<jiff::Timestamp>().ok())??;
+    Some(rfc3339(time.as_millisecond()))
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{is_rfc3339, rfc3339};
+    use super::{in_utc, is_rfc3339, rfc3339};
 
     #[test]
     fn a_time_has_a_date_seconds_and_its_distance_from_utc() {
@@ -80,5 +86,8 @@ mod tests {
     fn times_are_rfc_3339_in_utc_with_milliseconds() {
         assert_eq!(rfc3339(0), "1970-01-01T00:00:00.000Z");
         assert_eq!(rfc3339(1_772_352_930_250), "2026-03-01T08:15:30.250Z");
+        let utc = in_utc("2026-03-01T08:15:30+01:00");
+        assert_eq!(utc.as_deref(), Some("2026-03-01T07:15:30.000Z"));
+        assert_eq!(in_utc("2026-03-01T08:15:30"), None);
     }
 }

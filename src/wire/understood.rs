@@ -7,6 +7,7 @@ use crate::measurement::programs::Unread;
 use crate::measurement::table_points::Understood;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::reference::SetReference;
+use crate::wire::session_record::SessionRecord;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -149,6 +150,9 @@ pub struct Reading {
     /// The reference that the instrument measured, if the query named one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<SetReference>,
+    /// When, by whom and with what the session was measured, if the query stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub record: Option<SessionRecord>,
 }
 
 /// Words of columns that say which reflector or which set-up of the instrument a row is of.

@@ -41,6 +41,18 @@ fn labelled(label: &str) -> Written {
     }
 }
 
+fn numbered_and_named() -> Written {
+    Written {
+        header: ["No.", "Point"]
+            .map(str::to_owned)
+            .into_iter()
+            .chain(header(DEG, MM))
+            .collect(),
+        front: |row| vec![format!("{}", row + 1), format!("P{row}")],
+        ..Written::default()
+    }
+}
+
 /// Columns and rows.
 pub fn contents() -> Vec<Habit> {
     let poses = [
@@ -192,6 +204,12 @@ pub fn contents() -> Vec<Habit> {
             with_row(&labelled("configuration"), "Moyenne", "1.5", "2.5"),
             "summary_row",
             "Moyenne",
+        ),
+        refused(
+            "a mean behind the number of its row",
+            with_row(&numbered_and_named(), "11,Mean", "1.5", "2.5"),
+            "summary_row",
+            "Mean",
         ),
     ];
     for (name, mark) in [("zeros", "0"), ("nines", "-99999")] {

@@ -448,3 +448,56 @@ async fn the_command_line_makes_the_same_page() {
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("cannot write"));
 }
+
+#[tokio::test]
+async fn the_page_says_when_with_what_and_by_whom_the_session_was_measured() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let path = format!("{robot}/measurement-sets?frame=base");
+    let upload = async |more: &str| {
+        let path = format!("{path}{more}");
+        app.post(&path, "text/csv", paper("first_noisy.csv")).await
+    };
+    let refused = upload("&measured_at=yesterday&operator=")
+        .await
+        .problem(422, "invalid_session_record");
+    let codes: Vec<&str> = refused["errors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|issue| text(&issue["code"]))
+        .collect();
+    assert_eq!(codes, ["wrong_length", "not_a_time"], "{refused}");
+
+    let record = "&measured_at=2026-03-01T08:15:30%2B01:00&instrument_name=Leica%20AT960%204711\
+                  &instrument_certificate=C-17,%20until%202027-02&operator=J.%20Doe";
+    let set = upload(record).await.ok(201);
+    let stated = json!({
+        "measured_at": "2026-03-01T07:15:30.000Z", "instrument_name": "Leica AT960 4711",
+        "instrument_certificate": "C-17, until 2027-02", "operator": "J. Doe",
+    });
+    assert_eq!(set["record"], stated);
+    let path = format!("/v1/measurement-sets/{}", text(&set["id"]));
+    assert_eq!(app.get(&path).await.ok(200)["record"], stated);
+    let plain = upload("").await.ok(201);
+    assert_eq!(plain.get("record"), None);
+
+    let mut hashes = Vec::new();
+    for (set, measured_at, n_blanks) in [
+        (&set, Some("2026-03-01T07:15:30.000Z"), 3),
+        (&plain, None, 6),
+    ] {
+        let request = json!({"measurement_set_id": set["id"], "method": "least_squares"});
+        let job = app.run(&robot, &request).await;
+        let report = format!("/v1/jobs/{}/report", text(&job["id"]));
+        let report = app.get(&report).await.ok(200);
+        assert_eq!(report["measured_at"].as_str(), measured_at);
+        hashes.push(report["result_sha256"].clone());
+        let (page, _) = page(&app, &job).await;
+        let blanks = between(&page, "class=\"blanks\"", "</section>");
+        assert_eq!(blanks.matches("<div>").count(), n_blanks, "{blanks}");
+        let words = "2026-03-01 07:15:30 UTC; by J. Doe; with Leica AT960 4711, certificate C-17, until 2027-02";
+        assert_eq!(page.contains(words), measured_at.is_some());
+    }
+    assert_eq!(hashes[0], hashes[1], "the record is no part of the result");
+}

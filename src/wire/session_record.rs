@@ -1,0 +1,69 @@
+//! When, by whom and with what a session was measured: facts for quality records. Nothing is computed from them.
+
+use crate::wire::issue::{Checker, Invalid};
+use crate::wire::robot::MAX_NAME;
+use crate::wire::time::in_utc;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// When, by whom and with what a session was measured, as the upload states it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SessionRecord {
+    /// When the session was measured: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_at: Option<String>,
+    /// Instrument: maker, model, serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument_name: Option<String>,
+    /// Certificate of the instrument: number, valid until.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument_certificate: Option<String>,
+    /// Who measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+}
+
+impl SessionRecord {
+    /// Itself after a check of every value, its time in UTC; `None` if no value is stated.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the name of each value that cannot be used.
+    pub fn checked(mut self) -> Result<Option<Self>, Invalid> {
+        let mut checker = Checker::default();
+        for (at, text) in [
+            ("/instrument_name", &self.instrument_name),
+            ("/instrument_certificate", &self.instrument_certificate),
+            ("/operator", &self.operator),
+        ] {
+            if let Some(text) = text {
+                checker.text(at, text, MAX_NAME);
+            }
+        }
+        if let Some(time) = &mut self.measured_at {
+            match in_utc(time) {
+                Some(utc) => *time = utc,
+                None => {
+                    let detail = format!(
+                        "{time:?} is not a time: write date, time and offset from UTC, as in 2026-03-01T08:15:30Z"
+                    );
+                    checker.note("/measured_at", "not_a_time", detail);
+                }
+            }
+        }
+        checker.finish("invalid_session_record")?;
+        Ok((self != Self::default()).then_some(self))
+    }
+
+    /// Names and values of what is stated, for a query.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, String)> {
+        let texts = [
+            ("measured_at", &self.measured_at),
+            ("instrument_name", &self.instrument_name),
+            ("instrument_certificate", &self.instrument_certificate),
+            ("operator", &self.operator),
+        ];
+        texts
+            .into_iter()
+            .filter_map(|(name, text)| Some((name, text.clone()?)))
+    }
+}
