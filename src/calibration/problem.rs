@@ -112,17 +112,23 @@ impl Problem<'_> {
             .collect()
     }
 
-    /// Set-up of the instrument of each identify point, from 0; `None` for the reference set-up, in whose frame the model is.
-    pub fn stations_to_identify(&self) -> Vec<Option<usize>> {
+    /// Set-up of the instrument of each point, from 0; `None` for the reference set-up, in whose frame the model is.
+    pub fn stations(&self) -> Vec<Option<usize>> {
         let resting = self.arrangement.resting();
         let number = |setup: usize| match setup.cmp(&resting) {
             Ordering::Less => Some(setup),
             Ordering::Equal => None,
             Ordering::Greater => Some(setup - 1),
         };
-        let rows = self.observed.subsets.iter().zip(&self.arrangement.setups);
+        let setups = self.arrangement.setups.iter();
+        setups.map(|setup| number(*setup)).collect()
+    }
+
+    /// [`Self::stations`] of the identify points.
+    pub fn stations_to_identify(&self) -> Vec<Option<usize>> {
+        let rows = self.observed.subsets.iter().zip(self.stations());
         rows.filter(|(subset, _)| **subset == Subset::Identify)
-            .map(|(_, setup)| number(*setup))
+            .map(|(_, station)| station)
             .collect()
     }
 

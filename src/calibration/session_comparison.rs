@@ -7,6 +7,7 @@ use crate::calibration::outcome::stated_uncertainty::stated;
 use crate::calibration::preparation::check::check;
 use crate::calibration::preparation::observe::observe;
 use crate::calibration::problem::Problem;
+use crate::calibration::reference::InstrumentScale;
 use crate::calibration::report::{ChangeKind, Changes, NamedChange, Warning};
 use crate::calibration::request::{CalibrationRequest, PreviousSession};
 use crate::calibration::solve::solution::least_squares_from;
@@ -152,12 +153,13 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
     if let Some(kind) = kind {
         let detail = format!(
             "since its last identification the robot has changed: {}: {} (chi-square {:.1} of {} combinations that both sessions see; an unchanged \
-             robot shows as much with probability {})",
+             robot shows as much with probability {}){}",
             sentence(kind),
             list(&robot.changes.iter().collect::<Vec<_>>()),
             robot.chi_square,
             robot.n_combinations,
-            probability_in_words(robot.probability)
+            probability_in_words(robot.probability),
+            scale_remark(request)
         );
         warnings.push(Warning {
             code: ROBOT_CHANGED,
@@ -195,6 +197,19 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
         n_combinations: robot.n_combinations,
         probability: robot.probability,
     }
+}
+
+/// A sentence for two sessions that differ, if the reference of an upload shows an instrument with a wrong scale; else nothing.
+pub fn scale_remark(request: &CalibrationRequest) -> String {
+    let is_off = |scale: &InstrumentScale| scale.is_off();
+    let Some(scale) = request.instrument_scale.filter(is_off) else {
+        return String::new();
+    };
+    format!(
+        ". But the reference that was measured shows an instrument whose lengths are {:+.1} ppm off, which looks like changed lengths of the robot: set \
+         its temperature and scale right and measure again first",
+        1e6 * scale.error
+    )
 }
 
 /// A probability as written in messages.

@@ -9,7 +9,9 @@ use crate::calibration::report::{PointErrors, PooledSession, PooledSessions};
 use crate::calibration::request::{
     CalibrationRequest, Method, Model, ParameterChoice, VerifySource,
 };
-use crate::calibration::session_comparison::{estimate_with_noise, list, probability_in_words};
+use crate::calibration::session_comparison::{
+    estimate_with_noise, list, probability_in_words, scale_remark,
+};
 use crate::calibration::stages::{quiet, stage};
 use crate::calibration::validation::repeated_rows::is_anew;
 use crate::calibration::warnings::overstated_noise::{NOISE_OVERSTATED, OverstatedNoise};
@@ -164,7 +166,13 @@ pub fn compare_sessions(
             }
             estimates.push(estimate);
         }
-        pooled(&estimates)
+        pooled(&estimates).map_err(|error| match error {
+            Error::Unusable { code, detail } => Error::Unusable {
+                code,
+                detail: detail + &scale_remark(request),
+            },
+            other => other,
+        })
     });
     pool.map(Some)
 }

@@ -184,6 +184,11 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         let invalid = with_best_convention(invalid, robot, &upload);
         Usage(cannot_be_used(path, &files.shown, &invalid.issues))
     })?;
+    let set = match arguments.set_options.inverse_poses {
+        true => measurement::inverted(set)
+            .map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?,
+        false => set,
+    };
     for line in reading.iter().flat_map(understood_in_words) {
         eprintln!("{}", plain(&line));
     }
@@ -195,10 +200,12 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         print_warning(warning.code, &warning.detail);
     }
     let unread = reading.as_ref().and_then(Reading::unread_labels);
+    // as a server does: wrong rotations say more than positions that fit badly with them
+    let of_rotations = check_rotations(path, robot, &set, arguments)?;
     let insisted_on = check_upload(path, robot, &set, arguments, unread.as_deref())?;
     Ok(Session {
         unread,
-        insisted_on: check_rotations(path, robot, &set, arguments)?.or(insisted_on),
+        insisted_on: of_rotations.or(insisted_on),
         sha256: canonical::sha256_hex(&files.bytes),
         set,
     })

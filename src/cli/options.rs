@@ -24,6 +24,9 @@ pub struct SetOptions {
     pub noise: NoiseOptions,
     #[command(flatten)]
     pub record: RecordOptions,
+    /// The poses are those of a fixed board as a camera on the arm sees it: invert them; with --frame instrument.
+    #[arg(long, env = "KINCAL_INVERSE_POSES", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    pub inverse_poses: bool,
 }
 
 /// When, by whom and with what a session was measured, for its report.

@@ -242,6 +242,8 @@ async fn upload(
             .iter()
             .map(|name| ("reference", name.clone())),
     );
+    let inverse_poses = arguments.set_options.inverse_poses;
+    parameters.extend(inverse_poses.then(|| ("inverse_poses", "true".into())));
     let record = arguments.set_options.record.record();
     parameters.extend(record.parameters());
     let serial_number = arguments.serial_number.clone();

@@ -3,6 +3,7 @@
 pub mod anchor;
 mod cartesian;
 mod difference;
+mod fixture_doubt;
 mod fixture_misfit;
 mod mode;
 pub mod targets;
@@ -12,6 +13,7 @@ mod work_frame;
 pub use anchor::{Anchor, HeldReflector, anchor};
 pub use cartesian::CorrectedPose;
 pub use difference::{ToolDifference, ToolDifferences, tool_differences};
+pub use fixture_doubt::FixtureDoubt;
 pub use fixture_misfit::{FixtureMisfit, FixtureMistake};
 pub use mode::{Base, Mode, Status};
 pub use targets::{Compensation, Corrected, Tool};

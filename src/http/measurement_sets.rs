@@ -74,6 +74,9 @@ pub struct UploadQuery {
     /// Name of a reference of the robot that the instrument measured (`POST …/references`); its newest version counts.
     #[param(min_length = 1, max_length = 200)]
     reference: Option<String>,
+    /// True if the poses are those of a fixed board as a camera on the arm sees it: they are inverted, and the measuring frame is the board's. Needs the
+    /// frame `instrument`.
+    inverse_poses: Option<bool>,
     /// When the session was measured: RFC 3339. It is shown in place of the time of the upload.
     #[param(example = "2026-03-01T08:15:30Z")]
     measured_at: Option<String>,
@@ -279,6 +282,11 @@ fn parse_upload(
             .map_err(|refusal| with_best_convention(refusal, &robot, &upload))?;
         (query.frame, query.name, set, reading, content_type)
     };
+    let (mut set, mut reading) = (set, reading);
+    if query.inverse_poses == Some(true) {
+        set = measurement::inverted(set)?;
+        reading.get_or_insert_default().inverse_poses = true;
+    }
     let mut checker = Checker::default();
     name.iter()
         .for_each(|name| checker.text("/name", name, MAX_NAME));

@@ -4,7 +4,7 @@ use crate::identification::KinematicModel;
 use crate::identification::parameters::{Parameter, Quantity, left_jacobian};
 use crate::identification::pose_rows::{MeasuredRotation, TurnedBy, rotation_residual_rad};
 use crate::kinematics::{PositionJacobian, position_jacobian};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Vector3};
 use std::collections::BTreeSet;
 
 /// One measured pose in the form for fitting: joint values in the model's convention, position in the measuring frame.
@@ -40,6 +40,19 @@ impl Observation {
             whitening: None,
             ..self.clone()
         }
+    }
+
+    /// The same observation in another frame.
+    pub fn moved(&self, motion: &IsometryMatrix3<f64>) -> Self {
+        let mut moved = self.clone();
+        moved.position_mm = (motion * Point3::from(self.position_mm)).coords;
+        moved.whitening = self
+            .whitening
+            .map(|w| w * motion.rotation.matrix().transpose());
+        if let Some(measured) = &mut moved.rotation {
+            measured.rotation = motion.rotation * measured.rotation;
+        }
+        moved
     }
 
     /// W·v of a vector in the measuring frame.

@@ -100,6 +100,24 @@ impl MeasurementSet {
         }
     }
 
+    /// The same set with every pose inverted. A camera that the arm carries states how a fixed board stands to it; inverted, that is the pose of the
+    /// camera in the board's frame. Points without a rotation stay.
+    pub fn with_inverse_poses(mut self) -> Self {
+        for point in &mut self.points {
+            let Some(rotation) = point.rotation else {
+                continue;
+            };
+            let back = rotation.inverse();
+            point.position_mm = -(back * point.position_mm);
+            point.rotation = Some(back);
+            point.rotation_angles_rad = None;
+            if let Some(noise) = &mut point.position_noise {
+                noise.axes = back.matrix() * noise.axes;
+            }
+        }
+        self
+    }
+
     /// Configurations in order of their first row.
     pub fn configurations(&self) -> Vec<&str> {
         let mut seen = BTreeSet::new();

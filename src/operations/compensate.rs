@@ -100,6 +100,7 @@ pub fn compensate(
         return Ok(answer.document);
     }
     let frame = TargetFrame::of(request, &from, &compensation, base)?;
+    answer.document.warnings.extend(frame.doubt.clone());
     for target in &request.targets {
         let t_frame_tool = IsometryMatrix3::from(target);
         let t_base_tool = frame.t_base_frame * t_frame_tool;
@@ -192,6 +193,8 @@ struct TargetFrame {
     /// Pose of the frame of the answered poses in the controller's base frame.
     t_base_answer: IsometryMatrix3<f64>,
     work_frame: Option<WorkFrame>,
+    /// Doubt about the points of a measured work frame.
+    doubt: Option<Warning>,
 }
 
 impl TargetFrame {
@@ -228,9 +231,11 @@ impl TargetFrame {
                 t_base_frame,
                 t_base_answer: identity,
                 work_frame: None,
+                doubt: None,
             });
         };
         let work_frame = body.fitting_work_frame("/frame")?;
+        let doubt = body.doubt(&work_frame);
         let is_measuring = body.reference == WorkFrameReference::Measuring;
         let is_own = body.measurement_set_id.as_deref() == from.measurement_set_id;
         if is_measuring && !is_own && from.provenance.measuring_frame != Some(Frame::Base) {
@@ -250,6 +255,7 @@ impl TargetFrame {
             t_base_frame: t_base_work,
             t_base_answer: t_base_work,
             work_frame: Some(work_frame),
+            doubt,
         })
     }
 }

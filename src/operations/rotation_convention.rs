@@ -1,6 +1,6 @@
 //! Message for an upload with angles but without a rotation convention: the convention that fits best.
 
-use crate::calibration::upload_checks::rotations::best_convention;
+use crate::calibration::upload_checks::rotations::{OFF_RAD, best_convention};
 use crate::measurement::RotationConvention;
 use crate::measurement::csv_pose::ROTATION_REQUIRED;
 use crate::wire::Invalid;
@@ -21,12 +21,19 @@ pub fn with_best_convention(mut refusal: Invalid, robot: &Robot, upload: &Upload
     };
     let read = from_file(&with_any, robot.links.len());
     if let Some(best) = read.ok().and_then(|(set, _)| best_convention(robot, &set)) {
-        issue.detail = format!(
-            "{}. {} fits this robot best: four of five poses to {:.2}°",
-            issue.detail,
-            best.name,
-            to_degrees(best.most_rad)
-        );
+        let degrees = to_degrees(best.most_rad);
+        let told = match best.most_rad <= OFF_RAD {
+            true => format!(
+                "{} fits this robot best: four of five poses to {degrees:.2}°",
+                best.name
+            ),
+            false => format!(
+                "No convention fits this robot: the best, {}, leaves four of five poses within {degrees:.0}° only. Is it another robot, or does a camera on \
+                 the arm see a fixed board (inverse_poses=true)?",
+                best.name
+            ),
+        };
+        issue.detail = format!("{}. {told}", issue.detail);
     }
     refusal
 }

@@ -187,6 +187,23 @@ pub fn from_file(
     Ok((set, Some(reading)))
 }
 
+/// The set with its poses inverted, as `inverse_poses` of an upload asks for.
+///
+/// # Errors
+/// [`Invalid`] for positions alone, and for poses in the base frame: a board is no robot base.
+pub fn inverted(set: MeasurementSet) -> Result<MeasurementSet, Invalid> {
+    if !set.has_poses() {
+        let detail =
+            "the set has positions alone, and only poses can be inverted: leave inverse_poses out";
+        return Err(Invalid::at("/inverse_poses", "no_poses", detail));
+    }
+    if set.frame != Frame::Instrument {
+        let detail = "inverted poses are in the frame of the board that the camera sees, which is no robot base: say frame=instrument";
+        return Err(Invalid::at("/frame", "inverse_poses_in_base_frame", detail));
+    }
+    Ok(set.with_inverse_poses())
+}
+
 /// Parses a stored upload. `reading_json` says how the upload was interpreted when it was new; JSON and older uploads may have none.
 ///
 /// # Errors
@@ -198,10 +215,27 @@ pub fn from_upload(
     frame: Frame,
     n_joints: usize,
 ) -> Result<MeasurementSet, Invalid> {
+    let reading: Option<Reading> = reading_json.and_then(|r| serde_json::from_str(r).ok());
+    let is_inverse = reading
+        .as_ref()
+        .is_some_and(|reading| reading.inverse_poses);
+    let beside = reading.and_then(|reading| reading.instrument);
+    let set = parse_stored(content_type, (reading_json, beside), bytes, frame, n_joints)?;
+    match is_inverse {
+        true => Ok(set.with_inverse_poses()),
+        false => Ok(set),
+    }
+}
+
+fn parse_stored(
+    content_type: &str,
+    (reading_json, beside): (Option<&str>, Option<InstrumentBody>),
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, Invalid> {
     if is_json(content_type) {
         let body = json_body(bytes)?;
-        let reading: Option<Reading> = reading_json.and_then(|r| serde_json::from_str(r).ok());
-        let beside = reading.and_then(|reading| reading.instrument);
         let reading = JsonReading {
             is_time: |_| true,
             // The stored reading also contains the instrument of the body. So it is used only if the body has none; otherwise the instrument would be

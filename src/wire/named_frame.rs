@@ -1,12 +1,13 @@
 //! Named work frames and tools of a robot.
 
-use crate::compensation::{FixtureMisfit, FixturePoint, WorkFrame, WorkFrameError};
+use crate::compensation::{FixtureDoubt, FixtureMisfit, FixturePoint, WorkFrame, WorkFrameError};
 use crate::measurement::csv::MAX_LABEL_LENGTH;
 use crate::measurement::{Frame, MeasurementSet};
 use crate::wire::compensate::OWN_FRAMES;
 use crate::wire::frames::Transform;
 use crate::wire::id::MAX_ID;
 use crate::wire::issue::{Checker, Invalid};
+use crate::wire::measurement::Warning;
 use crate::wire::tool::{ToolBody, check_lengths, check_rotation, check_std, rotation};
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -95,6 +96,9 @@ pub struct WorkFrameAnswer {
     /// Standard uncertainty of the origin of the work frame (3-D), mm; absent for a frame that was typed in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin_std_mm: Option<f64>,
+    /// Doubts about the points: one that is off, a scatter above `std_mm`, or only three points, which nothing checks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
     /// RFC 3339, UTC.
     pub created_at: String,
 }
@@ -166,6 +170,18 @@ impl WorkFrameBody {
             }
             None => Ok(frame),
         }
+    }
+
+    /// The doubt about a frame that was fitted to these points; `None` if there is none, and for a typed frame.
+    pub fn doubt(&self, frame: &WorkFrame) -> Option<Warning> {
+        self.points.as_ref()?;
+        let std_mm = self.std_mm.unwrap_or(0.0);
+        let doubt = FixtureDoubt::of(&self.fixture_points(), frame, std_mm)?;
+        Some(Warning {
+            code: doubt.code().into(),
+            detail: doubt.to_string(),
+            rows: doubt.points(),
+        })
     }
 
     /// Refuses an uncertainty that the stated uncertainties of targets would not contain. Frames that were stored before this check stay usable.
@@ -301,6 +317,7 @@ impl WorkFrameBody {
     pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
         let frame = self.work_frame()?;
         let is_measured = !frame.residuals_mm.is_empty();
+        let warnings = self.doubt(&frame).into_iter().collect();
         Ok(WorkFrameAnswer {
             name,
             reference: self.reference,
@@ -308,6 +325,7 @@ impl WorkFrameBody {
             t_reference_work: Transform::from(&frame.t_reference_work),
             rms_mm: is_measured.then(|| frame.rms_mm()),
             origin_std_mm: is_measured.then(|| frame.position_std_mm(&Vector3::zeros())),
+            warnings,
             residuals_mm: frame.residuals_mm,
             created_at,
         })

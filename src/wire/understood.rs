@@ -153,6 +153,9 @@ pub struct Reading {
     /// When, by whom and with what the session was measured, if the query stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub record: Option<SessionRecord>,
+    /// True if the poses are to be inverted: those of a fixed board as a carried camera sees it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub inverse_poses: bool,
 }
 
 /// Words of columns that say which reflector or which set-up of the instrument a row is of.

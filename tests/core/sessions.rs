@@ -368,6 +368,58 @@ fn corrections_are_judged_on_sessions_that_were_not_fitted() {
     assert!(by_session > 1.1 * by_configuration);
 }
 
+/// A robot that sags, measured in two sessions of 60 poses each or from two stations, predicts the second one at unseen poses with corrections. The base
+/// of a session is found together with the sag: with the base that the links alone have, the pooled robot is worse than that of the second session.
+#[test]
+fn with_corrections_two_sessions_predict_the_last_one_better_than_it_does_alone() {
+    let robot = paper_robot();
+    let sagging = Campaign {
+        sag_rad: 3e-4,
+        ..Campaign::PLAIN
+    };
+    let exact = Campaign {
+        noise_mm: 0.0,
+        ..sagging
+    };
+    let mut sums = [0.0; 3];
+    for seed in 0..6 {
+        let mut random = Normal::new(300 + seed);
+        let first = true_robot(&robot, 1, &mut random);
+        let mut second = true_robot(&robot, 1, &mut random);
+        second.links = first.links.clone();
+        let sessions = [&first, &second]
+            .map(|truth| measure(truth, &poses(60, &mut random), &sagging, &mut random));
+        let unseen = measure(&second, &poses(200, &mut random), &exact, &mut random);
+        let mut stations = request(&robot, &sessions);
+        stations.sessions = vec![];
+        stations
+            .set
+            .points
+            .iter_mut()
+            .for_each(|p| p.session = None);
+        let requests = [
+            request(&robot, &sessions),
+            stations,
+            CalibrationRequest::new(robot.clone(), sessions[1].clone()),
+        ];
+        for (request, sum) in requests.iter().zip(&mut sums) {
+            let report = run(request).unwrap();
+            let corrected = report.corrected.as_ref().expect("corrections were kept");
+            let last = report.targets_mm.len() - 1;
+            let squares = unseen.points.iter().map(|point| {
+                let predicted = corrected.position(&point.q_rad, last);
+                (predicted - point.position_mm).norm_squared()
+            });
+            *sum += squares.sum::<f64>() / 200.0 / 6.0;
+        }
+    }
+    let [pooled, stations, alone] = sums.map(f64::sqrt);
+    println!(
+        "unseen: {pooled:.4} mm pooled, {stations:.4} mm from stations, {alone:.4} mm from the last session alone"
+    );
+    assert!(pooled < alone && stations < alone);
+}
+
 #[test]
 fn what_cannot_be_fitted_together_is_refused_before_anything_is_computed() {
     let robot = paper_robot();

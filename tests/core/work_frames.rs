@@ -6,8 +6,8 @@ use crate::simulation::{
 };
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::compensation::{
-    Base, Compensation, FixtureMisfit, FixtureMistake, FixturePoint, Mode, Status, Tool, ToolError,
-    ToolGoal, ToolPoint, WorkFrame, WorkFrameError,
+    Base, Compensation, FixtureDoubt, FixtureMisfit, FixtureMistake, FixturePoint, Mode, Status,
+    Tool, ToolError, ToolGoal, ToolPoint, WorkFrame, WorkFrameError,
 };
 use kincal::identification::KinematicModel;
 use kincal::identification::parameters::rotation_exp;
@@ -254,6 +254,87 @@ fn points_that_give_no_frame_are_told() {
         WorkFrame::measured(&on_a_line, 0.0),
         Err(WorkFrameError::OnALine)
     );
+}
+
+#[test]
+fn a_fixture_point_that_is_off_is_named_and_noise_alone_raises_no_doubt() {
+    let t = isometry([900.0, 100.0, 400.0], [0.1, -0.2, 0.7]);
+    let nominal: [[f64; 3]; 6] = [
+        [0.0, 0.0, 0.0],
+        [1500.0, 0.0, 40.0],
+        [0.0, 900.0, 0.0],
+        [1500.0, 900.0, 300.0],
+        [700.0, 450.0, 200.0],
+        [300.0, 800.0, 120.0],
+    ];
+    let mut random = Normal::new(7);
+    let mut measured = |n: usize, off_mm: f64, at: usize| -> Vec<FixturePoint> {
+        let points = nominal[..n].iter().enumerate().map(|(i, p)| {
+            let nominal_mm = Vector3::from(*p);
+            let direction = random.vector().normalize();
+            let off = if i == at {
+                direction * off_mm
+            } else {
+                Vector3::zeros()
+            };
+            FixturePoint {
+                nominal_mm,
+                measured_mm: (t * Point3::from(nominal_mm)).coords + random.vector() * 0.03 + off,
+            }
+        });
+        points.collect()
+    };
+    let doubt = |points: &[FixturePoint], std_mm: f64| {
+        let frame = WorkFrame::measured(points, std_mm).unwrap();
+        FixtureDoubt::of(points, &frame, std_mm)
+    };
+    for n in [4, 5, 6] {
+        for std_mm in [0.0, 0.03] {
+            let clean = (0..400).filter(|_| doubt(&measured(n, 0.0, 0), std_mm).is_some());
+            let n_false = clean.count();
+            assert!(
+                n_false <= 4,
+                "{n} points, {std_mm} stated: {n_false} false alarms"
+            );
+        }
+        let mut n_named = 0;
+        for round in 0..100 {
+            match doubt(&measured(n, 3.0, round % n), 0.03) {
+                Some(FixtureDoubt::Point { candidates, .. }) => {
+                    n_named += usize::from(candidates.contains(&(round % n)));
+                }
+                Some(FixtureDoubt::Scatter { .. }) => (),
+                other => panic!("{n} points: {other:?}"),
+            }
+        }
+        println!("{n} points: named {n_named} of 100");
+        assert!(n_named >= 90);
+    }
+    assert_eq!(
+        doubt(&measured(3, 0.0, 0), 0.03),
+        Some(FixtureDoubt::Unchecked)
+    );
+    let body = WorkFrameBody {
+        points: Some(
+            measured(6, 3.0, 5)
+                .iter()
+                .map(|p| FixturePointBody {
+                    nominal_mm: p.nominal_mm.into(),
+                    measured_mm: p.measured_mm.into(),
+                })
+                .collect(),
+        ),
+        std_mm: Some(0.03),
+        reference: WorkFrameReference::Base,
+        measurement_set_id: None,
+        station: None,
+        translation_mm: None,
+        quaternion: None,
+        rotation: None,
+    };
+    let answer = body.answer("bench".into(), "now".into()).unwrap();
+    assert_eq!(answer.warnings[0].code, "work_frame_point_off");
+    assert_eq!(answer.warnings[0].rows, [5]);
 }
 
 /// Four points of a fixture, in three sizes: right with noise, and with each mistake.

@@ -20,8 +20,8 @@ use crate::calibration::validation::errors::{self, corrected_errors, errors, rot
 use crate::calibration::validation::repeatability::repeatability;
 use crate::calibration::validation::session_fit::SessionScatter;
 use crate::calibration::validation::verdict;
-use crate::calibration::validation::verification_set::Layout;
 use crate::calibration::validation::verification_set::refits;
+use crate::calibration::validation::verification_set::{Layout, PlacedCorrected};
 use crate::calibration::warnings::last_joint::{LastJoint, impossible_reflector, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::overstated_noise::OverstatedNoise;
@@ -73,17 +73,29 @@ pub fn vetoed(
         corrected: found.corrected.clone(),
     };
     let (found, warning) = match layout {
-        None => corrections::veto(found, &robot, &problem.observed.of(Subset::Verify)),
+        None => {
+            let placed = of_subset(problem, &found.placed(problem), Subset::Verify);
+            corrections::veto(found, &robot, &problem.observed.of(Subset::Verify), &placed)
+        }
         Some(layout) => {
             let after = layout.place(model)?;
+            let placed = layout.place_corrected(&robot, &after);
             let there = IdentifiedRobot {
                 plain: after.model.clone(),
-                ..layout.place_corrected(&robot, &after)
+                ..placed.robot.clone()
             };
-            corrections::veto(found, &there, &after.observed.all)
+            corrections::veto(found, &there, &after.observed.all, &placed.points)
         }
     };
     Ok((Some(found), warning))
+}
+
+/// Those of the problem's points that belong to a subset.
+fn of_subset(problem: &Problem<'_>, points: &[Observation], subset: Subset) -> Vec<Observation> {
+    let all = points.iter().zip(&problem.observed.subsets);
+    all.filter(|(_, of)| **of == subset)
+        .map(|(o, _)| o.clone())
+        .collect()
 }
 
 /// Errors of a model on the verify points. `layout` is the separate verification set, if there is one.
@@ -151,13 +163,14 @@ pub fn report(
         plain: delivered(problem, model),
         corrected: c.corrected.clone(),
     });
-    let both = |points: &[Observation],
-                before: &KinematicModel,
-                after: &KinematicModel,
-                robot: Option<&IdentifiedRobot>| {
+    let placed = corrections.as_ref().map(|found| found.placed(problem));
+    let both = |points: &[Observation], subset: Subset| {
+        let (before, after) = (&problem.nominal, model);
+        let of_corrected = placed.as_deref().map(|all| of_subset(problem, all, subset));
+        let robot = robot.as_ref().zip(of_corrected.as_deref());
         let rotation = rotation_errors((before, points), (after, points), robot);
         let (before, after) = (errors(before, points)?, errors(after, points)?);
-        let corrected = robot.and_then(|robot| {
+        let corrected = robot.and_then(|(robot, points)| {
             if robot.corrected.is_some() {
                 corrected_errors(robot, points)
             } else {
@@ -172,17 +185,18 @@ pub fn report(
             rotation,
         })
     };
-    let Some(identify) = both(&problem.identify, &problem.nominal, model, robot.as_ref()) else {
+    let Some(identify) = both(&problem.identify, Subset::Identify) else {
         return Err(crate::calibration::unusable(
             "under_determined",
             "the identify subset has no points",
         ));
     };
-    let repeatability = repeatability(problem, model, robot.as_ref());
+    let robot_at_points = robot.as_ref().zip(placed.as_deref());
+    let repeatability = repeatability(problem, model, robot_at_points);
     let mut per_point = errors::per_point(
         (&problem.observed, &problem.nominal),
         (&problem.observed, model),
-        robot.as_ref(),
+        robot_at_points,
     );
     for row in problem.screening.rows_left_out() {
         per_point[row].is_outlier = true;
@@ -221,15 +235,13 @@ pub fn report(
             .map(|robot| layout.place_corrected(robot, &after));
         let corrected = robot_there
             .as_ref()
-            .and_then(|robot| match robot.corrected {
-                Some(_) => corrected_errors(robot, &after.observed.all),
-                None => after.errors(),
-            });
+            .and_then(|there| there.errors().or_else(|| after.errors()));
         let n_points = after.observed.all.len();
+        let robot_there = robot_there.as_ref().map(PlacedCorrected::at_points);
         let rotation = rotation_errors(
             (&before.model, &before.observed.all),
             (&after.model, &after.observed.all),
-            robot_there.as_ref(),
+            robot_there,
         );
         verify = before
             .errors()
@@ -244,7 +256,7 @@ pub fn report(
         let mut there = errors::per_point(
             (&before.observed, &before.model),
             (&after.observed, &after.model),
-            robot_there.as_ref(),
+            robot_there,
         );
         for row in layout.screening.rows_left_out() {
             there[row].is_outlier = true;
@@ -291,12 +303,7 @@ pub fn report(
         ))
         .collect();
     } else {
-        verify = both(
-            &problem.observed.of(Subset::Verify),
-            &problem.nominal,
-            model,
-            robot.as_ref(),
-        );
+        verify = both(&problem.observed.of(Subset::Verify), Subset::Verify);
         of_verify_set = vec![];
     }
     let fit = fit

@@ -1,6 +1,7 @@
 //! Searches for corrections of effects that links cannot describe, after the links are identified. The identified links do not change.
 
 use crate::calibration::outcome::delivery::delivered;
+use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
 use crate::calibration::preparation::observe::stated_scale_mm;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
@@ -41,12 +42,34 @@ pub struct Found {
     pub fitted: Option<Fitted>,
 }
 
+impl Found {
+    /// All points of the problem as they are placed for the robot with corrections: set-ups of the instrument other than the reference stand otherwise
+    /// than for the links alone.
+    pub fn placed(&self, problem: &Problem<'_>) -> Vec<Observation> {
+        let motions = self
+            .fitted
+            .as_ref()
+            .map_or(&[][..], |fitted| &fitted.motions);
+        let all = problem.observed.all.iter().zip(problem.stations());
+        all.map(
+            |(o, station)| match station.and_then(|at| motions.get(at)) {
+                Some(motion) => o.moved(motion),
+                None => o.clone(),
+            },
+        )
+        .collect()
+    }
+}
+
 /// Points with nonzero weight, at a fitted model.
 struct Points {
     observations: Vec<Observation>,
     /// The number of each point's configuration, from 0.
     clusters: Vec<usize>,
     sessions: Vec<Option<String>>,
+    /// Set-up of each point; empty if all are of the reference set-up.
+    set_ups: Vec<Option<usize>>,
+    n_motions: usize,
 }
 
 impl Points {
@@ -61,7 +84,21 @@ impl Points {
         let step = counting.len().div_ceil(MOST_POINTS).max(1);
         let taken: Vec<_> = counting.into_iter().step_by(step).collect();
         let session = |row: usize| problem.request.set.points[row].session.clone();
+        let stations = problem.stations();
+        let n_motions = problem.arrangement.motions.len() - 1;
+        let mut n_of = vec![0; n_motions];
+        for (_, row) in &taken {
+            stations[*row]
+                .iter()
+                .for_each(|station| n_of[*station] += 1);
+        }
+        // too few points do not place a set-up: it stays where the links have it
+        let placed = |row: usize| stations[row].filter(|station| n_of[*station] >= FEWEST_OF_SETUP);
+        let set_ups: Vec<Option<usize>> = taken.iter().map(|(_, row)| placed(*row)).collect();
+        let is_one = set_ups.iter().all(Option::is_none);
         Self {
+            set_ups: if is_one { vec![] } else { set_ups },
+            n_motions: if is_one { 0 } else { n_motions },
             clusters: renumbered(taken.iter().map(|((_, cluster), _)| *cluster)),
             sessions: taken.iter().map(|(_, row)| session(*row)).collect(),
             observations: taken.into_iter().map(|((o, _), _)| o).collect(),
@@ -84,7 +121,7 @@ fn setting<'a>(
     problem: &'a Problem<'_>,
     nominal: &'a KinematicModel,
     priors: &'a [Prior],
-    observations: &'a [Observation],
+    points: &'a Points,
 ) -> Setting<'a> {
     let request = problem.request;
     Setting {
@@ -99,7 +136,8 @@ fn setting<'a>(
         parameters: &problem.parameters,
         scale: &problem.decomposition.scale,
         priors,
-        observations,
+        observations: &points.observations,
+        set_ups: &points.set_ups,
     }
 }
 
@@ -198,11 +236,13 @@ pub fn left_out_of_a_part() -> Warning {
 }
 
 /// Veto by the verify points. It selects nothing: it keeps all corrections, or drops all of them if the robot with corrections is further from these
-/// points than its links alone. `robot` is placed at `points`.
+/// points than its links alone. The links of `robot` are placed at `points`, and the robot with
+/// corrections at `corrected_points`, the same points.
 pub fn veto(
     found: Found,
     robot: &IdentifiedRobot,
     points: &[Observation],
+    corrected_points: &[Observation],
 ) -> (Found, Option<Warning>) {
     if robot.corrected.is_none() {
         return (found, None);
@@ -210,16 +250,17 @@ pub fn veto(
     let size = |predicted_mm: Vector3<f64>, o: &Observation| (o.position_mm - predicted_mm).norm();
     let errors_mm: Vec<[f64; 3]> = points
         .iter()
-        .map(|o| {
+        .zip(corrected_points)
+        .map(|(o, of_corrected)| {
             let links_mm = size(robot.plain.position(&o.q_rad, o.target), o);
-            let corrected_mm = size(robot.position(&o.q_rad, o.target), o);
+            let corrected_mm = size(robot.position(&o.q_rad, o.target), of_corrected);
             [links_mm, corrected_mm, corrected_mm]
         })
         .collect();
     // points that both predictions miss by far do not count
     let comparison = robust_comparison(&errors_mm);
     let (links_mm, corrected_mm) = (comparison.before_rms_mm, comparison.after_rms_mm);
-    let [links_rad, corrected_rad] = rotation_rms_rad(robot, points);
+    let [links_rad, corrected_rad] = rotation_rms_rad(robot, points, corrected_points);
     if (corrected_mm <= links_mm && corrected_rad <= links_rad) || errors_mm.is_empty() {
         return (found, None);
     }
@@ -257,18 +298,23 @@ pub fn veto(
 }
 
 /// Rotation errors of measured poses by the links alone and with corrections: root mean squares, rad; 0 without poses.
-fn rotation_rms_rad(robot: &IdentifiedRobot, points: &[Observation]) -> [f64; 2] {
+fn rotation_rms_rad(
+    robot: &IdentifiedRobot,
+    points: &[Observation],
+    corrected_points: &[Observation],
+) -> [f64; 2] {
     let (mut sums, mut n) = ([0.0; 2], 0.0f64);
-    for o in points {
-        let (Some(measured), Some(plain), Some(corrected)) = (
+    for (o, of_corrected) in points.iter().zip(corrected_points) {
+        let (Some(measured), Some(measured_there), Some(plain), Some(corrected)) = (
             o.rotation.as_ref(),
+            of_corrected.rotation.as_ref(),
             robot.plain.rotation(&o.q_rad, o.target),
             robot.rotation(&o.q_rad, o.target),
         ) else {
             continue;
         };
         sums[0] += rotation_residual_rad(&plain, measured).norm_squared();
-        sums[1] += rotation_residual_rad(&corrected, measured).norm_squared();
+        sums[1] += rotation_residual_rad(&corrected, measured_there).norm_squared();
         n += 1.0;
     }
     sums.map(|sum| (sum / n.max(1.0)).sqrt())
@@ -293,8 +339,9 @@ pub fn corrections(
     };
     let nominal = delivered(problem, &problem.nominal);
     let priors = problem.determined(model, observations).priors;
-    let setting = setting(problem, &nominal, &priors.all, observations);
+    let setting = setting(problem, &nominal, &priors.all, &points);
     let start = Fitted {
+        motions: vec![IsometryMatrix3::identity(); points.n_motions],
         model: delivered(problem, model),
         terms: vec![],
         values: vec![],
@@ -337,9 +384,14 @@ pub fn refit(
     let observations = &points.observations;
     let nominal = delivered(problem, &problem.nominal);
     let priors = problem.determined(model, observations).priors;
+    // with other points, other set-ups may have enough of them
+    let start = Fitted {
+        motions: vec![IsometryMatrix3::identity(); points.n_motions],
+        ..fitted.clone()
+    };
     let (fitted, corrections) = identification::corrections::refit(
-        &setting(problem, &nominal, &priors.all, observations),
-        fitted,
+        &setting(problem, &nominal, &priors.all, &points),
+        &start,
         kept.corrections.residual.is_some(),
         problem.request.residual_network.as_ref(),
         problem.request.seed,

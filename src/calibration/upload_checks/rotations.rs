@@ -1,12 +1,14 @@
 //! Checks whether the rotations of poses were read in the right convention and belong to the positions of their rows. The nominal robot is placed by the
 //! positions, and the target is rotated for the best fit, for the stated convention and for all others.
 
-use crate::calibration::upload_checks::alignment::{base_rotation, links_with_fitted_zeros};
+use crate::calibration::upload_checks::alignment::{
+    Alignment, align, base_rotation, links_with_fitted_zeros,
+};
 use crate::identification::hand_eye::{
     angle_rad, base_and_target_rotation, robustly, target_rotation,
 };
 use crate::kinematics::{Link, Robot, t_base_flange};
-use crate::measurement::{MeasurementSet, Point, RotationConvention};
+use crate::measurement::{Frame, MeasurementSet, Point, RotationConvention};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
@@ -19,7 +21,7 @@ const FEWEST_WITHOUT_BASE: usize = 4;
 /// With the right convention and no joint far off, four of five poses fit to this angle, rad (1°).
 const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
 /// A fifth of the poses is off by more than this only if the rotations are wrong, or if a joint is unmastered, rad (5°).
-const OFF_RAD: f64 = 5.0 * FITS_RAD;
+pub const OFF_RAD: f64 = 5.0 * FITS_RAD;
 /// Four of five angles are below this many times a stated standard deviation of one component; by noise alone they are below 2.2 times.
 const STATED_STDS: f64 = 4.0;
 /// Another reading has to fit better by this factor.
@@ -48,6 +50,13 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     );
     if own_rad <= fits_rad {
         return None;
+    }
+    if let Some(most_rad) = fit_of_inverse_poses(robot, set).filter(|rad| *rad <= fits_rad) {
+        return Some(format!(
+            "the poses fit this robot if they are inverted, positions and rotations (four of five to {:.2}°): a camera on the arm that sees a fixed board \
+             writes such poses. Say inverse_poses=true (--inverse-poses) with frame=instrument, or invert them",
+            most_rad.to_degrees()
+        ));
     }
     let are_angles = poses.iter().all(|p| p.rotation_angles_rad.is_some());
     let inverse = "the inverse rotation (the measuring frame as the target sees it)";
@@ -98,6 +107,21 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     Some(format!(
         "{off}, and no other convention fits them. Do positions and rotations of a row belong together, and are both in the same frame?"
     ))
+}
+
+/// How well the inverted poses fit, if their positions place the base of the robot; rad.
+fn fit_of_inverse_poses(robot: &Robot, set: &MeasurementSet) -> Option<f64> {
+    let inverse = MeasurementSet {
+        frame: Frame::Instrument,
+        ..set.clone().with_inverse_poses()
+    };
+    let poses = poses(&inverse, |p| p.rotation.is_some());
+    let placed = Placed::nominal(robot, &inverse, &poses);
+    let rotations: Option<Vec<Rotation3<f64>>> = poses.iter().map(|p| p.rotation).collect();
+    let fits = matches!(align(robot, &inverse), Alignment::Fits);
+    (placed.base.is_some() && fits)
+        .then(|| placed.most_rad(&poses, &rotations?))
+        .flatten()
 }
 
 /// The convention with which the angles of a set fit the robot best; `None` if there are too few poses.

@@ -28,6 +28,9 @@ pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -
     statistics(&observations.iter().map(size).collect::<Vec<f64>>())
 }
 
+/// A robot with corrections, and the points as they are placed for it.
+pub type RobotAtPoints<'a> = (&'a IdentifiedRobot, &'a [Observation]);
+
 /// Errors of the verify points without the named outliers (indices into `per_point`); `None` if none or all of them are outliers.
 pub fn verify_without(
     per_point: &[PointErrors],
@@ -77,16 +80,16 @@ fn corrected_angles_rad(robot: &IdentifiedRobot, observations: &[Observation]) -
     observations.iter().map(angle).collect()
 }
 
-/// Rotation errors of two robots, each with its points as they are placed for it, and of the second robot with corrections. `None` if no pose was
+/// Rotation errors of two robots, and of the second robot with corrections, each with its points as they are placed for it. `None` if no pose was
 /// measured.
 pub fn rotation_errors(
     before: (&KinematicModel, &[Observation]),
     after: (&KinematicModel, &[Observation]),
-    robot: Option<&IdentifiedRobot>,
+    robot: Option<RobotAtPoints<'_>>,
 ) -> Option<RotationErrorsOfBoth> {
     let of = |(model, points)| angles_rad(model, points).into_iter().flatten().collect();
-    let corrected = robot.filter(|robot| robot.corrected.is_some());
-    let corrected = corrected.map(|robot| corrected_angles_rad(robot, after.1));
+    let corrected = robot.filter(|(robot, _)| robot.corrected.is_some());
+    let corrected = corrected.map(|(robot, points)| corrected_angles_rad(robot, points));
     let corrected = corrected.map(|angles| angles.into_iter().flatten().collect());
     of_angles(of(before), of(after), corrected)
 }
@@ -142,20 +145,19 @@ fn statistics(sizes: &[f64]) -> Option<Errors> {
     })
 }
 
-/// Errors of every point before and after. Each of the two robots has the points as they are placed for it. The errors with corrections are those of
-/// the second robot.
+/// Errors of every point before, after, and with corrections. Each of the robots has the points as they are placed for it.
 pub fn per_point(
     (observed, before): (&Observed, &KinematicModel),
     (observed_after, after): (&Observed, &KinematicModel),
-    robot: Option<&IdentifiedRobot>,
+    robot: Option<RobotAtPoints<'_>>,
 ) -> Vec<PointErrors> {
     let (angles_before, angles_after) = (
         angles_rad(before, &observed.all),
         angles_rad(after, &observed_after.all),
     );
-    let with_corrections = robot.filter(|robot| robot.corrected.is_some());
+    let with_corrections = robot.filter(|(robot, _)| robot.corrected.is_some());
     let corrected_angles =
-        with_corrections.map(|robot| corrected_angles_rad(robot, &observed_after.all));
+        with_corrections.map(|(robot, points)| corrected_angles_rad(robot, points));
     let angle = |i: usize| {
         let (before, after) = (angles_before[i]?, angles_after[i]?);
         let corrected = corrected_angles.as_ref().and_then(|angles| angles[i]);
@@ -166,9 +168,9 @@ pub fn per_point(
         residuals(after, &observed_after.all),
     );
     let corrected = |i: usize| {
-        let o = &observed_after.all[i];
-        robot.map(|robot| {
+        robot.map(|(robot, points)| {
             if robot.corrected.is_some() {
+                let o = &points[i];
                 o.position_mm - robot.position(&o.q_rad, o.target)
             } else {
                 after[i]

@@ -2,8 +2,8 @@
 
 use crate::calibration::problem::Problem;
 use crate::calibration::report::{PoseRepeatability, Repeatability};
+use crate::calibration::validation::errors::RobotAtPoints;
 use crate::identification::KinematicModel;
-use crate::identification::corrected::IdentifiedRobot;
 use crate::measurement::repeatability::{Visits, pooled_rp_mm, pooled_std_mm};
 use crate::measurement::set::SAME_JOINT_RAD;
 use nalgebra::Vector3;
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub fn repeatability(
     problem: &Problem<'_>,
     model: &KinematicModel,
-    robot: Option<&IdentifiedRobot>,
+    robot: Option<RobotAtPoints<'_>>,
 ) -> Option<Repeatability> {
     let all = &problem.observed.all;
     let outliers: BTreeSet<usize> = problem.screening.outliers.iter().map(|w| w.row).collect();
@@ -47,25 +47,30 @@ pub fn repeatability(
     if visits.is_empty() {
         return None;
     }
-    let with_corrections = robot.filter(|robot| robot.corrected.is_some());
+    let with_corrections = robot.filter(|(robot, _)| robot.corrected.is_some());
     let pose = |(rows, visits): (&Vec<usize>, &Visits)| {
         let target = all[rows[0]].target;
-        let off = |position: &dyn Fn(&[f64]) -> Vector3<f64>| {
+        let off = |barycentre_mm: Vector3<f64>, position: &dyn Fn(&[f64]) -> Vector3<f64>| {
             let commanded = rows
                 .iter()
                 .map(|row| position(&all[*row].q_rad))
                 .sum::<Vector3<f64>>()
                 / rows.len() as f64;
-            (visits.barycentre_mm - commanded).norm()
+            (barycentre_mm - commanded).norm()
+        };
+        let measured_mm = visits.barycentre_mm;
+        let of_corrected = |(robot, points): RobotAtPoints<'_>| {
+            let sum: Vector3<f64> = rows.iter().map(|row| points[*row].position_mm).sum();
+            off(sum / rows.len() as f64, &|q| robot.position(q, target))
         };
         PoseRepeatability {
             configuration: problem.observed.configurations[rows[0]].clone(),
             target: problem.observed.targets[rows[0]],
             rows: rows.clone(),
             rp_mm: visits.rp_mm(),
-            ap_before_mm: off(&|q| problem.nominal.position(q, target)),
-            ap_after_mm: off(&|q| model.position(q, target)),
-            ap_corrected_mm: with_corrections.map(|robot| off(&|q| robot.position(q, target))),
+            ap_before_mm: off(measured_mm, &|q| problem.nominal.position(q, target)),
+            ap_after_mm: off(measured_mm, &|q| model.position(q, target)),
+            ap_corrected_mm: with_corrections.map(of_corrected),
         }
     };
     let poses = groups.iter().zip(&visits).map(pose).collect();

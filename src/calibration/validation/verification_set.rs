@@ -4,7 +4,7 @@
 //! Steps are searched with the links held at the robot that fits best. No robot parameter is taken from these points.
 
 use crate::calibration::Error;
-use crate::calibration::preparation::arrangement::Arrangement;
+use crate::calibration::preparation::arrangement::{Arrangement, FEWEST_OF_SETUP};
 use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::placed_weights::weigh_placed;
@@ -13,11 +13,12 @@ use crate::calibration::preparation::screening::{Screening, screen};
 use crate::calibration::report::Errors;
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
 use crate::calibration::solve::corrections::placed_anew;
-use crate::calibration::validation::errors::errors;
+use crate::calibration::validation::errors::{RobotAtPoints, corrected_errors, errors};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::Observation;
-use crate::identification::start::fit_base_and_targets;
+use crate::identification::start::{fit_base_and_targets, rigid_motion};
+use crate::kinematics::reach_mm;
 use crate::measurement::Frame;
 use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
@@ -58,14 +59,41 @@ impl Placed {
 
     /// The points that base and targets are placed by.
     fn counting(&self) -> Vec<Observation> {
-        self.observed
-            .all
-            .iter()
-            .filter(|o| o.weight > 0.0)
-            .cloned()
-            .collect()
+        counting(&self.observed.all)
     }
 }
+
+/// The points with a weight.
+fn counting(points: &[Observation]) -> Vec<Observation> {
+    let weighted = points.iter().filter(|o| o.weight > 0.0);
+    weighted.cloned().collect()
+}
+
+/// A robot with corrections, and the points as they are placed for it.
+pub struct PlacedCorrected {
+    /// The robot, with base and targets on the points.
+    pub robot: IdentifiedRobot,
+    /// The points.
+    pub points: Vec<Observation>,
+}
+
+impl PlacedCorrected {
+    /// The robot at its points.
+    pub fn at_points(&self) -> RobotAtPoints<'_> {
+        (&self.robot, &self.points)
+    }
+
+    /// Errors of the robot with corrections; `None` without corrections, or without points.
+    pub fn errors(&self) -> Option<Errors> {
+        self.robot.corrected.as_ref()?;
+        corrected_errors(&self.robot, &self.points)
+    }
+}
+
+/// Maximum number of rounds in which set-ups, and base and targets, are placed in turn. Each halves what is left.
+const SET_UP_ROUNDS: usize = 30;
+/// The set-ups are found if they move the points by less than this share of the reach: a micrometre on an arm of 1.7 m.
+const FOUND_PER_REACH: f64 = 1e-3 / 1700.0;
 
 impl<'a> Layout<'a> {
     /// `observed` are the points of `set`, and `model` is the robot that is expected to fit them best. `refit`: base and targets are unknown for
@@ -167,16 +195,59 @@ impl<'a> Layout<'a> {
         Ok(placed)
     }
 
-    /// A robot with corrections, placed on the same points as its links alone.
+    /// A robot with corrections, placed on the same points as its links alone. The set-ups of the instrument are placed anew for it, too: they alternate
+    /// with base and targets.
     pub fn place_corrected(
         &self,
         robot: &IdentifiedRobot,
         links_alone: &Placed,
-    ) -> IdentifiedRobot {
-        match self.is_placed_anew {
-            true => placed_anew(robot, &links_alone.counting()),
-            false => robot.clone(),
+    ) -> PlacedCorrected {
+        let mut placed = PlacedCorrected {
+            robot: robot.clone(),
+            points: links_alone.observed.all.clone(),
+        };
+        if !self.is_placed_anew {
+            return placed;
         }
+        placed.robot = placed_anew(robot, &counting(&placed.points));
+        for _ in 0..SET_UP_ROUNDS {
+            if !self.move_set_ups(&mut placed) {
+                break;
+            }
+            placed.robot = placed_anew(robot, &counting(&placed.points));
+        }
+        placed
+    }
+
+    /// Moves the points of each set-up but the reference onto the robot with corrections. Returns false if nothing moved.
+    fn move_set_ups(&self, placed: &mut PlacedCorrected) -> bool {
+        let Some(corrected) = &placed.robot.corrected else {
+            return false;
+        };
+        let resting = self.arrangement.resting();
+        let smallest_mm = FOUND_PER_REACH * reach_mm(&corrected.model.links);
+        let mut is_moved = false;
+        for set_up in (0..self.arrangement.motions.len()).filter(|at| *at != resting) {
+            let rows: Vec<usize> = (0..placed.points.len())
+                .filter(|row| self.arrangement.setups[*row] == set_up)
+                .collect();
+            let fitted = rows.iter().map(|row| &placed.points[*row]);
+            let fitted = fitted.filter(|o| o.weight > 0.0);
+            let (measured, predicted): (Vec<_>, Vec<_>) = fitted
+                .map(|o| (o.position_mm, corrected.position(&o.q_rad, o.target)))
+                .unzip();
+            if measured.len() < FEWEST_OF_SETUP {
+                continue;
+            }
+            let motion = rigid_motion(&measured, &predicted);
+            for row in rows {
+                let moved = placed.points[row].moved(&motion);
+                let shift = moved.position_mm - placed.points[row].position_mm;
+                is_moved |= shift.norm() > smallest_mm;
+                placed.points[row] = moved;
+            }
+        }
+        is_moved
     }
 
     /// Number of base and target parameters that are placed anew.

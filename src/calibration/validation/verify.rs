@@ -12,16 +12,14 @@ use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::enough_points::{
     base_is_known, check_verify, few_verify_points, n_refitted,
 };
-use crate::calibration::validation::errors::{
-    corrected_errors, per_point, rotation_errors, verify_without,
-};
+use crate::calibration::validation::errors::{per_point, rotation_errors, verify_without};
 use crate::calibration::validation::fit::Fit;
 use crate::calibration::validation::robust_comparison::robust_comparison;
 use crate::calibration::validation::session_fit::{
     SessionScatter, far_run, nominal_fit, session_fit, times_worse,
 };
 use crate::calibration::validation::verdict::{NO_BETTER, Verdict};
-use crate::calibration::validation::verification_set::{Layout, Placed};
+use crate::calibration::validation::verification_set::{Layout, Placed, PlacedCorrected};
 use crate::calibration::warnings::plausibility::instrument_scale;
 use crate::calibration::warnings::screening::screening_warnings;
 use crate::calibration::{Error, Monitor, unusable};
@@ -47,7 +45,7 @@ struct Scored {
     before: Placed,
     after: Placed,
     /// The robot with corrections, if a parameter set was scored.
-    corrected: Option<IdentifiedRobot>,
+    corrected: Option<PlacedCorrected>,
     /// Number of refitted base and target parameters.
     n_refitted: usize,
     /// Why an error of the base does not show, if the set has a base and it was placed anew.
@@ -76,13 +74,8 @@ pub fn verify(
     let (Some(before), Some(after)) = (scored.before.errors(), scored.after.errors()) else {
         return Err(unusable("under_determined", "the set has no points"));
     };
-    let corrected = match &scored.corrected {
-        Some(robot) if robot.corrected.is_some() => {
-            corrected_errors(robot, &scored.after.observed.all)
-        }
-        Some(_) => Some(after),
-        None => None,
-    };
+    let placed = scored.corrected.as_ref();
+    let corrected = placed.and_then(|placed| placed.errors().or(Some(after)));
     let errors = SubsetErrors {
         n_points: request.set.points.len(),
         before,
@@ -91,7 +84,7 @@ pub fn verify(
         rotation: rotation_errors(
             (&scored.before.model, &scored.before.observed.all),
             (&scored.after.model, &scored.after.observed.all),
-            scored.corrected.as_ref(),
+            scored.corrected.as_ref().map(PlacedCorrected::at_points),
         ),
     };
     Ok(report(request, identified.is_some(), scored, errors))
@@ -173,7 +166,7 @@ fn report(
     let mut per_point = per_point(
         (&scored.before.observed, &scored.before.model),
         (&scored.after.observed, &scored.after.model),
-        scored.corrected.as_ref(),
+        scored.corrected.as_ref().map(PlacedCorrected::at_points),
     );
     for row in &scored.left_out {
         per_point[*row].is_outlier = true;
@@ -273,7 +266,7 @@ fn report(
         target_segments: scored.after.segments,
         targets_mm: scored.after.model.targets_mm,
         target_rotations: scored.after.model.target_rotations,
-        corrected: scored.corrected.and_then(|robot| robot.corrected),
+        corrected: scored.corrected.and_then(|placed| placed.robot.corrected),
         corrections: None,
         repeatability: None,
         pooled: None,

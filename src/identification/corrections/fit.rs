@@ -10,12 +10,16 @@ use crate::identification::KinematicModel;
 use crate::identification::objective::Observation;
 use crate::identification::parameters::{Parameter, apply, deviation_from};
 use crate::identification::priors::Prior;
+use crate::kinematics::rotation::rotation_exp;
 use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, IsometryMatrix3, Translation3, Vector3};
+use std::borrow::Cow;
 
 /// Number of Gauss-Newton steps. The links are already identified and corrections are nearly linear, so that each step reduces the error to a
 /// thousandth.
 const STEPS: usize = 4;
+/// Unit of a set-up's turn, rad, and of its shift as a share of the reach.
+const MOTION_SCALE: f64 = 1e-3;
 
 /// Everything that stays the same from fit to fit.
 pub struct Setting<'a> {
@@ -33,6 +37,8 @@ pub struct Setting<'a> {
     pub priors: &'a [Prior],
     /// The points, each with nonzero weight.
     pub observations: &'a [Observation],
+    /// Set-up of the instrument of each point; `None` in the reference set-up. Empty if there is one set-up only.
+    pub set_ups: &'a [Option<usize>],
 }
 
 /// A fit of links with some corrections.
@@ -46,6 +52,9 @@ pub struct Fitted {
     pub values: Vec<f64>,
     /// σ², mm².
     pub variance: f64,
+    /// Transforms the points of each set-up but the reference into the frame in which the links alone have them at identity. The fit of the links placed
+    /// the set-ups on a robot without corrections; they move when corrections are added.
+    pub motions: Vec<IsometryMatrix3<f64>>,
 }
 
 /// The linear problem at a fit: residuals ≈ `residuals` − `columns`·x, with the priors as further rows.
@@ -54,7 +63,8 @@ pub struct Linear {
     pub residuals: DVector<f64>,
     /// First rotation row of each observation that is a pose.
     pub rotation_rows: Vec<Option<usize>>,
-    /// (3·N + 3·M) × m: links, base and targets in units of their scales, then the terms in units of their priors.
+    /// (3·N + 3·M) × m: links, base and targets in units of their scales, then the terms in units of their priors, then six numbers for each set-up but
+    /// the reference.
     pub columns: DMatrix<f64>,
     /// The diagonal of Λ, m: Σ (x/S)² = (x − pulled)ᵀ·Λ·(x − pulled) up to a constant.
     pub prior: DVector<f64>,
@@ -62,7 +72,7 @@ pub struct Linear {
     pub pull: DVector<f64>,
 }
 
-impl Setting<'_> {
+impl<'a> Setting<'a> {
     /// The corrections at a fit.
     pub fn corrections(&self, fitted: &Fitted) -> Corrections {
         let mut corrections = corrections_at(
@@ -75,27 +85,39 @@ impl Setting<'_> {
         corrections
     }
 
+    /// The points as they are placed at a fit.
+    pub fn placed(&self, at: &Fitted) -> Cow<'a, [Observation]> {
+        if self.set_ups.is_empty() {
+            return Cow::Borrowed(self.observations);
+        }
+        let all = self.observations.iter().zip(self.set_ups);
+        let placed = all.map(|(o, set_up)| match set_up {
+            Some(set_up) => o.moved(&at.motions[*set_up]),
+            None => o.clone(),
+        });
+        Cow::Owned(placed.collect())
+    }
+
     /// The linear problem at a fit. Every parameter is free. The links' priors settle what the points cannot tell apart, so that base and targets
     /// absorb as much as they can.
     pub fn linear(&self, at: &Fitted) -> Linear {
         let corrections = self.corrections(at);
         let unknowns = (self.parameters, at.terms.as_slice());
+        let observations = self.placed(at);
         let (residuals, mut by_parameter, mut by_term) = linearise(
             &at.model,
             &corrections,
             &self.mounting,
             unknowns,
-            self.observations,
+            &observations,
         );
         let (p, k) = (self.parameters.len(), at.terms.len());
+        let m = p + k + 6 * at.motions.len();
         for (j, scale) in self.scale.iter().enumerate() {
             by_parameter.column_mut(j).scale_mut(*scale);
         }
         // limits a step of poorly observable parameters to their scale
-        let (mut prior, mut pull) = (
-            DVector::<f64>::repeat(p + k, 1.0),
-            DVector::<f64>::zeros(p + k),
-        );
+        let (mut prior, mut pull) = (DVector::<f64>::repeat(m, 1.0), DVector::<f64>::zeros(m));
         for known in self.priors {
             let j = known.parameter;
             let deviation = deviation_from(self.nominal, &at.model, &self.parameters[j]);
@@ -109,17 +131,80 @@ impl Setting<'_> {
             by_term.column_mut(j).scale_mut(width);
             pull[p + j] = -value / width;
         }
-        let mut columns = DMatrix::zeros(residuals.len(), p + k);
+        let mut columns = DMatrix::zeros(residuals.len(), m);
         columns.columns_mut(0, p).copy_from(&by_parameter);
         columns.columns_mut(p, k).copy_from(&by_term);
-        Linear {
-            rotation_rows: rotation_rows(&at.model, self.observations),
+        let mut linear = Linear {
+            rotation_rows: rotation_rows(&at.model, &observations),
             residuals,
             columns,
             prior,
             pull,
+        };
+        if !at.motions.is_empty() {
+            let base = base_parameters();
+            let unknowns = (base.as_slice(), &[][..]);
+            let (_, by_base, _) = linearise(
+                &at.model,
+                &corrections,
+                &self.mounting,
+                unknowns,
+                &observations,
+            );
+            self.fill_motions(&mut linear, &by_base, p + k);
+        }
+        linear
+    }
+
+    /// Fills the columns of the set-ups: those of the base, in the rows of their points.
+    fn fill_motions(&self, linear: &mut Linear, by_base: &DMatrix<f64>, first: usize) {
+        let scale = self.motion_scale();
+        for (point, set_up) in self.set_ups.iter().enumerate() {
+            let Some(set_up) = set_up else { continue };
+            let rows: Vec<usize> = linear.rows_of(point).collect();
+            for (row, axis) in rows
+                .into_iter()
+                .flat_map(|row| (0..6).map(move |a| (row, a)))
+            {
+                linear.columns[(row, first + 6 * set_up + axis)] =
+                    by_base[(row, axis)] * scale[axis];
+            }
         }
     }
+
+    /// Units of the six numbers of a set-up: a thousandth of the reach, and a thousandth of a radian. They damp a step and pull to nothing.
+    fn motion_scale(&self) -> [f64; 6] {
+        let mm = MOTION_SCALE * reach_mm(&self.nominal.links);
+        [mm, mm, mm, MOTION_SCALE, MOTION_SCALE, MOTION_SCALE]
+    }
+
+    /// Moves the set-ups by a step of the solution. `base` is the base at which the columns were made: its origin is the centre of the turns.
+    fn moved(
+        &self,
+        motions: &[IsometryMatrix3<f64>],
+        step: &[f64],
+        base: &IsometryMatrix3<f64>,
+    ) -> Vec<IsometryMatrix3<f64>> {
+        let scale = self.motion_scale();
+        let origin = base.translation.vector;
+        let of_set_up = motions.iter().zip(step.chunks(6));
+        of_set_up
+            .map(|(before, step)| {
+                let number = |axis: usize| step[axis] * scale[axis];
+                let shift = Vector3::from_fn(|axis, _| number(axis));
+                let turn = rotation_exp(&Vector3::from_fn(|axis, _| number(3 + axis)));
+                let moved = Translation3::from(origin + shift - turn * origin);
+                // the step moves the prediction; its inverse moves the measured points
+                IsometryMatrix3::from_parts(moved, turn).inverse() * before
+            })
+            .collect()
+    }
+}
+
+/// The six numbers of a base.
+fn base_parameters() -> Vec<Parameter> {
+    let shifts = (0..3).map(Parameter::BaseTranslation);
+    shifts.chain((0..3).map(Parameter::BaseRotation)).collect()
 }
 
 impl Linear {
@@ -175,6 +260,8 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let p = setting.parameters.len();
         let deviations = setting.scale.iter().zip(&x).map(|(scale, x)| scale * x);
         let deviations: Vec<f64> = deviations.collect();
+        let base = at.model.t_instrument_base;
+        at.motions = setting.moved(&at.motions, &x.as_slice()[p + terms.len()..], &base);
         at.model = apply(&at.model, setting.parameters, &deviations);
         for (j, term) in terms.iter().enumerate() {
             at.values[j] +=

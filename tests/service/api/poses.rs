@@ -109,6 +109,56 @@ async fn upload(app: &TestApp, robot: &str, query: &str, csv: &str) -> Answer {
     app.post(&path, "text/csv", csv.to_owned()).await
 }
 
+/// A camera on the arm states how a fixed board stands to it: each pose is the inverse of the camera's in the board's frame.
+#[tokio::test]
+async fn poses_of_a_fixed_board_seen_by_a_carried_camera_are_named_and_taken() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let seen: Vec<Pose> = measured(80)
+        .into_iter()
+        .map(|(q_deg, position_mm, rotation)| {
+            let back = rotation.inverse();
+            (q_deg, -(back * position_mm), back)
+        })
+        .collect();
+    let file = with_quaternions(&seen);
+    let refused = upload(&app, &robot, "", &file).await;
+    let refused = refused.problem(422, "rotation_suspect");
+    assert!(
+        text(&refused["errors"][0]["detail"]).contains("inverse_poses=true"),
+        "{refused}"
+    );
+    let angles = csv(&seen, ANGLES, xyz);
+    let refused = upload(&app, &robot, "", &angles).await;
+    let refused = refused.problem(422, "invalid_measurements");
+    assert!(
+        text(&refused["errors"][0]["detail"]).contains("No convention fits this robot"),
+        "{refused}"
+    );
+    let taken = upload(&app, &robot, "&inverse_poses=true", &file).await;
+    let set = taken.ok(201);
+    let request = json!({"measurement_set_id": set["id"]});
+    let job = app.run(&robot, &request).await;
+    let report = format!("/v1/jobs/{}/report", text(&job["id"]));
+    let after = &app.get(&report).await.ok(200)["verify"]["after"];
+    assert!(after["rms_mm"].as_f64().unwrap() < 2.0 * MOST.0, "{after}");
+    for (query, code) in [
+        (
+            "frame=base&inverse_poses=true",
+            "inverse_poses_in_base_frame",
+        ),
+        ("frame=instrument&inverse_poses=true", "no_poses"),
+    ] {
+        let path = format!("{robot}/measurement-sets?{query}");
+        let body = match code {
+            "no_poses" => paper("first.csv"),
+            _ => file.clone().into_bytes(),
+        };
+        let refused = app.post(&path, "text/csv", body).await;
+        refused.problem(422, code);
+    }
+}
+
 #[tokio::test]
 async fn poses_are_uploaded_identified_reported_and_correct_whole_poses() {
     let app = TestApp::with_workers(1).await;
