@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
@@ -128,7 +128,7 @@ impl Audited for ApiKeyRow {
 /// [`super::Conflict::Duplicate`] if the key is stored already, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("key"))
+        .bind(IdPrefix::Key.new_id())
         .bind(&new.name)
         .bind(&new.key_sha256)
         .bind(&new.scopes_json)

@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
@@ -85,7 +85,7 @@ impl Audited for FramesRow {
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("frm"))
+        .bind(IdPrefix::Frames.new_id())
         .bind(&new.robot_id)
         .bind(&new.content_type)
         .bind(new.body.content().as_slice())

@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{
     AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sessions, job_sources,
@@ -315,7 +315,7 @@ impl Audited for JobWithClient {
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.require_disk_space()?;
-    let id = new_id("job");
+    let id = IdPrefix::Job.new_id();
     let query = sqlx::query_as(INSERT)
         .bind(&id)
         .bind(&new.robot_id)

@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
@@ -194,7 +194,7 @@ impl Audited for MeasurementSetRow {
 /// [`Error::NotFound`] if there is no such robot, [`Conflict::RobotArchived`], [`Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementSetRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("set"))
+        .bind(IdPrefix::MeasurementSet.new_id())
         .bind(&new.robot_id)
         .bind(new.name.as_deref())
         .bind(new.frame.as_str())

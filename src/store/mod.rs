@@ -22,6 +22,7 @@ pub mod estimates;
 pub mod frames;
 mod from_row;
 mod hashed;
+mod id_prefix;
 mod idempotency;
 mod job_sessions;
 pub mod job_sources;

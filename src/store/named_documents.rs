@@ -5,8 +5,8 @@ use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
@@ -165,14 +165,14 @@ pub struct NewNamedDocument<'a> {
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocumentRow> {
     let prefix = match new.kind {
-        NamedDocumentKind::Columns => "col",
-        NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => "doc",
-        NamedDocumentKind::Reference => "ref",
+        NamedDocumentKind::Columns => IdPrefix::Columns,
+        NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => IdPrefix::Document,
+        NamedDocumentKind::Reference => IdPrefix::Reference,
     };
     tx.require_disk_space()?;
     robots::lock(tx, new.robot_id).await?;
     let row: NamedDocumentRow = sqlx::query_as(INSERT)
-        .bind(new_id(prefix))
+        .bind(prefix.new_id())
         .bind(new.robot_id)
         .bind(new.kind.as_str())
         .bind(new.name)

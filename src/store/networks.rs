@@ -4,8 +4,8 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
@@ -235,7 +235,7 @@ async fn insert_by(
     new: &NewNetwork,
 ) -> Result<NetworkRow> {
     let query = sqlx::query_as(sql)
-        .bind(new_id("net"))
+        .bind(IdPrefix::Network.new_id())
         .bind(job_id)
         .bind(new.model.as_str())
         .bind(new.preset.as_str())

@@ -4,8 +4,8 @@
 use serde_json::json;
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::estimates;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries};
 pub use super::parameter_set_row::ParameterSetRow;
 use super::parameter_set_row::{as_created, as_released, as_withdrawn};
@@ -212,7 +212,7 @@ impl Audited for ParameterSetRow {
 /// [`Conflict::Duplicate`] if the job already has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("par"))
+        .bind(IdPrefix::ParameterSet.new_id())
         .bind(job_id)
         .bind(&new.body_json)
         .bind(&new.sha256);

@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::from_row::from_row;
+use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_queries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
@@ -282,7 +282,7 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("rob"))
+        .bind(IdPrefix::Robot.new_id())
         .bind(&new.name)
         .bind(&new.body_json);
     tx.require_disk_space()?;

@@ -6,6 +6,7 @@ use super::chain::Chain;
 use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
 use crate::store::from_row::from_row;
+use crate::store::id_prefix::IdPrefix;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::job_sessions::further_set_ids;
 use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
@@ -180,16 +181,18 @@ async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Res
 }
 
 async fn is_there(store: &Store, id: &str) -> Result<bool> {
-    let query = match id.split_once('_').map(|(prefix, _)| prefix) {
-        Some("set") => SUBJECT_SET,
-        Some("frm") => SUBJECT_FRAMES,
-        Some("col" | "doc") => SUBJECT_NAMED_DOCUMENT,
-        Some("rob") => SUBJECT_ROBOT,
-        Some("job") => SUBJECT_JOB,
-        Some("par") => SUBJECT_PARAMETER_SET,
-        Some("net") => SUBJECT_NETWORK,
-        Some("key") => SUBJECT_KEY,
-        _ => return Ok(true),
+    let Some(prefix) = IdPrefix::of(id) else {
+        return Ok(true);
+    };
+    let query = match prefix {
+        IdPrefix::MeasurementSet => SUBJECT_SET,
+        IdPrefix::Frames => SUBJECT_FRAMES,
+        IdPrefix::Columns | IdPrefix::Document | IdPrefix::Reference => SUBJECT_NAMED_DOCUMENT,
+        IdPrefix::Robot => SUBJECT_ROBOT,
+        IdPrefix::Job => SUBJECT_JOB,
+        IdPrefix::ParameterSet => SUBJECT_PARAMETER_SET,
+        IdPrefix::Network => SUBJECT_NETWORK,
+        IdPrefix::Key => SUBJECT_KEY,
     };
     let n: i64 = sqlx::query_scalar(query)
         .bind(id)
