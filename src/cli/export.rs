@@ -4,6 +4,7 @@ use super::client::ServerArguments;
 use super::files::read;
 use super::runtime::block_on;
 use super::terminal;
+use super::usage::Usage;
 use anyhow::Context;
 use clap::ValueEnum;
 use std::path::PathBuf;
@@ -58,20 +59,20 @@ pub struct Arguments {
     #[arg(short, long, env = "KINCAL_OUTPUT", value_name = "FILE")]
     output: Option<PathBuf>,
     /// The same as --format json.
-    #[arg(
-        long, env = "KINCAL_JSON", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
-    )]
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     json: bool,
 }
 
 /// Prints the export, or writes it into a file.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
+    if arguments.json && (arguments.patch.is_some() || arguments.format != Format::Json) {
+        let text = "--json (KINCAL_JSON) goes with neither --patch nor another --format";
+        return Err(Usage(text.into()).into());
+    }
     let patch = arguments.patch.as_deref().map(read).transpose()?;
     let format = arguments.format.to_possible_value();
-    let format = match (&format, arguments.json) {
-        (Some(format), false) => format.get_name().to_owned(),
-        _ => "json".to_owned(),
-    };
+    let format = format.map_or("json".to_owned(), |format| format.get_name().to_owned());
     let mut query = vec![(
         "format",
         if patch.is_some() {

@@ -5,6 +5,7 @@ use super::client::ServerArguments;
 use super::runtime::block_on;
 use super::table;
 use super::terminal::Output;
+use super::usage::Usage;
 use crate::wire::report_shape::Report;
 use anyhow::Context;
 use std::path::PathBuf;
@@ -18,12 +19,7 @@ pub struct Arguments {
     #[arg(value_name = "ID")]
     id: String,
     /// Write the report as a printable HTML page into this file instead of printing it.
-    #[arg(
-        long,
-        env = "KINCAL_HTML",
-        value_name = "FILE",
-        conflicts_with = "json"
-    )]
+    #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
     html: Option<PathBuf>,
     #[command(flatten)]
     output: Output,
@@ -33,6 +29,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let path = format!("/v1/jobs/{}/report", arguments.id);
     if let Some(file) = &arguments.html {
+        // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
+        if arguments.output.json {
+            return Err(Usage("--html and --json exclude each other".into()).into());
+        }
         let page = block_on(async {
             arguments
                 .server
