@@ -5,6 +5,7 @@ use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, read, read_json};
 use super::program::{Program, ProgramTarget};
 use super::runtime::block_on;
+use super::subject::item;
 use super::terminal;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
@@ -196,11 +197,11 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
     }
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => block_on(async {
-            let path = format!("/v1/parameter-sets/{id}/compensate");
+            let path = item("parameter-sets", id, "/compensate")?;
             let answer = arguments
                 .server
                 .client()?
-                .post_json(&path, &serde_json::to_value(&body)?)
+                .send(reqwest::Method::POST, &path, &body)
                 .await?;
             serde_json::from_value(answer)
                 .context("the server's answer is of another version of kincal")

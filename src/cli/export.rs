@@ -3,10 +3,12 @@
 use super::client::ServerArguments;
 use super::files::read;
 use super::runtime::block_on;
+use super::subject::{item, with_query};
 use super::terminal;
 use super::usage::Usage;
 use anyhow::Context;
 use clap::ValueEnum;
+use reqwest::Method;
 use std::path::PathBuf;
 
 /// Format of an export.
@@ -85,17 +87,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         query.push(("beta", "refit".into()));
     }
     query.extend(arguments.tip.clone().map(|tip| ("tip", tip)));
-    let url = reqwest::Url::parse_with_params("http://query/", query)?;
-    let path = format!(
-        "/v1/parameter-sets/{}/export?{}",
-        arguments.id,
-        url.query().unwrap_or_default()
-    );
+    let path = item("parameter-sets", &arguments.id, "/export")?;
+    let path = with_query(&path, &query)?;
     let text = block_on(async {
         let client = arguments.server.client()?;
         match patch {
-            Some(urdf) => client.post_for_bytes(&path, "application/xml", urdf).await,
-            None => client.get_bytes(&path).await,
+            Some(urdf) => {
+                client
+                    .write(Method::POST, &path, "application/xml", urdf)
+                    .await
+            }
+            None => client.read(&path).await,
         }
     })?;
     match &arguments.output {

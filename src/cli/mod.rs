@@ -39,6 +39,7 @@ mod robots;
 mod robots_library;
 mod runtime;
 mod serve;
+mod subject;
 mod submit;
 mod table;
 mod text_table;

@@ -1,14 +1,13 @@
 //! `kincal work-frames` and `kincal tools`: frames and tools of a robot, kept under a name.
 
-use super::client::ServerArguments;
 use super::files::read;
-use super::runtime::block_on;
-use super::terminal::Output;
+use super::subject::{OfRobot, named};
 use super::text_table;
 use super::usage::Usage;
 use crate::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
 use crate::wire::tool::ToolBody;
 use anyhow::Context;
+use serde::Serialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -45,29 +44,19 @@ enum ToolCommand {
 #[derive(Debug, clap::Args)]
 struct ListArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// Show only the one with this name.
     #[arg(value_name = "NAME")]
     name: Option<String>,
-    #[command(flatten)]
-    output: Output,
 }
 
 #[derive(Debug, clap::Args)]
 struct Named {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// The name to keep it under.
     #[arg(value_name = "NAME")]
     name: String,
-    #[command(flatten)]
-    output: Output,
 }
 
 #[derive(Debug, clap::Args)]
@@ -145,7 +134,7 @@ pub fn work_frames(arguments: &WorkFrameArguments) -> anyhow::Result<()> {
                 points,
                 std_mm: set.std_mm,
             };
-            keep(&set.named, "work-frames", serde_json::to_vec(&body)?)
+            keep(&set.named, "work-frames", &body)
         }
     }
 }
@@ -161,27 +150,19 @@ pub fn tools(arguments: &ToolArguments) -> anyhow::Result<()> {
                 std_mm: set.std_mm,
                 ..ToolBody::default()
             };
-            keep(&set.named, "tools", serde_json::to_vec(&body)?)
+            keep(&set.named, "tools", &body)
         }
     }
 }
 
-/// The path of a robot's frames or tools, or of one.
-fn path(robot: &str, kind: &str, name: Option<&str>) -> anyhow::Result<String> {
-    let mut url = reqwest::Url::parse("http://localhost")?;
-    if let Ok(mut segments) = url.path_segments_mut() {
-        segments.extend(["v1", "robots", robot, kind]).extend(name);
-    }
-    Ok(url.path().to_owned())
-}
-
 fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
-    let answer = block_on(async {
-        let client = list.server.client()?;
-        let robot = client.robot_id(&list.robot).await?;
-        client.get(&path(&robot, kind, list.name.as_deref())?).await
-    })?;
-    list.output
+    let below = match &list.name {
+        Some(name) => named(kind, name)?,
+        None => format!("/{kind}"),
+    };
+    let answer = list.robot.get(&below)?;
+    list.robot
+        .output
         .print(&answer, || match answer["items"].as_array() {
             Some(items) if items.is_empty() => "none".into(),
             Some(items) => in_words(items),
@@ -189,14 +170,10 @@ fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
         })
 }
 
-fn keep(named: &Named, kind: &str, body: Vec<u8>) -> anyhow::Result<()> {
-    let answer = block_on(async {
-        let client = named.server.client()?;
-        let robot = client.robot_id(&named.robot).await?;
-        let path = path(&robot, kind, Some(&named.name))?;
-        client.send(reqwest::Method::PUT, &path, body).await
-    })?;
-    named
+fn keep(kept: &Named, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
+    let below = named(kind, &kept.name)?;
+    let answer = kept.robot.send(reqwest::Method::PUT, &below, body)?;
+    kept.robot
         .output
         .print(&answer, || in_words(std::slice::from_ref(&answer)))
 }

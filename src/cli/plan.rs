@@ -211,7 +211,7 @@ async fn on_server(
     let path = format!("/v1/robots/{}", client.robot_id(robot).await?);
     let described = client.get(&path).await?;
     let answer = client
-        .post_json(&format!("{path}/pose-plans"), &serde_json::to_value(&body)?)
+        .send(reqwest::Method::POST, &format!("{path}/pose-plans"), &body)
         .await?;
     let links = described["links"].as_array();
     Ok(PlanForRobot {

@@ -15,6 +15,7 @@ use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::{LinkBody, MountingBody, NamedMounting, Robot, RobotBody};
 use crate::wire::robot_model::RobotModel;
 use crate::wire::tool::ToolBody;
+use reqwest::Method;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -297,8 +298,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
     }
     let robot = block_on(async {
         let client = arguments.server.client()?;
-        let body = serde_json::to_vec(&body)?;
-        client.create("/v1/robots", "application/json", body).await
+        client.send(Method::POST, "/v1/robots", &body).await
     })?;
     let text = |field: &str| plain(robot[field].as_str().unwrap_or_default());
     arguments.output.print(&robot, || {
@@ -357,9 +357,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
             let named = arguments.robot.as_deref().unwrap_or_default();
             let id = client.robot_id(named).await?;
             let path = format!("/v1/robots/{id}/posture");
-            client
-                .post_json(&path, &serde_json::to_value(&request)?)
-                .await
+            client.send(Method::POST, &path, &request).await
         })?,
     };
     let found: PostureAnswer = serde_json::from_value(answer)?;

@@ -8,6 +8,7 @@ use super::measured::{Measured, TableOptions, in_words as understood_in_words, r
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
 use super::remedy::{in_commands, with_options};
 use super::runtime::block_on;
+use super::subject::with_query;
 use super::table;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
@@ -128,12 +129,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         let ids = sets.iter().map(|set| Ok(text(set, "id")?.to_owned()));
         let ids: Vec<String> = ids.collect::<anyhow::Result<_>>()?;
-        let request = serde_json::to_value(request(arguments, &ids))?;
+        let request = request(arguments, &ids);
         let posted = client
-            .create(
+            .send(
+                reqwest::Method::POST,
                 &format!("/v1/robots/{robot}/jobs"),
-                "application/json",
-                serde_json::to_vec(&request)?,
+                &request,
             )
             .await?;
         let job_id = text(&posted, "id")?;
@@ -261,11 +262,10 @@ async fn upload(
             parameters.push(("columns", serde_json::to_string(&files.columns)?));
         }
     }
-    let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
-    let query = query.query().unwrap_or_default();
-    let sets = format!("/v1/robots/{robot}/measurement-sets?{query}");
+    let sets = format!("/v1/robots/{robot}/measurement-sets");
+    let sets = with_query(&sets, &parameters)?;
     let set = client
-        .create(&sets, &files.content_type, files.bytes)
+        .post(&sets, &files.content_type, files.bytes)
         .await
         .map_err(|error| with_file_rows(error, path, &files.shown))?;
     let reading: Reading = serde_json::from_value(set.clone()).unwrap_or_default();
