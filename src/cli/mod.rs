@@ -26,6 +26,7 @@ mod key;
 mod list;
 mod measured;
 mod named_frames;
+mod numbers;
 mod openapi;
 mod options;
 mod plan;

@@ -1,6 +1,7 @@
 //! `kincal work-frames` and `kincal tools`: frames and tools of a robot, kept under a name.
 
 use super::files::read;
+use super::numbers::{exactly, three_mm};
 use super::subject::{OfRobot, named};
 use super::text_table;
 use super::usage::Usage;
@@ -64,7 +65,7 @@ struct SetTool {
     #[command(flatten)]
     named: Named,
     /// Tool centre point in the flange frame: X,Y,Z in mm.
-    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     mm: [f64; 3],
     /// Orientation in the flange frame [default: as the flange].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
@@ -79,7 +80,7 @@ struct SetWorkFrame {
     #[command(flatten)]
     named: Named,
     /// Origin of the work frame: X,Y,Z in mm.
-    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true, conflicts_with = "points")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true, conflicts_with = "points")]
     origin_mm: Option<[f64; 3]>,
     /// Orientation of the work frame [default: as the frame that it is given in].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true, conflicts_with = "points")]
@@ -99,19 +100,8 @@ struct SetWorkFrame {
     station: Option<String>,
 }
 
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let all: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
-    let all = all.ok().and_then(|all| <[f64; N]>::try_from(all).ok());
-    all.filter(|all| all.iter().all(|n| n.is_finite()))
-        .ok_or_else(|| format!("{N} numbers with commas between them are needed"))
-}
-
-fn three(text: &str) -> Result<[f64; 3], String> {
-    numbers(text)
-}
-
 fn four(text: &str) -> Result<[f64; 4], String> {
-    numbers(text)
+    exactly(text, "four numbers with commas between them are needed")
 }
 
 /// Lists work frames, or keeps one.

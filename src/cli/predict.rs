@@ -1,5 +1,6 @@
 //! `kincal predict`: the tool's position for joint values, computed with identified parameters.
 
+use super::numbers;
 use super::runtime::block_on;
 use super::subject::OfParameterSet;
 use super::terminal::plain;
@@ -23,10 +24,8 @@ pub struct Arguments {
 struct Pose(Vec<f64>);
 
 fn pose(text: &str) -> Result<Pose, String> {
-    let q_deg: Result<Vec<f64>, _> = text.split(',').map(|q| q.trim().parse()).collect();
-    q_deg
-        .map(Pose)
-        .map_err(|_| "numbers with commas between them, such as 10,-20,30,0,45,0".into())
+    let wrong = "numbers with commas between them, such as 10,-20,30,0,45,0";
+    numbers::all(text).map(Pose).ok_or_else(|| wrong.into())
 }
 
 /// Prints one position per pose.

@@ -3,6 +3,7 @@
 use super::archive::{self, Action};
 use super::files::read_json;
 use super::list::{self, RobotArguments};
+use super::numbers;
 use super::robots_library::{self, LibraryCommand};
 use super::runtime::block_on;
 use super::subject::OfRobot;
@@ -113,10 +114,9 @@ impl FromStr for Mounted {
         if let Some(named) = named {
             return Ok(Self(MountingBody::Named(named)));
         }
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-        let (gravity_in_base, std_deg) = match numbers.as_deref() {
-            Ok([x, y, z]) => ([*x, *y, *z], DEFAULT_GRAVITY_STD_DEG),
-            Ok([x, y, z, std_deg]) => ([*x, *y, *z], *std_deg),
+        let (gravity_in_base, std_deg) = match numbers::all(text).as_deref() {
+            Some([x, y, z]) => ([*x, *y, *z], DEFAULT_GRAVITY_STD_DEG),
+            Some([x, y, z, std_deg]) => ([*x, *y, *z], *std_deg),
             _ => {
                 return Err(
                     "floor, wall, ceiling, or the direction in which things fall: X,Y,Z or X,Y,Z,STD_DEG"

@@ -1,9 +1,9 @@
 //! `kincal robots find|add|posture`: ready arms, robots from descriptions, and the comparison of a posture with the pendant.
 
 use super::client::{Client, ServerArguments};
-use super::compensate::tool_mm;
 use super::files::{cannot_be_used, parse_json, read};
 use super::import::{format_of, tell};
+use super::numbers::{self, three_mm};
 use super::runtime::block_on;
 use super::terminal::{self, Output, plain};
 use super::text_table::columns;
@@ -103,10 +103,10 @@ pub struct PostureArguments {
     )]
     robot_file: Option<PathBuf>,
     /// Position of the active tool in the flange frame: X,Y,Z in mm [default: the flange].
-    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
     /// Position that the pendant shows: X,Y,Z in mm. The output states its distance from the model's position.
-    #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     shown_mm: Option<[f64; 3]>,
     #[command(flatten)]
     output: Output,
@@ -117,8 +117,7 @@ pub struct PostureArguments {
 struct Degrees(Vec<f64>);
 
 fn degrees(text: &str) -> Result<Degrees, String> {
-    let values: Result<Vec<f64>, _> = text.split(',').map(|q| q.trim().parse()).collect();
-    values.map(Degrees).map_err(|_| {
+    numbers::all(text).map(Degrees).ok_or_else(|| {
         "numbers, such as 10 -20 30 0 45 0 or 10,-20,30,0,45,0; the robot is named by --robot, --arm or --robot-file".into()
     })
 }
