@@ -6,28 +6,11 @@ use super::runtime::block_on;
 use super::subject::{item, with_query};
 use super::terminal;
 use super::usage::Usage;
+use crate::wire::export::ExportFormat;
 use anyhow::Context;
 use clap::ValueEnum;
 use reqwest::Method;
 use std::path::PathBuf;
-
-/// Format of an export.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[value(rename_all = "snake_case")]
-enum Format {
-    /// The nominal robot and the identified parameters; `kincal compensate` reads it.
-    Json,
-    /// The same document in YAML.
-    Yaml,
-    /// One row per link.
-    Csv,
-    /// A description for simulation and planning.
-    Urdf,
-    /// Joint origins as the drivers of Universal Robots read them.
-    UrKinematics,
-    /// Joint offsets for controllers that accept nothing else.
-    Mastering,
-}
 
 /// A parameter set in a format of other software or of a controller.
 #[derive(Debug, clap::Args)]
@@ -45,7 +28,7 @@ pub struct Arguments {
         default_value = "json",
         conflicts_with = "patch"
     )]
-    format: Format,
+    format: ExportFormat,
     /// Export links with beta = 0 that come nearest to the identified links over the workspace, for controllers without beta.
     #[arg(
         long, env = "KINCAL_REFIT_BETA", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -68,7 +51,7 @@ pub struct Arguments {
 /// Prints the export, or writes it into a file.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
-    if arguments.json && (arguments.patch.is_some() || arguments.format != Format::Json) {
+    if arguments.json && (arguments.patch.is_some() || arguments.format != ExportFormat::Json) {
         let text = "--json (KINCAL_JSON) goes with neither --patch nor another --format";
         return Err(Usage(text.into()).into());
     }
