@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
 /// An API key.
@@ -75,8 +75,13 @@ const FIND: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from api_key where id = $1");
 
-pub(super) const LIST: ListQueries =
-    list_queries!(columns!(), "api_key", "1 = 1", "$1", "$2", "$3");
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "api_key",
+    filter: "1 = 1",
+    n_filters: 0,
+    name: None,
+};
 
 const REVOKE: &str = concat!(
     "update api_key set revoked_at_ms = coalesce(revoked_at_ms, (select now_ms from clock))

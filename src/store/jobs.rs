@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_row};
 use super::{
     AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sessions, job_sources,
 };
@@ -210,24 +210,22 @@ macro_rules! filter {
     };
 }
 
-pub(super) const OF_ROBOT: ListQueries = list_queries!(
-    columns!(),
-    "job",
-    filter!("robot_id = $1"),
-    "$5",
-    "$6",
-    "$7"
-);
+pub(super) const OF_ROBOT: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "job",
+    filter: filter!("robot_id = $1"),
+    n_filters: 4,
+    name: None,
+};
 
 // $1 is a comma-separated list of robot ids; '' for all robots.
-pub(super) const OF_ROBOTS: ListQueries = list_queries!(
-    columns!(),
-    "job",
-    filter!("($1 = '' or replace($1, robot_id, '') <> $1)"),
-    "$5",
-    "$6",
-    "$7"
-);
+pub(super) const OF_ROBOTS: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "job",
+    filter: filter!("($1 = '' or replace($1, robot_id, '') <> $1)"),
+    n_filters: 4,
+    name: None,
+};
 
 const REPORT: &str = "select status, report_json as document from job where id = $1";
 

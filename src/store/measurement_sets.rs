@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
@@ -126,18 +126,15 @@ const GET: &str = concat!("select ", columns!(), " from measurement_set where id
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "measurement_set",
-    "robot_id = $1
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "measurement_set",
+    filter: "robot_id = $1
         and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = measurement_set.id))
         and ($3 = '%' or lower(name) like lower($3) escape '!')",
-    "$4",
-    "$5",
-    "$6",
-    "lower(coalesce(name, ''))",
-    "$7"
-);
+    n_filters: 3,
+    name: Some("lower(coalesce(name, ''))"),
+};
 
 const BY_ID: &str = concat!(
     "select ",

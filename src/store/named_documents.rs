@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
@@ -84,15 +84,14 @@ const NEWEST: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from named_document where id = $1");
 
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "named_document",
-    "robot_id = $1 and kind = $2 and not exists (select 1 from named_document later where later.robot_id = named_document.robot_id
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "named_document",
+    filter: "robot_id = $1 and kind = $2 and not exists (select 1 from named_document later where later.robot_id = named_document.robot_id
         and later.kind = named_document.kind and later.name = named_document.name and later.version > named_document.version)",
-    "$3",
-    "$4",
-    "$5"
-);
+    n_filters: 2,
+    name: None,
+};
 
 list_row!(NamedDocumentRow);
 

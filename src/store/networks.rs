@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
@@ -165,20 +165,19 @@ const NEWEST_RESIDUAL: &str = concat!("select n.id as id, n.weights as weights f
      order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
      limit cast($3 as bigint)");
 
-pub(super) const LIST: ListQueries = list_queries!(
-    "*",
-    concat!(
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: "*",
+    from: concat!(
         "(select ",
         columns!("network"),
         " from network where robot_id = $1 union all select ",
         columns!("residual_network"),
         " from residual_network where robot_id = $1) as both_kinds"
     ),
-    "($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))",
-    "$3",
-    "$4",
-    "$5"
-);
+    filter: "($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))",
+    n_filters: 2,
+    name: None,
+};
 
 const BY_ID: &str = concat!(
     "select * from (select ",

@@ -6,7 +6,7 @@ use serde_json::json;
 use super::audit::{Audited, ExpectedEntry};
 use super::estimates;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries};
+use super::listing::{self, ListQueries};
 pub use super::parameter_set_row::ParameterSetRow;
 use super::parameter_set_row::{as_created, as_released, as_withdrawn};
 use super::policies::ABSENT;
@@ -143,16 +143,15 @@ const OF_ANOTHER_UPLOAD: &str = concat!(
      limit 1"
 );
 
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "parameter_set",
-    "robot_id = $1
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "parameter_set",
+    filter: "robot_id = $1
         and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = parameter_set.id))
         and ($3 = '' or status = $3)",
-    "$4",
-    "$5",
-    "$6"
-);
+    n_filters: 3,
+    name: None,
+};
 
 // This update changes no value. It locks the robot's row, so that releases and withdrawals of one robot run one after the other.
 const LOCK_ROBOT: &str =

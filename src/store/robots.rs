@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::from_row;
 use super::id_prefix::IdPrefix;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
@@ -130,18 +130,15 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from robot_now where id = $1");
 
 // $1 is a comma-separated list of ids; '' for all robots. No id contains another id, so `replace` changes the list exactly if the list has the id.
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "robot_now",
-    "($1 = '' or replace($1, id, '') <> $1)
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "robot_now",
+    filter: "($1 = '' or replace($1, id, '') <> $1)
         and ($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))
         and ($3 = '%' or sort_name like lower($3) escape '!' or lower(serial_number) like lower($3) escape '!')",
-    "$4",
-    "$5",
-    "$6",
-    "sort_name",
-    "$7"
-);
+    n_filters: 3,
+    name: Some("sort_name"),
+};
 
 // This update changes no value. It locks the robot's row, so that releases, policies and verifications of one robot are written one after the other.
 const LOCK: &str = "update robot set name = name where id = $1";

@@ -30,7 +30,7 @@ fn each_engine_prepares_every_query() {
                 "a limit that is bound is cast: {query}"
             );
             let prepared = (&mut *connection)
-                .prepare(sqlx::SqlSafeStr::into_sql_str(query))
+                .prepare(sqlx::SqlSafeStr::into_sql_str(sqlx::AssertSqlSafe(&*query)))
                 .await;
             prepared.unwrap_or_else(|error| panic!("{error}: {query}"));
         }
