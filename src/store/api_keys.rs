@@ -3,39 +3,31 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
-/// An API key.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ApiKeyRow {
-    /// `key_…`
-    pub id: String,
-    /// Name of the holder; need not be unique.
-    pub name: String,
-    /// SHA-256 of the key, hexadecimal.
-    pub key_sha256: String,
-    /// JSON list of scopes.
-    pub scopes_json: String,
-    /// JSON list of the robots that the key is limited to; none for all robots.
-    pub robots_json: Option<String>,
-    /// When it was created.
-    pub created_at_ms: i64,
-    /// When it was revoked.
-    pub revoked_at_ms: Option<i64>,
+row! {
+    /// An API key.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ApiKeyRow {
+        /// `key_…`
+        pub id: String,
+        /// Name of the holder; need not be unique.
+        pub name: String,
+        /// SHA-256 of the key, hexadecimal.
+        pub key_sha256: String,
+        /// JSON list of scopes.
+        pub scopes_json: String,
+        /// JSON list of the robots that the key is limited to; none for all robots.
+        pub robots_json: Option<String>,
+        /// When it was created.
+        pub created_at_ms: i64,
+        /// When it was revoked.
+        pub revoked_at_ms: Option<i64>,
+    }
 }
-
-from_row!(ApiKeyRow {
-    id,
-    name,
-    key_sha256,
-    scopes_json,
-    robots_json,
-    created_at_ms,
-    revoked_at_ms
-});
 
 list_row!(ApiKeyRow);
 

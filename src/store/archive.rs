@@ -5,7 +5,7 @@ use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{AuditEvent, Conflict, Error, Result, Tx};
 
 /// Kind of an item that can be archived.
@@ -28,28 +28,22 @@ names!(Archivable {
     ParameterSet = "parameter_set", Network = "network",
 });
 
-/// An archived item.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ArchivedRow {
-    /// Its id.
-    pub id: String,
-    /// Its kind, as text, because `verify` must be able to read any text.
-    pub kind: String,
-    /// Id of its robot. For a robot, this is its own id.
-    pub robot_id: String,
-    /// Id of the key that archived it.
-    pub archived_by: String,
-    /// When it was archived.
-    pub archived_at_ms: i64,
+row! {
+    /// An archived item.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct ArchivedRow {
+        /// Its id.
+        pub id: String,
+        /// Its kind, as text, because `verify` must be able to read any text.
+        pub kind: String,
+        /// Id of its robot. For a robot, this is its own id.
+        pub robot_id: String,
+        /// Id of the key that archived it.
+        pub archived_by: String,
+        /// When it was archived.
+        pub archived_at_ms: i64,
+    }
 }
-
-from_row!(ArchivedRow {
-    id,
-    kind,
-    robot_id,
-    archived_by,
-    archived_at_ms
-});
 
 pub(super) const ALL_QUERIES: &[&str] = &[ARCHIVE, SINCE, RESTORE, BY_ID];
 

@@ -3,33 +3,27 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// Frames computed from one upload of sweeps.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FramesRow {
-    /// `frm_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// Media type of the upload.
-    pub content_type: String,
-    /// Frames and circles in JSON.
-    pub result_json: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
+row! {
+    /// Frames computed from one upload of sweeps.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct FramesRow {
+        /// `frm_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// Media type of the upload.
+        pub content_type: String,
+        /// Frames and circles in JSON.
+        pub result_json: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+    }
 }
-
-from_row!(FramesRow {
-    id,
-    robot_id,
-    content_type,
-    result_json,
-    created_at_ms
-});
 
 /// Frames to be stored.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::{
@@ -13,78 +13,78 @@ use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::{Finding, JobStatus};
 
-/// A job without its report and convergence curve.
-#[derive(Clone, Debug, PartialEq)]
-pub struct JobRow {
-    /// `job_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The set to identify from, or to verify on. With several sessions, the set of the first session.
-    pub measurement_set_id: String,
-    /// Ids of the sets of further sessions, in order, separated by commas; empty for a job with one session.
-    pub further_set_ids: String,
-    /// A separate set to verify on.
-    pub verify_set_id: Option<String>,
-    /// Frames computed from sweeps.
-    pub frames_id: Option<String>,
-    /// The network to start from, chosen when the job was posted.
-    pub network_input_id: Option<String>,
-    /// The residual network from which training continues, chosen when the job was posted.
-    pub residual_network_input_id: Option<String>,
-    /// The parameter set to start from or to verify, chosen when the job was posted.
-    pub parameter_set_input_id: Option<String>,
-    /// `identify`, `verify` or `check`.
-    pub kind: Kind,
-    /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
-    pub method: String,
-    /// The whole request in JSON.
-    pub request_json: String,
-    /// Its state.
-    pub status: JobStatus,
-    /// Jobs with a higher number run first.
-    pub priority: i64,
-    /// Number of the attempt. Attempts that were handed back are not counted.
-    pub attempt: i64,
-    /// The worker that runs or ran the job.
-    pub owner: Option<String>,
-    /// End of that worker's lease, unless it is renewed.
-    pub lease_until_ms: Option<i64>,
-    /// When its cancellation was requested.
-    pub cancel_requested_at_ms: Option<i64>,
-    /// Progress of this attempt in JSON.
-    pub progress_json: Option<String>,
-    /// Why it failed.
-    pub error_json: Option<String>,
-    /// SHA-256 of its result, hexadecimal.
-    pub result_sha256: Option<String>,
-    /// The parameter set that it identified.
-    pub parameter_set_id: Option<String>,
-    /// The network that it trained.
-    pub network_id: Option<String>,
-    /// The residual network that it trained.
-    pub residual_network_id: Option<String>,
-    /// When it was posted.
-    pub created_at_ms: i64,
-    /// When this attempt began.
-    pub started_at_ms: Option<i64>,
-    /// When it ended.
-    pub finished_at_ms: Option<i64>,
-    /// Version of the robot that the job computes with, chosen when the job was posted.
-    pub robot_version: i64,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Name of its measurement set.
-    pub measurement_set_name: Option<String>,
-    /// rms error of the nominal robot on the points that were not fitted, mm.
-    pub before_rms_mm: Option<f64>,
-    /// rms error of the parameter set on the same points, mm.
-    pub after_rms_mm: Option<f64>,
-    /// What it found against the parameter set or against its points.
-    pub finding: Option<Finding>,
+row! {
+    /// A job without its report and convergence curve.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct JobRow {
+        /// `job_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// The set to identify from, or to verify on. With several sessions, the set of the first session.
+        pub measurement_set_id: String,
+        /// Ids of the sets of further sessions, in order, separated by commas; empty for a job with one session.
+        pub further_set_ids: String,
+        /// A separate set to verify on.
+        pub verify_set_id: Option<String>,
+        /// Frames computed from sweeps.
+        pub frames_id: Option<String>,
+        /// The network to start from, chosen when the job was posted.
+        pub network_input_id: Option<String>,
+        /// The residual network from which training continues, chosen when the job was posted.
+        pub residual_network_input_id: Option<String>,
+        /// The parameter set to start from or to verify, chosen when the job was posted.
+        pub parameter_set_input_id: Option<String>,
+        /// `identify`, `verify` or `check`.
+        pub kind: Kind,
+        /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
+        pub method: String,
+        /// The whole request in JSON.
+        pub request_json: String,
+        /// Its state.
+        pub status: JobStatus,
+        /// Jobs with a higher number run first.
+        pub priority: i64,
+        /// Number of the attempt. Attempts that were handed back are not counted.
+        pub attempt: i64,
+        /// The worker that runs or ran the job.
+        pub owner: Option<String>,
+        /// End of that worker's lease, unless it is renewed.
+        pub lease_until_ms: Option<i64>,
+        /// When its cancellation was requested.
+        pub cancel_requested_at_ms: Option<i64>,
+        /// Progress of this attempt in JSON.
+        pub progress_json: Option<String>,
+        /// Why it failed.
+        pub error_json: Option<String>,
+        /// SHA-256 of its result, hexadecimal.
+        pub result_sha256: Option<String>,
+        /// The parameter set that it identified.
+        pub parameter_set_id: Option<String>,
+        /// The network that it trained.
+        pub network_id: Option<String>,
+        /// The residual network that it trained.
+        pub residual_network_id: Option<String>,
+        /// When it was posted.
+        pub created_at_ms: i64,
+        /// When this attempt began.
+        pub started_at_ms: Option<i64>,
+        /// When it ended.
+        pub finished_at_ms: Option<i64>,
+        /// Version of the robot that the job computes with, chosen when the job was posted.
+        pub robot_version: i64,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Name of its measurement set.
+        pub measurement_set_name: Option<String>,
+        /// rms error of the nominal robot on the points that were not fitted, mm.
+        pub before_rms_mm: Option<f64>,
+        /// rms error of the parameter set on the same points, mm.
+        pub after_rms_mm: Option<f64>,
+        /// What it found against the parameter set or against its points.
+        pub finding: Option<Finding>,
+    }
 }
-
-from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms, measurement_set_name, before_rms_mm, after_rms_mm } parsed { status, kind } optional { finding });
 
 list_row!(JobRow);
 
@@ -102,13 +102,13 @@ impl JobRow {
     }
 }
 
-/// A document of a job. It exists only if the job succeeded.
-struct DocumentRow {
-    status: JobStatus,
-    document: Option<String>,
+row! {
+    /// A document of a job. It exists only if the job succeeded.
+    struct DocumentRow {
+        status: JobStatus,
+        document: Option<String>,
+    }
 }
-
-from_row!(DocumentRow { document } parsed { status });
 
 /// A job to be stored. The row names everything that the result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -249,14 +249,14 @@ const BY_ID: &str = concat!(
     " from job where id > $1 order by id limit cast($2 as bigint)"
 );
 
-/// A job with the client that posted it.
-#[derive(Debug)]
-pub(super) struct JobWithClient {
-    client: String,
-    job: JobRow,
+row! {
+    /// A job with the client that posted it.
+    #[derive(Debug)]
+    pub(super) struct JobWithClient {
+        client: String,
+        job: JobRow,
+    }
 }
-
-from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
     // `robot_version` and `further_set_ids` are fields of their own and not part of the hash, because audit entries of older versions lack them.

@@ -3,70 +3,53 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
-/// A measurement set without its bytes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MeasurementSetRow {
-    /// `set_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// Its name; need not be unique.
-    pub name: Option<String>,
-    /// `base` or `instrument`.
-    pub frame: Frame,
-    /// Media type of the upload.
-    pub content_type: String,
-    /// SHA-256 of the uploaded bytes, hexadecimal.
-    pub sha256: String,
-    /// Number of points.
-    pub n_points: i64,
-    /// Number of arm configurations.
-    pub n_configurations: i64,
-    /// Number of targets on the tool.
-    pub n_targets: i64,
-    /// JSON list of warnings.
-    pub warnings_json: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// Id of the key that uploaded it.
-    pub uploaded_by: Option<String>,
-    /// The serial number that the uploader stated.
-    pub serial_number: Option<String>,
-    /// Code of the suspicion that the uploader overrode with `insist`. A release must not depend on such a set.
-    pub insisted_on: Option<String>,
-    /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
-    pub reading_json: Option<String>,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Its name in lower case, for sorting lists; empty without a name.
-    pub sort_name: String,
+row! {
+    /// A measurement set without its bytes.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct MeasurementSetRow {
+        /// `set_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// Its name; need not be unique.
+        pub name: Option<String>,
+        /// `base` or `instrument`.
+        pub frame: Frame,
+        /// Media type of the upload.
+        pub content_type: String,
+        /// SHA-256 of the uploaded bytes, hexadecimal.
+        pub sha256: String,
+        /// Number of points.
+        pub n_points: i64,
+        /// Number of arm configurations.
+        pub n_configurations: i64,
+        /// Number of targets on the tool.
+        pub n_targets: i64,
+        /// JSON list of warnings.
+        pub warnings_json: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// Id of the key that uploaded it.
+        pub uploaded_by: Option<String>,
+        /// The serial number that the uploader stated.
+        pub serial_number: Option<String>,
+        /// Code of the suspicion that the uploader overrode with `insist`. A release must not depend on such a set.
+        pub insisted_on: Option<String>,
+        /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
+        pub reading_json: Option<String>,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Its name in lower case, for sorting lists; empty without a name.
+        pub sort_name: String,
+    }
 }
-
-from_row!(MeasurementSetRow {
-    id,
-    robot_id,
-    name,
-    content_type,
-    sha256,
-    n_points,
-    n_configurations,
-    n_targets,
-    warnings_json,
-    created_at_ms,
-    uploaded_by,
-    serial_number,
-    insisted_on,
-    reading_json,
-    archived_at_ms,
-    sort_name
-} parsed { frame });
 
 list_row!(MeasurementSetRow, sort_name);
 

@@ -5,7 +5,7 @@ use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
@@ -26,37 +26,28 @@ pub enum NamedDocumentKind {
 
 names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool", Reference = "reference" });
 
-/// One version of a document.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NamedDocumentRow {
-    /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// Its kind, as [`NamedDocumentKind::as_str`].
-    pub kind: String,
-    /// Its name.
-    pub name: String,
-    /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
-    pub version: i64,
-    /// The document in JSON.
-    pub content_json: String,
-    /// Id of the key that stored it.
-    pub created_by: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
+row! {
+    /// One version of a document.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NamedDocumentRow {
+        /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// Its kind, as [`NamedDocumentKind::as_str`].
+        pub kind: String,
+        /// Its name.
+        pub name: String,
+        /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
+        pub version: i64,
+        /// The document in JSON.
+        pub content_json: String,
+        /// Id of the key that stored it.
+        pub created_by: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+    }
 }
-
-from_row!(NamedDocumentRow {
-    id,
-    robot_id,
-    kind,
-    name,
-    version,
-    content_json,
-    created_by,
-    created_at_ms
-});
 
 macro_rules! columns {
     () => {

@@ -4,7 +4,7 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
@@ -12,56 +12,45 @@ use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
 
-/// A network without its weights.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NetworkRow {
-    /// `net_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The job that trained it.
-    pub job_id: String,
-    /// The model of that job, as text, because `verify` must be able to read any text.
-    pub model: String,
-    /// The preset of that job, as text for the same reason.
-    pub preset: String,
-    /// Further facts in JSON, among them its kind.
-    pub metadata_json: String,
-    /// SHA-256 of the tensors, hexadecimal.
-    pub weights_sha256: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Version of the robot's joint map that the network was trained with.
-    pub joint_map_version: i64,
+row! {
+    /// A network without its weights.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NetworkRow {
+        /// `net_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// The job that trained it.
+        pub job_id: String,
+        /// The model of that job, as text, because `verify` must be able to read any text.
+        pub model: String,
+        /// The preset of that job, as text for the same reason.
+        pub preset: String,
+        /// Further facts in JSON, among them its kind.
+        pub metadata_json: String,
+        /// SHA-256 of the tensors, hexadecimal.
+        pub weights_sha256: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Version of the robot's joint map that the network was trained with.
+        pub joint_map_version: i64,
+    }
 }
-
-from_row!(NetworkRow {
-    id,
-    robot_id,
-    job_id,
-    model,
-    preset,
-    metadata_json,
-    weights_sha256,
-    created_at_ms,
-    archived_at_ms,
-    joint_map_version
-});
 
 list_row!(NetworkRow);
 
-/// A network of link parameters and its weights.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NetworkWeights {
-    /// `net_…`
-    pub id: String,
-    /// The weights in safetensors format.
-    pub weights: Vec<u8>,
+row! {
+    /// A network of link parameters and its weights.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NetworkWeights {
+        /// `net_…`
+        pub id: String,
+        /// The weights in safetensors format.
+        pub weights: Vec<u8>,
+    }
 }
-
-from_row!(NetworkWeights { id, weights });
 
 /// A network to be stored with the job that trained it.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,63 +3,48 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
 use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// A robot as it is now.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RobotRow {
-    /// `rob_…`
-    pub id: String,
-    /// Its name; need not be unique.
-    pub name: String,
-    /// The robot document in JSON.
-    pub body_json: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// Job of the session that did not fit the robot; set while the robot is in the state `check_robot`.
-    pub check_job_id: Option<String>,
-    /// Number of the last session that did not fit the robot, in the robot's counter of verifications; 0 for none. The number stays when the state
-    /// `check_robot` ends.
-    pub check_seq: i64,
-    /// The robot's counter of verifications at the last `checked` request; 0 for none. The reason of this request explains all sessions up to that
-    /// number.
-    pub checked_seq: i64,
-    /// Reason given by `checked`.
-    pub checked_reason: Option<String>,
-    /// Id of the key that called `checked`.
-    pub checked_by: Option<String>,
-    /// When `checked` was called.
-    pub checked_at_ms: Option<i64>,
-    /// Version after its last edit; 1 for a robot that was never edited.
-    pub version: i64,
-    /// Version of the robot in which its joint map last changed.
-    pub joint_map_version: i64,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Its name in lower case, for sorting lists.
-    pub sort_name: String,
+row! {
+    /// A robot as it is now.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct RobotRow {
+        /// `rob_…`
+        pub id: String,
+        /// Its name; need not be unique.
+        pub name: String,
+        /// The robot document in JSON.
+        pub body_json: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// Job of the session that did not fit the robot; set while the robot is in the state `check_robot`.
+        pub check_job_id: Option<String>,
+        /// Number of the last session that did not fit the robot, in the robot's counter of verifications; 0 for none. The number stays when the state
+        /// `check_robot` ends.
+        pub check_seq: i64,
+        /// The robot's counter of verifications at the last `checked` request; 0 for none. The reason of this request explains all sessions up to that
+        /// number.
+        pub checked_seq: i64,
+        /// Reason given by `checked`.
+        pub checked_reason: Option<String>,
+        /// Id of the key that called `checked`.
+        pub checked_by: Option<String>,
+        /// When `checked` was called.
+        pub checked_at_ms: Option<i64>,
+        /// Version after its last edit; 1 for a robot that was never edited.
+        pub version: i64,
+        /// Version of the robot in which its joint map last changed.
+        pub joint_map_version: i64,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Its name in lower case, for sorting lists.
+        pub sort_name: String,
+    }
 }
-
-from_row!(RobotRow {
-    id,
-    name,
-    body_json,
-    created_at_ms,
-    check_job_id,
-    check_seq,
-    checked_seq,
-    checked_reason,
-    checked_by,
-    checked_at_ms,
-    version,
-    joint_map_version,
-    archived_at_ms,
-    sort_name
-});
 
 list_row!(RobotRow, sort_name);
 
