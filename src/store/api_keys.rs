@@ -6,6 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
 row! {
@@ -82,11 +83,7 @@ const REVOKE: &str = concat!(
     columns!()
 );
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from api_key where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "api_key");
 
 fn as_created(row: &ApiKeyRow) -> Value {
     json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256,
@@ -140,10 +137,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
-    Ok(sqlx::query_as(FIND)
-        .bind(key_sha256)
-        .fetch_optional(store.readers())
-        .await?)
+    read::first(store.readers(), FIND, key_sha256).await
 }
 
 /// One key, revoked or not.
@@ -151,10 +145,7 @@ pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> 
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// All keys, including revoked ones, newest first.

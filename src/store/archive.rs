@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
+use super::read;
 use super::{AuditEvent, Conflict, Error, Result, Tx};
 
 /// Kind of an item that can be archived.
@@ -105,10 +106,7 @@ pub async fn archive(
         tx.audit(AuditEvent::Archived, id, as_archived(&row));
         return Ok(row.archived_at_ms);
     }
-    Ok(sqlx::query_scalar(SINCE)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::value(tx.connection(), SINCE, id).await
 }
 
 /// Restores an archived item; restoring an item that is not archived changes nothing.

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
+use super::read;
 use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
@@ -99,8 +100,5 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }

@@ -6,6 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
+use super::read;
 use super::{
     AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sessions, job_sources,
 };
@@ -359,10 +360,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// One job, as this transaction sees it.
@@ -370,10 +368,7 @@ pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), GET, id).await
 }
 
 /// A robot's jobs, filtered by status, kind and archived state.

@@ -6,6 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
@@ -119,11 +120,7 @@ pub(super) const LIST: ListQueries = ListQueries {
     name: Some("lower(coalesce(name, ''))"),
 };
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from measurement_set where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "measurement_set");
 
 fn as_created(row: &MeasurementSetRow) -> Value {
     let rest = json!([
@@ -203,10 +200,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// The uploaded bytes of one measurement set.
@@ -214,10 +208,7 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), BODY, id).await
 }
 
 /// A robot's measurement sets, filtered by name and archived state.

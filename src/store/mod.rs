@@ -41,6 +41,7 @@ mod page;
 mod parameter_set_row;
 pub mod parameter_sets;
 pub mod policies;
+mod read;
 pub mod report_summaries;
 pub mod robot_versions;
 pub mod robots;

@@ -8,6 +8,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
@@ -86,11 +87,7 @@ pub(super) const LIST: ListQueries = ListQueries {
 
 list_row!(NamedDocumentRow);
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from named_document where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "named_document");
 
 impl NamedDocumentRow {
     fn is_columns(&self) -> bool {
@@ -205,10 +202,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
     if id.contains('\0') {
         return Err(super::Error::NotFound);
     }
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// A robot's documents of one kind that are in force, newest first.

@@ -7,6 +7,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
+use super::read;
 use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
@@ -241,10 +242,7 @@ async fn insert_by(
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// The weights of one network.
@@ -252,10 +250,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(WEIGHTS)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), WEIGHTS, id).await
 }
 
 /// The robot's usable networks of this model and preset, newest first, at most `limit`.

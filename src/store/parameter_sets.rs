@@ -10,6 +10,7 @@ use super::listing::{self, ListQueries};
 pub use super::parameter_set_row::ParameterSetRow;
 use super::parameter_set_row::{as_created, as_released, as_withdrawn};
 use super::policies::ABSENT;
+use super::read::{self, rows_after};
 use super::robots::RobotCheck;
 use super::{
     AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
@@ -171,11 +172,7 @@ const WITHDRAW: &str = "
     update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from parameter_set where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "parameter_set");
 
 impl Audited for ParameterSetRow {
     const BY_ID: &'static str = BY_ID;
@@ -230,10 +227,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// The robot's released parameter set.
@@ -241,10 +235,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(ACTIVE)
-        .bind(robot_id)
-        .fetch_optional(store.readers())
-        .await?)
+    read::first(store.readers(), ACTIVE, robot_id).await
 }
 
 /// The set that a rollback would release: usually the set that the active set superseded.
@@ -408,15 +399,9 @@ async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
 }
 
 async fn active_in(tx: &mut Tx, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(ACTIVE)
-        .bind(robot_id)
-        .fetch_optional(tx.connection())
-        .await?)
+    read::first(tx.connection(), ACTIVE, robot_id).await
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), GET, id).await
 }

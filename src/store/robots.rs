@@ -6,6 +6,7 @@ use super::audit::{Audited, ExpectedEntry};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
@@ -131,11 +132,7 @@ const LOCK: &str = "update robot set name = name where id = $1";
 const LOCK_OF_JOB: &str =
     "update robot set name = name where id = (select robot_id from job where id = $1)";
 
-const BY_ID: &str = concat!(
-    "select ",
-    own_columns!(),
-    " from robot where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(own_columns!(), "robot");
 
 const ASK_FOR_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 where id = $1";
 
@@ -278,17 +275,11 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), GET, id).await
 }
 
 /// Robots, newest first; with `only`, only the robots with these ids.

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::audit::{Audited, ExpectedEntry};
 use super::from_row::{from_row, row};
 use super::policies::ABSENT;
+use super::read;
 use super::{AuditEvent, Result, Store, Tx};
 use crate::wire::measurement::Frame;
 use crate::wire::report_shape::Evidence;
@@ -300,10 +301,7 @@ fn number(value: Option<f64>) -> f64 {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
-    Ok(sqlx::query_as(OF_JOB)
-        .bind(job_id)
-        .fetch_optional(store.readers())
-        .await?)
+    read::first(store.readers(), OF_JOB, job_id).await
 }
 
 /// All facts of a parameter set, its identification and every session, in order.
@@ -322,10 +320,7 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(COUNT)
-        .bind(parameter_set_id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), COUNT, parameter_set_id).await
 }
 
 /// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one. At
@@ -354,17 +349,11 @@ pub async fn later_sessions(
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(N_WITHOUT_FACTS)
-        .bind(parameter_set_id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), N_WITHOUT_FACTS, parameter_set_id).await
 }
 
 pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(COUNT)
-        .bind(parameter_set_id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::value(tx.connection(), COUNT, parameter_set_id).await
 }
 
 /// The numbers of a robot that a job reads when it begins.
@@ -372,18 +361,12 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
-    Ok(sqlx::query_as(CHECK)
-        .bind(robot_id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), CHECK, robot_id).await
 }
 
 /// As [`check`], for the robot of a job, in the transaction that has locked the robot's row.
 pub(crate) async fn check_of_job(tx: &mut Tx, job_id: &str) -> Result<CheckRow> {
-    Ok(sqlx::query_as(CHECK_OF_JOB)
-        .bind(job_id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), CHECK_OF_JOB, job_id).await
 }
 
 /// The job behind a number of a robot's counter.
