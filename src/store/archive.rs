@@ -9,25 +9,22 @@ use super::from_row::row;
 use super::read;
 use super::{AuditEvent, Conflict, Error, Result, Tx};
 
-/// Kind of an item that can be archived.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Archivable {
-    /// A robot.
-    Robot,
-    /// A measurement set.
-    MeasurementSet,
-    /// A job that has ended.
-    Job,
-    /// A parameter set that was never released.
-    ParameterSet,
-    /// A network of either kind.
-    Network,
+names! {
+    /// Kind of an item that can be archived.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Archivable {
+        /// A robot.
+        Robot = "robot",
+        /// A measurement set.
+        MeasurementSet = "measurement_set",
+        /// A job that has ended.
+        Job = "job",
+        /// A parameter set that was never released.
+        ParameterSet = "parameter_set",
+        /// A network of either kind.
+        Network = "network",
+    }
 }
-
-names!(Archivable {
-    Robot = "robot", MeasurementSet = "measurement_set", Job = "job",
-    ParameterSet = "parameter_set", Network = "network",
-});
 
 row! {
     /// An archived item.

@@ -2,43 +2,32 @@
 
 use crate::wire::names;
 
-/// What an identifier names, by its prefix.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum IdPrefix {
-    /// A measurement set.
-    MeasurementSet,
-    /// Frames from sweeps.
-    Frames,
-    /// A column mapping.
-    Columns,
-    /// A work frame or a tool.
-    Document,
-    /// A reference of an instrument.
-    Reference,
-    /// A robot.
-    Robot,
-    /// A job.
-    Job,
-    /// A parameter set.
-    ParameterSet,
-    /// A network.
-    Network,
-    /// An API key.
-    Key,
+names! {
+    /// What an identifier names, by its prefix.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub(super) enum IdPrefix {
+        /// A measurement set.
+        MeasurementSet = "set",
+        /// Frames from sweeps.
+        Frames = "frm",
+        /// A column mapping.
+        Columns = "col",
+        /// A work frame or a tool.
+        Document = "doc",
+        /// A reference of an instrument.
+        Reference = "ref",
+        /// A robot.
+        Robot = "rob",
+        /// A job.
+        Job = "job",
+        /// A parameter set.
+        ParameterSet = "par",
+        /// A network.
+        Network = "net",
+        /// An API key.
+        Key = "key",
+    }
 }
-
-names!(IdPrefix {
-    MeasurementSet = "set",
-    Frames = "frm",
-    Columns = "col",
-    Document = "doc",
-    Reference = "ref",
-    Robot = "rob",
-    Job = "job",
-    ParameterSet = "par",
-    Network = "net",
-    Key = "key"
-});
 
 impl IdPrefix {
     /// A new identifier: the prefix and a UUID of version 7. Ids of one process sort by age.

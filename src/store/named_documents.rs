@@ -12,20 +12,20 @@ use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
-/// Kind of a named document.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NamedDocumentKind {
-    /// A column mapping: the meaning of each column of a file.
-    Columns,
-    /// A work frame, in which targets are programmed.
-    WorkFrame,
-    /// A tool: the pose of its tool centre point.
-    Tool,
-    /// A reference: lengths with a certificate that the instrument measured.
-    Reference,
+names! {
+    /// Kind of a named document.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum NamedDocumentKind {
+        /// A column mapping: the meaning of each column of a file.
+        Columns = "columns",
+        /// A work frame, in which targets are programmed.
+        WorkFrame = "work_frame",
+        /// A tool: the pose of its tool centre point.
+        Tool = "tool",
+        /// A reference: lengths with a certificate that the instrument measured.
+        Reference = "reference",
+    }
 }
-
-names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool", Reference = "reference" });
 
 row! {
     /// One version of a document.
