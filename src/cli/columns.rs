@@ -190,7 +190,7 @@ fn shown(answer: &Value) -> String {
     let errors: Vec<Issue> = serde_json::from_value(answer["errors"].clone()).unwrap_or_default();
     match errors.is_empty() {
         true => text += &format!("it can be read: {} points", answer["n_points"]),
-        false => text += &format!("it cannot be read yet:{}", files::faults(&errors, None)),
+        false => text += &format!("it cannot be read yet:{}", files::faults(&errors)),
     }
     text
 }

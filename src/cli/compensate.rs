@@ -198,8 +198,7 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
                 parameters,
                 "exported parameters, as GET /v1/parameter-sets/ID/export writes it",
             )?;
-            let unusable =
-                |invalid: Invalid| Usage(cannot_be_used(parameters, &[], &invalid.issues));
+            let unusable = |invalid: Invalid| Usage(cannot_be_used(parameters, &invalid.issues));
             let robot = Robot::try_from(&document.robot).map_err(unusable)?;
             document
                 .content

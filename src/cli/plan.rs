@@ -180,8 +180,7 @@ fn offline(
             instrument: None,
         };
         let read = from_file(&upload, robot.links.len());
-        let (set, _) =
-            read.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?;
+        let (set, _) = read.map_err(|invalid| Usage(cannot_be_used(path, &invalid.issues)))?;
         measured.push(set);
     }
     let plan = plan_poses(body, &robot, &measured).map_err(|invalid| {
@@ -258,7 +257,7 @@ fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
         (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => {
             format!("-n: {}", issue.detail)
         }
-        (Some(path), _) => format!("{}: {}", path.display(), fault(issue, None)),
+        (Some(path), _) => format!("{}: {}", path.display(), fault(issue)),
         (None, _) => issue.detail.clone(),
     }
 }

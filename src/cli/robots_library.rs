@@ -326,7 +326,7 @@ fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody>
     );
     let tip = arguments.tip.as_deref();
     let imported = import_with(&bytes, format, arguments.digits, &stem, tip)
-        .map_err(|invalid| Usage(cannot_be_used(file, &bytes, &invalid.issues)))?;
+        .map_err(|invalid| Usage(cannot_be_used(file, &invalid.issues)))?;
     tell(&imported);
     Ok(imported.robot)
 }

@@ -267,7 +267,7 @@ async fn upload(
     let set = client
         .post(&sets, &files.content_type, files.bytes)
         .await
-        .map_err(|error| with_file_rows(error, path, &files.shown))?;
+        .map_err(|error| with_file_rows(error, path))?;
     let reading: Reading = serde_json::from_value(set.clone()).unwrap_or_default();
     for line in understood_in_words(&reading) {
         eprintln!("{}", plain(&line));
@@ -292,10 +292,10 @@ async fn upload(
 }
 
 /// The server's refusal of the file, with its rows and lines.
-fn with_file_rows(error: anyhow::Error, path: &Path, bytes: &[u8]) -> anyhow::Error {
+fn with_file_rows(error: anyhow::Error, path: &Path) -> anyhow::Error {
     match error.downcast::<Refused>() {
         Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => {
-            Usage(cannot_be_used(path, bytes, &refused.problem.errors)).into()
+            Usage(cannot_be_used(path, &refused.problem.errors)).into()
         }
         Ok(refused) if refused.is_usage() => Usage(format!("{}: {refused}", path.display())).into(),
         Ok(refused) => refused.into(),
