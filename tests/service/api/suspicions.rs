@@ -252,10 +252,7 @@ async fn a_job_whose_points_do_not_fit_leaves_no_network() {
     let request = json!({"measurement_set_id": set["id"], "method": "pso", "options": {"n_particles": 20, "n_iterations": 5}});
     let job = app.run(&robot, &request).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     assert!(codes(&report["warnings"]).contains(&"no_fit"), "{report}");
     // No figure is shown for a result that does not fit.
     assert_eq!(report["tool_uncertainty_mm"], Value::Null);
