@@ -1,23 +1,13 @@
 //! Settings from flags and environment variables, in flat structs that are checked once.
 
+use clap::builder::RangedU64ValueParser;
+use clap::value_parser;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Longest time for requests and running jobs to end when a process stops. It is below the 10 s after which service managers kill a process.
 pub const STOP_WITHIN: Duration = Duration::from_secs(8);
-
-/// Longest lease: the job of a dead worker waits this long.
-const MAX_LEASE_S: u64 = 3_600;
-/// Longest attempt at a job: a week.
-const MAX_JOB_S: u64 = 604_800;
-/// Most workers of one process.
-const MAX_WORKERS: usize = 256;
-
-/// Longest timeout for silent clients.
-const MAX_CLIENT_TIMEOUT_S: u64 = 600;
-/// Most connections. No system allows as many open files by default.
-const MAX_CONNECTIONS: usize = 100_000;
 
 /// Where the database is.
 #[derive(Clone, Debug, PartialEq, Eq, clap::Args)]
@@ -48,6 +38,7 @@ pub struct LimitsConfig {
         long,
         env = "KINCAL_MAX_CONNECTIONS",
         default_value_t = LimitsConfig::default().max_connections,
+        value_parser = RangedU64ValueParser::<usize>::new().range(1..=100_000),
         value_name = "N"
     )]
     pub max_connections: usize,
@@ -56,6 +47,7 @@ pub struct LimitsConfig {
         long,
         env = "KINCAL_CLIENT_TIMEOUT_S",
         default_value_t = LimitsConfig::default().client_timeout_s,
+        value_parser = value_parser!(u64).range(1..=600),
         value_name = "SECONDS"
     )]
     pub client_timeout_s: u64,
@@ -125,6 +117,7 @@ pub struct QueueConfig {
         long,
         env = "KINCAL_LEASE_S",
         default_value_t = QueueConfig::default().lease_s,
+        value_parser = value_parser!(u64).range(1..=3600),
         value_name = "SECONDS"
     )]
     pub lease_s: u64,
@@ -133,6 +126,7 @@ pub struct QueueConfig {
         long,
         env = "KINCAL_MAX_ATTEMPTS",
         default_value_t = QueueConfig::default().max_attempts,
+        value_parser = value_parser!(u32).range(1..=100),
         value_name = "N"
     )]
     pub max_attempts: u32,
@@ -141,6 +135,7 @@ pub struct QueueConfig {
         long,
         env = "KINCAL_MAX_JOB_S",
         default_value_t = QueueConfig::default().max_job_s,
+        value_parser = value_parser!(u64).range(1..=604_800),
         value_name = "SECONDS"
     )]
     pub max_job_s: u64,
@@ -150,31 +145,6 @@ impl QueueConfig {
     /// The lease of a job.
     pub fn lease(&self) -> Duration {
         Duration::from_secs(self.lease_s)
-    }
-
-    fn check(&self) -> Result<(), Error> {
-        if !(1..=MAX_LEASE_S).contains(&self.lease_s) {
-            return Err(Error::OutOfRange {
-                option: "--lease-s",
-                found: self.lease_s,
-                range: "1 to 3600",
-            });
-        }
-        if !(1..=100).contains(&self.max_attempts) {
-            return Err(Error::OutOfRange {
-                option: "--max-attempts",
-                found: self.max_attempts.into(),
-                range: "1 to 100",
-            });
-        }
-        if !(1..=MAX_JOB_S).contains(&self.max_job_s) {
-            return Err(Error::OutOfRange {
-                option: "--max-job-s",
-                found: self.max_job_s,
-                range: "1 to 604800",
-            });
-        }
-        Ok(())
     }
 }
 
@@ -195,7 +165,7 @@ pub struct WorkerConfig {
     #[command(flatten)]
     pub database: DatabaseConfig,
     /// Calibrations that run at the same time; default: one per core.
-    #[arg(long, env = "KINCAL_WORKERS", value_name = "N")]
+    #[arg(long, env = "KINCAL_WORKERS", value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(1..=256))]
     pub workers: Option<usize>,
     /// Leases and attempts.
     #[command(flatten)]
@@ -211,8 +181,7 @@ impl WorkerConfig {
         if self.database.database_url.is_none() {
             return Err(Error::NoSharedDatabase);
         }
-        check_workers(self.workers, 1, "1 to 256")?;
-        self.queue.check()
+        Ok(())
     }
 
     /// Number of workers to start.
@@ -223,17 +192,6 @@ impl WorkerConfig {
 
 fn n_workers(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
-}
-
-fn check_workers(asked: Option<usize>, fewest: usize, range: &'static str) -> Result<(), Error> {
-    match asked.filter(|n| !(fewest..=MAX_WORKERS).contains(n)) {
-        Some(found) => Err(Error::OutOfRange {
-            option: "--workers",
-            found: found as u64,
-            range,
-        }),
-        None => Ok(()),
-    }
 }
 
 /// Settings of `kincal serve`.
@@ -251,7 +209,7 @@ pub struct ServeConfig {
     #[command(flatten)]
     pub database: DatabaseConfig,
     /// Calibrations that run at the same time; default: one per core; 0 only serves.
-    #[arg(long, env = "KINCAL_WORKERS", value_name = "N")]
+    #[arg(long, env = "KINCAL_WORKERS", value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(..=256))]
     pub workers: Option<usize>,
     /// Let everyone in without a key; loopback addresses only.
     #[arg(long, env = "KINCAL_NO_AUTH", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
@@ -291,16 +249,6 @@ pub enum Error {
         "a worker takes its jobs from a PostgreSQL that API nodes share: give --database-url postgres://…; with the embedded database `kincal serve` computes itself"
     )]
     NoSharedDatabase,
-    /// A number is out of range.
-    #[error("{option} is {found}; {range} is allowed")]
-    OutOfRange {
-        /// The option.
-        option: &'static str,
-        /// Its value.
-        found: u64,
-        /// The allowed range.
-        range: &'static str,
-    },
 }
 
 impl ServeConfig {
@@ -336,22 +284,7 @@ impl ServeConfig {
                 listen: self.listen,
             });
         }
-        if !(1..=MAX_CLIENT_TIMEOUT_S).contains(&self.limits.client_timeout_s) {
-            return Err(Error::OutOfRange {
-                option: "--client-timeout-s",
-                found: self.limits.client_timeout_s,
-                range: "1 to 600",
-            });
-        }
-        if !(1..=MAX_CONNECTIONS).contains(&self.limits.max_connections) {
-            return Err(Error::OutOfRange {
-                option: "--max-connections",
-                found: self.limits.max_connections as u64,
-                range: "1 to 100000",
-            });
-        }
-        check_workers(self.workers, 0, "0 to 256")?;
-        self.queue.check()
+        Ok(())
     }
 
     /// Number of workers to start.
@@ -363,6 +296,7 @@ impl ServeConfig {
 #[cfg(test)]
 mod tests {
     use super::{Error, ServeConfig, TlsConfig};
+    use clap::Parser;
 
     #[test]
     fn everyone_is_let_in_on_loopback_addresses_only() {
@@ -414,22 +348,25 @@ mod tests {
     }
 
     #[test]
-    fn a_lease_of_no_time_is_refused() {
-        let queue = super::QueueConfig {
-            lease_s: 0,
-            ..super::QueueConfig::default()
-        };
-        let config = ServeConfig {
-            queue,
-            ..ServeConfig::loopback("data".into(), 1)
-        };
-        assert_eq!(
-            config.check(),
-            Err(Error::OutOfRange {
-                option: "--lease-s",
-                found: 0,
-                range: "1 to 3600"
-            })
-        );
+    fn numbers_beyond_their_range_are_refused() {
+        #[derive(clap::Parser)]
+        struct Serve {
+            #[command(flatten)]
+            _config: ServeConfig,
+        }
+        for (option, wrong, right) in [
+            ("--lease-s", "0", "3600"),
+            ("--max-attempts", "101", "100"),
+            ("--max-job-s", "604801", "1"),
+            ("--client-timeout-s", "601", "600"),
+            ("--max-connections", "0", "100000"),
+            ("--workers", "257", "0"),
+        ] {
+            let parsed = |value| Serve::try_parse_from(["serve", option, value]);
+            assert!(parsed(right).is_ok(), "{option} {right}");
+            let error = parsed(wrong).err().expect(option);
+            assert_eq!(error.exit_code(), 2);
+            assert!(error.to_string().contains(option), "{error}");
+        }
     }
 }

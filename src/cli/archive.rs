@@ -2,6 +2,7 @@
 
 use super::client::{Client, ServerArguments};
 use super::runtime::block_on;
+use super::subject::checked;
 use super::terminal::Output;
 use super::usage::Usage;
 
@@ -44,13 +45,14 @@ pub fn run(arguments: &Arguments, action: Action) -> anyhow::Result<()> {
     block_on(async {
         let client = arguments.server.client()?;
         for id in &arguments.ids {
-            one(&client, id, action, &arguments.output).await?;
+            one(&client, &path(id)?, action, &arguments.output).await?;
         }
         Ok(())
     })
 }
 
 fn path(id: &str) -> Result<String, Usage> {
+    checked(id)?;
     let found = PATHS.iter().find(|(prefix, _)| id.starts_with(prefix));
     found
         .map(|(_, path)| format!("/v1/{path}/{id}"))
@@ -62,14 +64,18 @@ fn path(id: &str) -> Result<String, Usage> {
 }
 
 /// Archives or restores one item, and prints it.
-pub async fn one(client: &Client, id: &str, action: Action, output: &Output) -> anyhow::Result<()> {
+pub async fn one(
+    client: &Client,
+    path: &str,
+    action: Action,
+    output: &Output,
+) -> anyhow::Result<()> {
     let (verb, done) = match action {
         Action::Archive => ("archive", "archived; `kincal restore` takes it back"),
         Action::Restore => ("restore", "in use"),
     };
-    let path = format!("{}/{verb}", path(id)?);
-    let item = client
-        .send(reqwest::Method::POST, &path, Vec::new())
-        .await?;
+    let path = format!("{path}/{verb}");
+    let item = client.post(&path, "application/json", Vec::new()).await?;
+    let id = item["id"].as_str().unwrap_or_default();
     output.print(&item, || format!("{id} is {done}"))
 }

@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         robot_body.mounting = Some(mounting);
     }
     let robot = Robot::try_from(&robot_body)
-        .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &[], &invalid.issues)))?;
+        .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &invalid.issues)))?;
     let frame = arguments.set_options.frame;
     let first = read_session(&arguments.set, &robot, arguments)?;
     let further = arguments.sessions.session.iter();
@@ -100,7 +100,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let all = || std::iter::once(&first).chain(&further);
     let insisted_on = all().find_map(|session| session.insisted_on);
     let record = arguments.set_options.record.record().checked();
-    let record = record.map_err(|invalid| Usage(faults(&invalid.issues, None)))?;
+    let record = record.map_err(|invalid| Usage(faults(&invalid.issues)))?;
     let measured = MeasuredSet {
         name: arguments.set.file_name().and_then(|name| name.to_str()),
         frame,
@@ -123,11 +123,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut request = body(arguments)
         .calibration_request(parts)
         .map_err(|invalid| {
-            let faults: Vec<String> = invalid
-                .issues
-                .iter()
-                .map(|issue| fault(issue, None))
-                .collect();
+            let faults: Vec<String> = invalid.issues.iter().map(fault).collect();
             Usage(faults.join("\n"))
         })?;
     request.refused_as = insisted_on.map(str::to_owned);
@@ -182,7 +178,7 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
     let upload = files.upload(frame, arguments.set_options.noise.instrument());
     let (set, reading) = measurement::from_file(&upload, robot.links.len()).map_err(|invalid| {
         let invalid = with_best_convention(invalid, robot, &upload);
-        Usage(cannot_be_used(path, &files.shown, &invalid.issues))
+        Usage(cannot_be_used(path, &invalid.issues))
     })?;
     let set = match arguments.set_options.inverse_poses {
         true => measurement::inverted(set)
@@ -227,7 +223,7 @@ fn check_upload(
     let insist = arguments.set_options.insist;
     let kept = accept_misfit(explanation, insist, unread).map_err(|suspicion| {
         let issues = [Issue::from(&*suspicion)];
-        Usage(cannot_be_used(path, &[], &issues))
+        Usage(cannot_be_used(path, &issues))
     })?;
     print_warning(&kept.warning.code, &kept.warning.detail);
     Ok(kept.insisted_on.map(Insist::as_str))
@@ -315,7 +311,7 @@ fn body(arguments: &Arguments) -> JobRequestBody {
 /// Reads and checks a robot file.
 pub fn read_robot(path: &Path) -> anyhow::Result<Robot> {
     Ok(Robot::try_from(&read_robot_body(path)?)
-        .map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?)
+        .map_err(|invalid| Usage(cannot_be_used(path, &invalid.issues)))?)
 }
 
 fn read_robot_body(path: &Path) -> anyhow::Result<RobotBody> {

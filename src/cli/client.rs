@@ -3,8 +3,11 @@
 use super::failure::Failed;
 use super::usage::Usage;
 use crate::http::tls;
+use crate::wire::id::is_plausible;
 use crate::wire::job_answer::JobAnswer;
 use anyhow::{Context, bail};
+use reqwest::Method;
+use serde::Serialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -123,24 +126,12 @@ impl Client {
         json(&self.read(path).await?)
     }
 
-    /// GET with a text answer.
+    /// GET with an answer in any format, repeated while the server is busy. An unreachable server is an error immediately, because a person is
+    /// waiting.
     ///
     /// # Errors
     /// As [`Self::get`].
-    pub async fn get_text(&self, path: &str) -> anyhow::Result<String> {
-        Ok(String::from_utf8_lossy(&self.read(path).await?).into_owned())
-    }
-
-    /// GET with an answer in any format.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
-    pub async fn get_bytes(&self, path: &str) -> anyhow::Result<Vec<u8>> {
-        self.read(path).await
-    }
-
-    /// GET, repeated while the server is busy. An unreachable server is an error immediately, because a person is waiting.
-    async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
+    pub async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut attempt = 0;
         loop {
             attempt += 1;
@@ -180,7 +171,7 @@ impl Client {
     /// # Errors
     /// As [`Self::get`]; [`Usage`] if there is no such robot, or several.
     pub async fn robot_id(&self, named: &str) -> anyhow::Result<String> {
-        if named.starts_with("rob_") {
+        if named.starts_with("rob_") && is_plausible(named) {
             return Ok(named.into());
         }
         let mut matching = self.robots_called(named, "").await?;
@@ -236,61 +227,35 @@ impl Client {
         content_type: &str,
         body: Vec<u8>,
     ) -> anyhow::Result<Value> {
-        json(&self.post_for_bytes(path, content_type, body).await?)
+        json(&self.write(Method::POST, path, content_type, body).await?)
     }
 
-    /// POST with an answer in any format.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
-    pub async fn post_for_bytes(
-        &self,
-        path: &str,
-        content_type: &str,
-        body: Vec<u8>,
-    ) -> anyhow::Result<Vec<u8>> {
-        let request = self
-            .http
-            .post(format!("{}{path}", self.url))
-            .header("content-type", content_type)
-            .body(body);
-        Ok(self.answer(request).await?)
-    }
-
-    /// POST that creates something. Retries send the same `Idempotency-Key`, so it takes effect once.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
-    pub async fn create(
-        &self,
-        path: &str,
-        content_type: &str,
-        body: Vec<u8>,
-    ) -> anyhow::Result<Value> {
-        self.write(reqwest::Method::POST, path, content_type, body)
-            .await
-    }
-
-    /// Request with a JSON body that takes effect once, as with [`Self::create`].
+    /// Request with a JSON body and a JSON answer.
     ///
     /// # Errors
     /// As [`Self::get`].
     pub async fn send(
         &self,
-        method: reqwest::Method,
+        method: Method,
         path: &str,
-        body: Vec<u8>,
+        body: &impl Serialize,
     ) -> anyhow::Result<Value> {
-        self.write(method, path, "application/json", body).await
+        let body = serde_json::to_vec(body)?;
+        json(&self.write(method, path, "application/json", body).await?)
     }
 
-    async fn write(
+    /// Request with a body and an answer in any format. Retries send the same `Idempotency-Key`, so it takes effect once; routes that store nothing
+    /// ignore the key.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub async fn write(
         &self,
-        method: reqwest::Method,
+        method: Method,
         path: &str,
         content_type: &str,
         body: Vec<u8>,
-    ) -> anyhow::Result<Value> {
+    ) -> anyhow::Result<Vec<u8>> {
         let key = uuid::Uuid::now_v7().simple().to_string();
         let mut attempt = 0;
         loop {
@@ -303,22 +268,13 @@ impl Client {
                 .header("idempotency-key", &key)
                 .body(body.clone());
             match self.answer(request).await {
-                Ok(bytes) => return json(&bytes),
+                Ok(bytes) => return Ok(bytes),
                 Err(failed) => match failed.again_after().filter(|_| attempt < MAX_TRIES) {
                     Some(after) => sleep(after).await,
                     None => return Err(failed.into()),
                 },
             }
         }
-    }
-
-    /// POST of JSON.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
-    pub async fn post_json(&self, path: &str, body: &Value) -> anyhow::Result<Value> {
-        self.post(path, "application/json", serde_json::to_vec(body)?)
-            .await
     }
 
     /// Follows the events of a job until it ends.

@@ -1,11 +1,11 @@
 //! `kincal columns`: previews how a file would be read, and keeps mappings of columns with a robot.
 
-use super::client::{Client, ServerArguments};
 use super::column_options::ColumnOptions;
 use super::files;
 use super::list::columns;
 use super::measured::{TableOptions, read_measured, unread_in_words};
 use super::runtime::block_on;
+use super::subject::{OfRobot, named, with_query};
 use super::terminal::{Output, plain, raw};
 use super::usage::Usage;
 use crate::wire::issue::Issue;
@@ -25,7 +25,7 @@ pub struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum ColumnsCommand {
     /// List the mappings that are kept with a robot.
-    List(ListArguments),
+    List(OfRobot),
     /// Show a mapping.
     Show(ShowArguments),
     /// Keep a mapping under a name, for `kincal submit --kept NAME`.
@@ -34,23 +34,11 @@ enum ColumnsCommand {
     Preview(Box<PreviewArguments>),
 }
 
-/// The robot.
-#[derive(Debug, clap::Args)]
-struct ListArguments {
-    #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
-    #[command(flatten)]
-    output: Output,
-}
-
 /// The robot and a mapping's name.
 #[derive(Debug, clap::Args)]
 struct ShowArguments {
     #[command(flatten)]
-    robot: ListArguments,
+    robot: OfRobot,
     /// The mapping's name.
     #[arg(value_name = "NAME")]
     name: String,
@@ -69,7 +57,7 @@ struct KeepArguments {
 #[derive(Debug, clap::Args)]
 struct PreviewArguments {
     #[command(flatten)]
-    robot: ListArguments,
+    robot: OfRobot,
     /// The set's file, or the robot's file if there are two; `-` reads the standard input.
     #[arg(value_name = "SET.csv")]
     set: PathBuf,
@@ -82,26 +70,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.command {
         ColumnsCommand::List(arguments) => list(arguments),
         ColumnsCommand::Show(arguments) => {
-            let found = block_on(async {
-                let (client, path) = named(arguments).await?;
-                client.get(&path).await
-            })?;
+            let found = arguments.robot.get(&named("columns", &arguments.name)?)?;
             print(&arguments.robot.output, &found)
         }
         ColumnsCommand::Keep(arguments) => keep(arguments),
         ColumnsCommand::Preview(arguments) => preview(arguments),
     }
-}
-
-/// The client, and the path of a mapping.
-async fn named(arguments: &ShowArguments) -> anyhow::Result<(Client, String)> {
-    let client = arguments.robot.server.client()?;
-    let robot = client.robot_id(&arguments.robot.robot).await?;
-    let mut url = reqwest::Url::parse("http://path/")?;
-    if let Ok(mut parts) = url.path_segments_mut() {
-        parts.extend(["v1", "robots", &robot, "columns", &arguments.name]);
-    }
-    Ok((client, url.path().to_owned()))
 }
 
 /// Prints a mapping. Without `--json` this is the JSON that `--columns FILE` reads; with `--json` it is the server's whole answer.
@@ -110,15 +84,9 @@ fn print(output: &Output, found: &Value) -> anyhow::Result<()> {
     output.print(found, || plain(&text))
 }
 
-fn list(arguments: &ListArguments) -> anyhow::Result<()> {
-    let answer = block_on(async {
-        let client = arguments.server.client()?;
-        let robot = client.robot_id(&arguments.robot).await?;
-        client
-            .get(&format!("/v1/robots/{robot}/columns?limit={MAX_ROWS}"))
-            .await
-    })?;
-    if arguments.output.json {
+fn list(of: &OfRobot) -> anyhow::Result<()> {
+    let answer = of.get(&format!("/columns?limit={MAX_ROWS}"))?;
+    if of.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
         return Ok(());
     }
@@ -148,33 +116,24 @@ fn keep(arguments: &KeepArguments) -> anyhow::Result<()> {
         let text = "nothing to keep: say what the columns mean, by --joint-unit, --position-unit, --column MEANING=COLUMN or --columns FILE";
         return Err(Usage(text.into()).into());
     }
-    let kept = block_on(async {
-        let (client, path) = named(&arguments.shown).await?;
-        let body = serde_json::to_vec(&body)?;
-        client.send(reqwest::Method::PUT, &path, body).await
-    })?;
-    let name = &arguments.shown.name;
-    arguments.shown.robot.output.print(&kept, || {
+    let ShowArguments { robot, name } = &arguments.shown;
+    let kept = robot.send(reqwest::Method::PUT, &named("columns", name)?, &body)?;
+    robot.output.print(&kept, || {
         format!("{name} is kept; next: kincal submit --robot ROBOT SET.csv --kept {name:?}")
     })
 }
 
 fn preview(arguments: &PreviewArguments) -> anyhow::Result<()> {
     let files = read_measured(&arguments.set, &arguments.table)?;
+    let mut query = vec![];
+    query.extend(files.decimal.map(|_| ("decimal", "comma".to_owned())));
+    if !files.columns.0.is_empty() {
+        query.push(("columns", serde_json::to_string(&files.columns)?));
+    }
+    let below = with_query("/measurement-sets/preview", &query)?;
     let answer = block_on(async {
-        let client = arguments.robot.server.client()?;
-        let robot = client.robot_id(&arguments.robot.robot).await?;
-        let mut query = vec![];
-        query.extend(files.decimal.map(|_| ("decimal", "comma".to_owned())));
-        if !files.columns.0.is_empty() {
-            query.push(("columns", serde_json::to_string(&files.columns)?));
-        }
-        let query = reqwest::Url::parse_with_params("http://query/", query)?;
-        let path = format!(
-            "/v1/robots/{robot}/measurement-sets/preview?{}",
-            query.query().unwrap_or_default()
-        );
-        client.create(&path, &files.content_type, files.bytes).await
+        let (client, path) = arguments.robot.at(&below).await?;
+        client.post(&path, &files.content_type, files.bytes).await
     })?;
     arguments.robot.output.print(&answer, || shown(&answer))
 }
@@ -231,7 +190,7 @@ fn shown(answer: &Value) -> String {
     let errors: Vec<Issue> = serde_json::from_value(answer["errors"].clone()).unwrap_or_default();
     match errors.is_empty() {
         true => text += &format!("it can be read: {} points", answer["n_points"]),
-        false => text += &format!("it cannot be read yet:{}", files::faults(&errors, None)),
+        false => text += &format!("it cannot be read yet:{}", files::faults(&errors)),
     }
     text
 }

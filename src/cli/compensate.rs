@@ -3,8 +3,10 @@
 use super::client::ServerArguments;
 use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, read, read_json};
+use super::numbers::three_mm;
 use super::program::{Program, ProgramTarget};
 use super::runtime::block_on;
+use super::subject::item;
 use super::terminal;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
@@ -53,26 +55,12 @@ pub struct Arguments {
     #[arg(long, env = "KINCAL_FRAME_OF_TARGETS", value_name = "FRAME")]
     frame: Option<String>,
     /// The tool centre point in the flange frame: X,Y,Z in mm.
-    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
     #[command(flatten)]
     columns: ColumnOptions,
     #[command(flatten)]
     output: Output,
-}
-
-/// Parses three lengths with commas between them.
-pub fn tool_mm(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Result<Vec<f64>, _> = text
-        .split(',')
-        .map(|number| number.trim().parse::<f64>())
-        .collect();
-    let three = numbers
-        .ok()
-        .and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
-    three
-        .filter(|three| three.iter().all(|mm| mm.is_finite()))
-        .ok_or_else(|| "three numbers in mm are needed, such as 30,-45,160".into())
 }
 
 /// Prints the program with corrected joint values on standard output; everything else stays as it is.
@@ -196,11 +184,11 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
     }
     match (&arguments.parameters, arguments.files.as_slice()) {
         (Some(id), [_]) => block_on(async {
-            let path = format!("/v1/parameter-sets/{id}/compensate");
+            let path = item("parameter-sets", id, "/compensate")?;
             let answer = arguments
                 .server
                 .client()?
-                .post_json(&path, &serde_json::to_value(&body)?)
+                .send(reqwest::Method::POST, &path, &body)
                 .await?;
             serde_json::from_value(answer)
                 .context("the server's answer is of another version of kincal")
@@ -210,8 +198,7 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
                 parameters,
                 "exported parameters, as GET /v1/parameter-sets/ID/export writes it",
             )?;
-            let unusable =
-                |invalid: Invalid| Usage(cannot_be_used(parameters, &[], &invalid.issues));
+            let unusable = |invalid: Invalid| Usage(cannot_be_used(parameters, &invalid.issues));
             let robot = Robot::try_from(&document.robot).map_err(unusable)?;
             document
                 .content

@@ -10,6 +10,7 @@ use crate::http::server;
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::report_shape::{ErrorsReport, Report};
 use anyhow::Context;
+use reqwest::Method;
 use serde_json::{Value, json};
 
 /// The data that `demo` uploads: the paper's robot, simulated with `kincal`'s own model, 100 poses per set, without noise.
@@ -200,7 +201,7 @@ impl Demo<'_> {
     ) -> anyhow::Result<FinishedJob> {
         let job = id(&self
             .client
-            .post_json(&format!("/v1/robots/{robot}/jobs"), request)
+            .send(Method::POST, &format!("/v1/robots/{robot}/jobs"), request)
             .await?)?;
         let bar = (!self.arguments.output.json).then(progress_bar);
         bar.iter().for_each(|bar| bar.set_message(label));

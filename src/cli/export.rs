@@ -3,28 +3,14 @@
 use super::client::ServerArguments;
 use super::files::read;
 use super::runtime::block_on;
+use super::subject::{item, with_query};
 use super::terminal;
+use super::usage::Usage;
+use crate::wire::export::ExportFormat;
 use anyhow::Context;
 use clap::ValueEnum;
+use reqwest::Method;
 use std::path::PathBuf;
-
-/// Format of an export.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[value(rename_all = "snake_case")]
-enum Format {
-    /// The nominal robot and the identified parameters; `kincal compensate` reads it.
-    Json,
-    /// The same document in YAML.
-    Yaml,
-    /// One row per link.
-    Csv,
-    /// A description for simulation and planning.
-    Urdf,
-    /// Joint origins as the drivers of Universal Robots read them.
-    UrKinematics,
-    /// Joint offsets for controllers that accept nothing else.
-    Mastering,
-}
 
 /// A parameter set in a format of other software or of a controller.
 #[derive(Debug, clap::Args)]
@@ -42,7 +28,7 @@ pub struct Arguments {
         default_value = "json",
         conflicts_with = "patch"
     )]
-    format: Format,
+    format: ExportFormat,
     /// Export links with beta = 0 that come nearest to the identified links over the workspace, for controllers without beta.
     #[arg(
         long, env = "KINCAL_REFIT_BETA", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -58,20 +44,20 @@ pub struct Arguments {
     #[arg(short, long, env = "KINCAL_OUTPUT", value_name = "FILE")]
     output: Option<PathBuf>,
     /// The same as --format json.
-    #[arg(
-        long, env = "KINCAL_JSON", conflicts_with = "patch", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
-    )]
+    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     json: bool,
 }
 
 /// Prints the export, or writes it into a file.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
+    if arguments.json && (arguments.patch.is_some() || arguments.format != ExportFormat::Json) {
+        let text = "--json (KINCAL_JSON) goes with neither --patch nor another --format";
+        return Err(Usage(text.into()).into());
+    }
     let patch = arguments.patch.as_deref().map(read).transpose()?;
     let format = arguments.format.to_possible_value();
-    let format = match (&format, arguments.json) {
-        (Some(format), false) => format.get_name().to_owned(),
-        _ => "json".to_owned(),
-    };
+    let format = format.map_or("json".to_owned(), |format| format.get_name().to_owned());
     let mut query = vec![(
         "format",
         if patch.is_some() {
@@ -84,17 +70,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         query.push(("beta", "refit".into()));
     }
     query.extend(arguments.tip.clone().map(|tip| ("tip", tip)));
-    let url = reqwest::Url::parse_with_params("http://query/", query)?;
-    let path = format!(
-        "/v1/parameter-sets/{}/export?{}",
-        arguments.id,
-        url.query().unwrap_or_default()
-    );
+    let path = item("parameter-sets", &arguments.id, "/export")?;
+    let path = with_query(&path, &query)?;
     let text = block_on(async {
         let client = arguments.server.client()?;
         match patch {
-            Some(urdf) => client.post_for_bytes(&path, "application/xml", urdf).await,
-            None => client.get_bytes(&path).await,
+            Some(urdf) => {
+                client
+                    .write(Method::POST, &path, "application/xml", urdf)
+                    .await
+            }
+            None => client.read(&path).await,
         }
     })?;
     match &arguments.output {

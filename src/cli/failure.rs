@@ -150,11 +150,8 @@ impl Refused {
             errors,
             ..
         } = &self.problem;
-        let faults: Vec<String> = errors
-            .iter()
-            .map(|issue| files::fault(issue, None))
-            .collect();
-        let more = files::faults(errors, None);
+        let faults: Vec<String> = errors.iter().map(files::fault).collect();
+        let more = files::faults(errors);
         let is_repeated = errors
             .first()
             .is_some_and(|first| detail.starts_with(&first.in_words()));

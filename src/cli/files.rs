@@ -74,24 +74,20 @@ pub fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8], what: &str) ->
             "{}: it is not JSON of {what}: {detail}",
             path.display()
         )),
-        json::Error::Shape(invalid) => Usage(cannot_be_used(path, bytes, &invalid.issues)),
+        json::Error::Shape(invalid) => Usage(cannot_be_used(path, &invalid.issues)),
     })?)
 }
 
 /// The message about a file that cannot be used: one line per issue.
-pub fn cannot_be_used(path: &Path, bytes: &[u8], issues: &[Issue]) -> String {
-    format!(
-        "{} cannot be used:{}",
-        path.display(),
-        faults(issues, Some(bytes))
-    )
+pub fn cannot_be_used(path: &Path, issues: &[Issue]) -> String {
+    format!("{} cannot be used:{}", path.display(), faults(issues))
 }
 
 /// Maximum number of issues in a message; the first ones show what is wrong.
 const MAX_SHOWN: usize = 8;
 
 /// One line per issue. An issue that several columns share is stated once, with the names of the other columns.
-pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
+pub fn faults(issues: &[Issue]) -> String {
     let mut text = String::new();
     let alike = |a: &Issue, b: &Issue| {
         a.row.is_none()
@@ -102,7 +98,7 @@ pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
             && a.pointer == b.pointer
     };
     for group in issues.chunk_by(alike).take(MAX_SHOWN) {
-        text += &format!("\n  {}", fault(&group[0], bytes));
+        text += &format!("\n  {}", fault(&group[0]));
         let others: Vec<&str> = group[1..]
             .iter()
             .filter_map(|issue| issue.column.as_deref())
@@ -117,8 +113,8 @@ pub fn faults(issues: &[Issue], bytes: Option<&[u8]>) -> String {
     }
 }
 
-/// Place and detail of an issue. The place is stated once, and has the line of the file if its bytes are given.
-pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
+/// Place and detail of an issue. The place is stated once, with the line of the file if it is known.
+pub fn fault(issue: &Issue) -> String {
     let detail = in_commands(&issue.code, &issue.detail);
     let Some(row) = issue.row else {
         let says_it = issue
@@ -137,7 +133,7 @@ pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
     };
     let place = match issue.line {
         Some(line) => format!("row {row} (line {line})"),
-        None => self::row(row, bytes),
+        None => format!("row {row}"),
     };
     // With two files, the detail names the file.
     if let Some((file, rest)) = detail.split_once(&format!(" file: row {row}")) {
@@ -153,135 +149,41 @@ pub fn fault(issue: &Issue, bytes: Option<&[u8]>) -> String {
     format!("{place}{column}: {detail}")
 }
 
-/// A row of a CSV file, counted from 0 as everywhere, and its line, counted from 1 as editors do.
-pub fn row(row: usize, bytes: Option<&[u8]>) -> String {
-    let line = bytes
-        .and_then(|bytes| line_of(bytes, row))
-        .map_or(String::new(), |line| format!(" (line {line})"));
-    format!("row {row}{line}")
-}
-
-/// State of the parser within a cell.
-#[derive(Clone, Copy, PartialEq)]
-enum CellState {
-    Start,
-    Unquoted,
-    Quoted,
-    Closed,
-}
-
-/// The line on which a row begins. Rows are counted like the parser of measurement files does: empty lines are no rows, lines of spaces are rows, a
-/// quote opens only at the beginning of a cell, and a quoted cell may span several lines.
-fn line_of(bytes: &[u8], row: usize) -> Option<usize> {
-    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-    let header = bytes
-        .split(|byte| *byte == b'\n')
-        .next()
-        .unwrap_or_default();
-    let separator = if header.contains(&b';') && !header.contains(&b',') {
-        b';'
-    } else {
-        b','
-    };
-    let (mut at, mut line, mut n_rows, mut is_begun) = (CellState::Start, 1, 0, false);
-    for (i, &byte) in bytes.iter().enumerate() {
-        // \r\n is a single line ending
-        let ends_line = byte == b'\r' || byte == b'\n' && (i == 0 || bytes[i - 1] != b'\r');
-        let is_break = matches!(byte, b'\r' | b'\n');
-        if !is_begun && !is_break {
-            // the header counts as the first row
-            if n_rows == row + 1 {
-                return Some(line);
-            }
-            (n_rows, is_begun) = (n_rows + 1, true);
-        }
-        at = match (at, byte) {
-            (CellState::Quoted, b'"') => CellState::Closed,
-            (CellState::Quoted, _) | (CellState::Start | CellState::Closed, b'"') => {
-                CellState::Quoted
-            }
-            _ if is_break => {
-                is_begun = false;
-                CellState::Start
-            }
-            (_, byte) if byte == separator => CellState::Start,
-            _ => CellState::Unquoted,
-        };
-        line += usize::from(ends_line);
-    }
-    None
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{fault, faults, line_of};
+    use super::{fault, faults};
     use crate::wire::issue::Issue;
 
     #[test]
-    fn rows_are_found_again_on_their_lines() {
-        let text = b"a,b\r\n\r\n1,\"two\r\nlines\"\r\n3,4\r\n";
-        assert_eq!(
-            [0, 1, 2].map(|row| line_of(text, row)),
-            [Some(3), Some(5), None]
-        );
-        // A line of spaces is a row. A quote within a cell is a character. A quote after a semicolon opens a cell if semicolons separate.
-        let text = b"\xEF\xBB\xBF\"a\";b\n\n  \n5\" pipe;2\n\"x \"\"y\"\"\n z\";4\r\r5;6\n";
-        assert_eq!(
-            [0, 1, 2, 3, 4].map(|row| line_of(text, row)),
-            [Some(3), Some(4), Some(5), Some(8), None]
-        );
-    }
-
-    #[test]
-    fn lines_are_counted_as_the_reader_of_measurement_files_counts_rows() {
-        for text in [
-            "a,b\n1,x\n\n  \n\n3,\"two\n lines\"\nq,4\n",
-            "a,b\r\n\r\n\t\r\nq,2\r\n",
-            "a,\"b\"\n\"1\n\n\",2\nq,3\n\n",
-        ] {
-            let mut reader = csv::ReaderBuilder::new()
-                .flexible(true)
-                .trim(csv::Trim::All)
-                .from_reader(text.as_bytes());
-            let row = reader
-                .records()
-                .position(|record| &record.unwrap()[0] == "q")
-                .unwrap();
-            let line = text.lines().position(|line| line.starts_with('q')).unwrap() + 1;
-            assert_eq!(line_of(text.as_bytes(), row), Some(line), "{text:?}");
-        }
-    }
-
-    #[test]
     fn a_place_is_said_once() {
-        let issue = |row, column: Option<&str>, detail: &str| Issue {
+        let issue = |row: Option<usize>, column: Option<&str>, detail: &str| Issue {
             row,
+            line: row.map(|row| row + 2),
             column: column.map(Into::into),
             detail: detail.into(),
             ..Issue::default()
         };
-        let text = Some(&b"x_mm\n1\n2\n"[..]);
         assert_eq!(
-            fault(&issue(Some(0), None, "row 0 has 20 cells"), text),
+            fault(&issue(Some(0), None, "row 0 has 20 cells")),
             "row 0 (line 2) has 20 cells"
         );
         assert_eq!(
-            fault(
-                &issue(
-                    Some(1),
-                    Some("x_mm"),
-                    "row 1, column x_mm: \"a\" is not a number"
-                ),
-                text
-            ),
+            fault(&issue(
+                Some(1),
+                Some("x_mm"),
+                "row 1, column x_mm: \"a\" is not a number"
+            ),),
             "row 1 (line 3), column x_mm: \"a\" is not a number"
         );
         assert_eq!(
-            fault(&issue(Some(1), Some("x_mm"), "\"a\" is not a number"), None),
+            fault(&Issue {
+                line: None,
+                ..issue(Some(1), Some("x_mm"), "\"a\" is not a number")
+            }),
             "row 1, column x_mm: \"a\" is not a number"
         );
         assert_eq!(
-            fault(&issue(None, Some("x"), "column x has no unit"), text),
+            fault(&issue(None, Some("x"), "column x has no unit")),
             "column x has no unit"
         );
     }
@@ -294,7 +196,7 @@ mod tests {
             detail: format!("column {column} has no unit"),
             ..Issue::default()
         };
-        let text = faults(&["J1", "J2", "J3"].map(issue), None);
+        let text = faults(&["J1", "J2", "J3"].map(issue));
         assert_eq!(text, "\n  column J1 has no unit\n  the same for J2, J3");
         let of_rows: Vec<Issue> = (0..20)
             .map(|row| Issue {
@@ -302,6 +204,6 @@ mod tests {
                 ..issue("J1")
             })
             .collect();
-        assert!(faults(&of_rows, None).ends_with("\n  and 12 more"));
+        assert!(faults(&of_rows).ends_with("\n  and 12 more"));
     }
 }

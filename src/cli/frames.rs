@@ -3,6 +3,7 @@
 use super::client::ServerArguments;
 use super::files::read;
 use super::runtime::block_on;
+use super::subject::item;
 use super::terminal::Output;
 use super::usage::Usage;
 use std::path::PathBuf;
@@ -30,7 +31,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .filter(|id| id.starts_with("frm_"));
     let frames = match (stored, &arguments.robot) {
         (Some(id), _) => {
-            let path = format!("/v1/frames/{id}");
+            let path = item("frames", id, "")?;
             block_on(async { arguments.server.client()?.get(&path).await })?
         }
         (None, None) => {
@@ -43,7 +44,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 let client = arguments.server.client()?;
                 let robot = client.robot_id(robot).await?;
                 let path = format!("/v1/robots/{robot}/frames");
-                client.create(&path, "text/csv", bytes).await
+                client.post(&path, "text/csv", bytes).await
             })?
         }
     };

@@ -1,8 +1,8 @@
 //! `kincal gates`: checks the gates of a release, without releasing.
 
-use super::client::ServerArguments;
 use super::remedy::in_commands;
 use super::runtime::block_on;
+use super::subject::OfParameterSet;
 use super::terminal;
 use super::terminal::{Output, plain};
 use serde_json::Value;
@@ -11,36 +11,30 @@ use serde_json::Value;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The parameter set, as `kincal params` lists it.
-    #[arg(value_name = "ID")]
-    id: String,
-    #[command(flatten)]
-    output: Output,
+    set: OfParameterSet,
 }
 
 /// `kincal gates`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    show(&arguments.server, &arguments.id, &arguments.output)
+    let OfParameterSet { id, output, .. } = &arguments.set;
+    let found = block_on(async {
+        let (client, path) = arguments.set.at("/gates")?;
+        client.get(&path).await
+    })?;
+    show(&found, id, output)
 }
 
 /// Prints the gates of a parameter set; an error if one would refuse its release.
-pub fn show(server: &ServerArguments, id: &str, output: &Output) -> anyhow::Result<()> {
-    block_on(async {
-        let found = server
-            .client()?
-            .get(&format!("/v1/parameter-sets/{id}/gates"))
-            .await?;
-        if output.json {
-            say!("{}", serde_json::to_string_pretty(&found)?);
-        } else {
-            terminal::raw(gate_lines(&found));
-        }
-        if found["releasable"] != true {
-            anyhow::bail!("a release of {id} would be refused");
-        }
-        Ok(())
-    })
+pub fn show(found: &Value, id: &str, output: &Output) -> anyhow::Result<()> {
+    if output.json {
+        say!("{}", serde_json::to_string_pretty(found)?);
+    } else {
+        terminal::raw(gate_lines(found));
+    }
+    if found["releasable"] != true {
+        anyhow::bail!("a release of {id} would be refused");
+    }
+    Ok(())
 }
 
 fn gate_lines(found: &Value) -> String {

@@ -1,10 +1,9 @@
 //! `kincal history|compare`: parameters over time, and the difference of two sets.
 
-use super::client::ServerArguments;
 use super::list::{cells, columns};
 use super::runtime::block_on;
+use super::subject::{OfParameterSet, OfRobot, checked};
 use super::terminal;
-use super::terminal::Output;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, SessionTest};
 use crate::wire::report_shape::ChangeReport;
 use anyhow::Context;
@@ -17,41 +16,25 @@ const MAX_ROWS: usize = 100;
 #[derive(Debug, clap::Args)]
 pub struct HistoryArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
-    #[command(flatten)]
-    output: Output,
+    robot: OfRobot,
 }
 
 /// Differences between two parameter sets of one robot.
 #[derive(Debug, clap::Args)]
 pub struct CompareArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// A parameter set, as `kincal params` lists it.
-    #[arg(value_name = "ID")]
-    id: String,
+    set: OfParameterSet,
     /// The parameter set to compare it with.
     #[arg(value_name = "WITH")]
     with: String,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// `kincal history`.
 pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
-    let answer = block_on(async {
-        let client = arguments.server.client()?;
-        let robot = client.robot_id(&arguments.robot).await?;
-        client
-            .get(&format!("/v1/robots/{robot}/history?limit={MAX_ROWS}"))
-            .await
-    })?;
+    let answer = arguments.robot.get(&format!("/history?limit={MAX_ROWS}"))?;
     let parsed: HistoryAnswer = serde_json::from_value(answer.clone())
         .context("the server's history is of another version of kincal")?;
-    if arguments.output.json {
+    if arguments.robot.output.json {
         say!("{}", serde_json::to_string_pretty(&answer)?);
         return Ok(());
     }
@@ -131,19 +114,15 @@ fn in_words(changes: &[ChangeReport]) -> String {
 
 /// `kincal compare`.
 pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
-    let CompareArguments {
-        server,
-        id,
-        with,
-        output,
-    } = arguments;
+    let (of, with) = (&arguments.set, checked(&arguments.with)?);
+    let id = &of.id;
     let answer = block_on(async {
-        let path = format!("/v1/parameter-sets/{id}/compare?with={with}");
-        server.client()?.get(&path).await
+        let (client, path) = of.at(&format!("/compare?with={with}"))?;
+        client.get(&path).await
     })?;
     let parsed: CompareAnswer = serde_json::from_value(answer.clone())
         .context("the server's comparison is of another version of kincal")?;
-    output.print(&answer, || {
+    of.output.print(&answer, || {
         let sessions = match &answer["sessions"] {
             Value::Null => "the sessions cannot be compared: both sets come from one upload, or one session is too small".to_owned(),
             _ => parsed.sessions.as_ref().map_or(String::new(), tested),

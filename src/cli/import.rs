@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let name = arguments.name.as_deref().unwrap_or(&stem);
     let tip = arguments.tip.as_deref();
     let imported = import_with(&bytes, format, arguments.digits, name, tip)
-        .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &bytes, &invalid.issues)))?;
+        .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &invalid.issues)))?;
     tell(&imported);
     say!("{}", serde_json::to_string_pretty(&imported.robot)?);
     Ok(())

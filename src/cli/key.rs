@@ -6,7 +6,9 @@ use super::terminal::{self, Output};
 use super::usage::Usage;
 use crate::config::DatabaseConfig;
 use crate::http::auth::new_key;
-use crate::store::{ApiKeyRow, NewApiKey, PageRequest, Store, StoreLocation, api_keys, robots};
+use crate::store::{
+    self, ApiKeyRow, NewApiKey, PageRequest, Store, StoreLocation, api_keys, robots,
+};
 use crate::wire::key::Scope;
 use crate::wire::time::rfc3339;
 use anyhow::Context;
@@ -109,11 +111,12 @@ async fn create(
     output: &Output,
 ) -> anyhow::Result<()> {
     for id in robot_ids {
-        if robots::get(store, id).await.is_err() {
-            return Err(Usage(format!(
-                "there is no robot {id:?}; `GET /v1/robots` lists them"
-            ))
-            .into());
+        match robots::get(store, id).await {
+            Err(store::Error::NotFound) => {
+                let text = format!("there is no robot {id:?}; `GET /v1/robots` lists them");
+                return Err(Usage(text).into());
+            }
+            found => drop(found?),
         }
     }
     let names: Vec<&str> = scopes.iter().map(|scope| scope.as_str()).collect();

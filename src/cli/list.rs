@@ -3,6 +3,7 @@
 use super::client::ServerArguments;
 use super::gates;
 use super::runtime::block_on;
+use super::subject::{item, with_query};
 use super::terminal;
 use super::terminal::{Output, plain};
 pub use super::text_table::columns;
@@ -18,7 +19,7 @@ const MAX_ROWS: usize = 100;
 struct Listing {
     /// Path of the list, for a robot's id.
     list: fn(&str) -> String,
-    /// Path of one item, without its id.
+    /// The part of the path of one item between `/v1/` and its id.
     one: &'static str,
     columns: &'static [&'static str],
     /// Message for an empty list, with the next step.
@@ -27,13 +28,13 @@ struct Listing {
 
 const ROBOTS: Listing = Listing {
     list: |_| "/v1/robots".into(),
-    one: "/v1/robots",
+    one: "robots",
     columns: &["id", "name", "serial_number", "state"],
     empty: "there is no robot yet; next: kincal robots find TEXT, then kincal robots add",
 };
 const SETS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/measurement-sets"),
-    one: "/v1/measurement-sets",
+    one: "measurement-sets",
     columns: &[
         "id",
         "name",
@@ -47,7 +48,7 @@ const SETS: Listing = Listing {
 };
 const JOBS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/jobs"),
-    one: "/v1/jobs",
+    one: "jobs",
     columns: &[
         "id",
         "kind",
@@ -61,7 +62,7 @@ const JOBS: Listing = Listing {
 };
 const ALL_JOBS: Listing = Listing {
     list: |_| "/v1/jobs".into(),
-    one: "/v1/jobs",
+    one: "jobs",
     columns: &[
         "id",
         "robot_id",
@@ -76,13 +77,13 @@ const ALL_JOBS: Listing = Listing {
 };
 const NETWORKS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/networks"),
-    one: "/v1/networks",
+    one: "networks",
     columns: &["id", "kind", "job_id", "model", "preset", "created_at"],
     empty: "this robot has no network yet; next: kincal submit --robot ID SET.csv --method pso --wait",
 };
 const PARAMETER_SETS: Listing = Listing {
     list: |robot| format!("/v1/robots/{robot}/parameter-sets"),
-    one: "/v1/parameter-sets",
+    one: "parameter-sets",
     columns: &["id", "status", "job_id", "created_at", "released_at"],
     empty: "nothing was identified for this robot yet; next: kincal submit --robot ID SET.csv --wait",
 };
@@ -251,9 +252,9 @@ pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
 /// `kincal sets`.
 pub fn sets(arguments: &SetArguments) -> anyhow::Result<()> {
     if let (Some(id), true) = (&arguments.id, arguments.points) {
-        let path = format!("{}/{id}/points", SETS.one);
+        let path = item(SETS.one, id, "/points")?;
         terminal::raw(block_on(async {
-            arguments.server.client()?.get_bytes(&path).await
+            arguments.server.client()?.read(&path).await
         })?);
         return Ok(());
     }
@@ -271,7 +272,7 @@ pub fn sets(arguments: &SetArguments) -> anyhow::Result<()> {
 /// `kincal jobs`.
 pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
     if let (Some(id), true) = (&arguments.id, arguments.convergence) {
-        let path = format!("{}/{id}/convergence", JOBS.one);
+        let path = item(JOBS.one, id, "/convergence")?;
         let curve = block_on(async { arguments.server.client()?.get(&path).await })?;
         say!("{}", serde_json::to_string_pretty(&curve)?);
         return Ok(());
@@ -297,7 +298,7 @@ pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
     if let (Some(id), Some(file)) = (&arguments.id, &arguments.weights) {
         return download(
             &arguments.server,
-            &format!("{}/{id}/weights", NETWORKS.one),
+            &item(NETWORKS.one, id, "/weights")?,
             file,
         );
     }
@@ -311,7 +312,7 @@ pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
 }
 
 fn download(server: &ServerArguments, path: &str, file: &Path) -> anyhow::Result<()> {
-    let bytes = block_on(async { server.client()?.get_bytes(path).await })?;
+    let bytes = block_on(async { server.client()?.read(path).await })?;
     std::fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
@@ -356,11 +357,13 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
     let robot = arguments.robot.as_deref().unwrap_or_default();
     if let Some(id) = &arguments.id {
         if arguments.gates {
-            return gates::show(server, id, &arguments.output);
+            let path = item(PARAMETER_SETS.one, id, "/gates")?;
+            let found = block_on(async { server.client()?.get(&path).await })?;
+            return gates::show(&found, id, &arguments.output);
         }
         if arguments.content {
-            let path = format!("{}/{id}/content", PARAMETER_SETS.one);
-            terminal::raw(block_on(async { server.client()?.get_bytes(&path).await })?);
+            let path = item(PARAMETER_SETS.one, id, "/content")?;
+            terminal::raw(block_on(async { server.client()?.read(&path).await })?);
             return Ok(());
         }
     }
@@ -406,7 +409,7 @@ fn list_or_show(server: &ServerArguments, shown: Shown<'_>, output: &Output) -> 
     block_on(async {
         let client = server.client()?;
         if let Some(id) = id {
-            let one = client.get(&format!("{}/{id}", kind.one)).await?;
+            let one = client.get(&item(kind.one, id, "")?).await?;
             say!("{}", serde_json::to_string_pretty(&one)?);
             return Ok(());
         }
@@ -417,13 +420,8 @@ fn list_or_show(server: &ServerArguments, shown: Shown<'_>, output: &Output) -> 
         };
         let is_filtered = !query.is_empty();
         query.push(("limit", MAX_ROWS.to_string()));
-        let url = reqwest::Url::parse_with_params("http://query/", query)?;
         let page = client
-            .get(&format!(
-                "{}?{}",
-                (kind.list)(&robot),
-                url.query().unwrap_or_default()
-            ))
+            .get(&with_query(&(kind.list)(&robot), &query)?)
             .await?;
         if output.json {
             say!("{}", serde_json::to_string_pretty(&page)?);

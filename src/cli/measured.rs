@@ -40,8 +40,6 @@ pub struct Measured {
     pub decimal: Option<Decimal>,
     /// Rotation convention of the poses, if it was stated.
     pub rotation: Option<RotationConvention>,
-    /// Bytes of the set's file, in which messages find the lines of rows; empty if there are two files.
-    pub shown: Vec<u8>,
 }
 
 impl Measured {
@@ -90,7 +88,6 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
                 "text/csv"
             }
             .into(),
-            shown: bytes.clone(),
             bytes,
             columns,
             decimal,
@@ -107,7 +104,6 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
         columns,
         decimal,
         rotation,
-        shown: vec![],
     })
 }
 

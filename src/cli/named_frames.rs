@@ -1,14 +1,14 @@
 //! `kincal work-frames` and `kincal tools`: frames and tools of a robot, kept under a name.
 
-use super::client::ServerArguments;
 use super::files::read;
-use super::runtime::block_on;
-use super::terminal::Output;
+use super::numbers::{exactly, three_mm};
+use super::subject::{OfRobot, named};
 use super::text_table;
 use super::usage::Usage;
 use crate::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
 use crate::wire::tool::ToolBody;
 use anyhow::Context;
+use serde::Serialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -45,29 +45,19 @@ enum ToolCommand {
 #[derive(Debug, clap::Args)]
 struct ListArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// Show only the one with this name.
     #[arg(value_name = "NAME")]
     name: Option<String>,
-    #[command(flatten)]
-    output: Output,
 }
 
 #[derive(Debug, clap::Args)]
 struct Named {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// The name to keep it under.
     #[arg(value_name = "NAME")]
     name: String,
-    #[command(flatten)]
-    output: Output,
 }
 
 #[derive(Debug, clap::Args)]
@@ -75,7 +65,7 @@ struct SetTool {
     #[command(flatten)]
     named: Named,
     /// Tool centre point in the flange frame: X,Y,Z in mm.
-    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     mm: [f64; 3],
     /// Orientation in the flange frame [default: as the flange].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true)]
@@ -90,7 +80,7 @@ struct SetWorkFrame {
     #[command(flatten)]
     named: Named,
     /// Origin of the work frame: X,Y,Z in mm.
-    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true, conflicts_with = "points")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true, conflicts_with = "points")]
     origin_mm: Option<[f64; 3]>,
     /// Orientation of the work frame [default: as the frame that it is given in].
     #[arg(long, value_name = "W,X,Y,Z", value_parser = four, allow_hyphen_values = true, conflicts_with = "points")]
@@ -110,19 +100,8 @@ struct SetWorkFrame {
     station: Option<String>,
 }
 
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let all: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
-    let all = all.ok().and_then(|all| <[f64; N]>::try_from(all).ok());
-    all.filter(|all| all.iter().all(|n| n.is_finite()))
-        .ok_or_else(|| format!("{N} numbers with commas between them are needed"))
-}
-
-fn three(text: &str) -> Result<[f64; 3], String> {
-    numbers(text)
-}
-
 fn four(text: &str) -> Result<[f64; 4], String> {
-    numbers(text)
+    exactly(text, "four numbers with commas between them are needed")
 }
 
 /// Lists work frames, or keeps one.
@@ -145,7 +124,7 @@ pub fn work_frames(arguments: &WorkFrameArguments) -> anyhow::Result<()> {
                 points,
                 std_mm: set.std_mm,
             };
-            keep(&set.named, "work-frames", serde_json::to_vec(&body)?)
+            keep(&set.named, "work-frames", &body)
         }
     }
 }
@@ -161,27 +140,19 @@ pub fn tools(arguments: &ToolArguments) -> anyhow::Result<()> {
                 std_mm: set.std_mm,
                 ..ToolBody::default()
             };
-            keep(&set.named, "tools", serde_json::to_vec(&body)?)
+            keep(&set.named, "tools", &body)
         }
     }
 }
 
-/// The path of a robot's frames or tools, or of one.
-fn path(robot: &str, kind: &str, name: Option<&str>) -> anyhow::Result<String> {
-    let mut url = reqwest::Url::parse("http://localhost")?;
-    if let Ok(mut segments) = url.path_segments_mut() {
-        segments.extend(["v1", "robots", robot, kind]).extend(name);
-    }
-    Ok(url.path().to_owned())
-}
-
 fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
-    let answer = block_on(async {
-        let client = list.server.client()?;
-        let robot = client.robot_id(&list.robot).await?;
-        client.get(&path(&robot, kind, list.name.as_deref())?).await
-    })?;
-    list.output
+    let below = match &list.name {
+        Some(name) => named(kind, name)?,
+        None => format!("/{kind}"),
+    };
+    let answer = list.robot.get(&below)?;
+    list.robot
+        .output
         .print(&answer, || match answer["items"].as_array() {
             Some(items) if items.is_empty() => "none".into(),
             Some(items) => in_words(items),
@@ -189,14 +160,10 @@ fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
         })
 }
 
-fn keep(named: &Named, kind: &str, body: Vec<u8>) -> anyhow::Result<()> {
-    let answer = block_on(async {
-        let client = named.server.client()?;
-        let robot = client.robot_id(&named.robot).await?;
-        let path = path(&robot, kind, Some(&named.name))?;
-        client.send(reqwest::Method::PUT, &path, body).await
-    })?;
-    named
+fn keep(kept: &Named, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
+    let below = named(kind, &kept.name)?;
+    let answer = kept.robot.send(reqwest::Method::PUT, &below, body)?;
+    kept.robot
         .output
         .print(&answer, || in_words(std::slice::from_ref(&answer)))
 }

@@ -1,5 +1,6 @@
 //! Options that several commands share.
 
+use super::numbers;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::job::{
@@ -170,10 +171,9 @@ fn prior(text: &str) -> Result<Prior, String> {
 
 /// Parses a payload: its mass, and optionally its centre.
 fn payload(text: &str) -> Result<PayloadBody, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    let (mass_kg, centre_mm) = match numbers.as_deref() {
-        Ok([mass_kg]) => (*mass_kg, [0.0; 3]),
-        Ok([mass_kg, x, y, z]) => (*mass_kg, [*x, *y, *z]),
+    let (mass_kg, centre_mm) = match numbers::all(text).as_deref() {
+        Some([mass_kg]) => (*mass_kg, [0.0; 3]),
+        Some([mass_kg, x, y, z]) => (*mass_kg, [*x, *y, *z]),
         _ => return Err("a mass in kg, or KG,X,Y,Z with the centre in mm".into()),
     };
     Ok(PayloadBody { mass_kg, centre_mm })

@@ -180,8 +180,7 @@ fn offline(
             instrument: None,
         };
         let read = from_file(&upload, robot.links.len());
-        let (set, _) =
-            read.map_err(|invalid| Usage(cannot_be_used(path, &bytes, &invalid.issues)))?;
+        let (set, _) = read.map_err(|invalid| Usage(cannot_be_used(path, &invalid.issues)))?;
         measured.push(set);
     }
     let plan = plan_poses(body, &robot, &measured).map_err(|invalid| {
@@ -211,7 +210,7 @@ async fn on_server(
     let path = format!("/v1/robots/{}", client.robot_id(robot).await?);
     let described = client.get(&path).await?;
     let answer = client
-        .post_json(&format!("{path}/pose-plans"), &serde_json::to_value(&body)?)
+        .send(reqwest::Method::POST, &format!("{path}/pose-plans"), &body)
         .await?;
     let links = described["links"].as_array();
     Ok(PlanForRobot {
@@ -258,7 +257,7 @@ fn issue_text(arguments: &Arguments, issue: &Issue) -> String {
         (_, Some("/n_configurations")) if arguments.n_configurations.is_some() => {
             format!("-n: {}", issue.detail)
         }
-        (Some(path), _) => format!("{}: {}", path.display(), fault(issue, None)),
+        (Some(path), _) => format!("{}: {}", path.display(), fault(issue)),
         (None, _) => issue.detail.clone(),
     }
 }

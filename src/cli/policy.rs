@@ -1,8 +1,7 @@
 //! `kincal policy`: shows or sets a robot's release policy.
 
-use super::client::ServerArguments;
 use super::runtime::block_on;
-use super::terminal::Output;
+use super::subject::OfRobot;
 use crate::wire::policy::{DecisionRule, PolicyBody};
 use anyhow::Context;
 
@@ -16,28 +15,16 @@ pub struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum PolicyCommand {
     /// Show a robot's release policy.
-    Show(ShowArguments),
+    Show(OfRobot),
     /// Set a robot's release policy; settings that are not given stay as they are.
     Set(SetArguments),
-}
-
-/// The robot.
-#[derive(Debug, clap::Args)]
-struct ShowArguments {
-    #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// The robot and its policy.
 #[derive(Debug, clap::Args)]
 struct SetArguments {
     #[command(flatten)]
-    shown: ShowArguments,
+    robot: OfRobot,
     /// Largest uncertainty and largest error on verify points, mm; `none` for no tolerance.
     #[arg(long, value_name = "MM", value_parser = tolerance)]
     tolerance_mm: Option<Tolerance>,
@@ -66,14 +53,12 @@ fn tolerance(text: &str) -> Result<Tolerance, String> {
 
 /// Shows the policy, or sets it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let (shown, changes) = match &arguments.command {
-        PolicyCommand::Show(shown) => (shown, None),
-        PolicyCommand::Set(changes) => (&changes.shown, Some(changes)),
+    let (of, changes) = match &arguments.command {
+        PolicyCommand::Show(of) => (of, None),
+        PolicyCommand::Set(changes) => (&changes.robot, Some(changes)),
     };
     let policy = block_on(async {
-        let client = shown.server.client()?;
-        let robot = client.robot_id(&shown.robot).await?;
-        let path = format!("/v1/robots/{robot}/policy");
+        let (client, path) = of.at("/policy").await?;
         let now = client.get(&path).await?;
         let mut policy: PolicyBody = serde_json::from_value(now)
             .context("the server's policy is of another version of kincal")?;
@@ -92,11 +77,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if let Some(required) = changes.second_person {
             policy.second_person_required = required;
         }
-        let body = serde_json::to_vec(&policy)?;
-        client.send(reqwest::Method::PUT, &path, body).await?;
+        client.send(reqwest::Method::PUT, &path, &policy).await?;
         anyhow::Ok(policy)
     })?;
-    shown.output.print(&policy, || {
+    of.output.print(&policy, || {
         let tolerance = policy
             .tolerance_mm
             .map_or("none".into(), |mm| format!("{mm} mm"));

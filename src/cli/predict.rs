@@ -1,26 +1,22 @@
 //! `kincal predict`: the tool's position for joint values, computed with identified parameters.
 
-use super::client::ServerArguments;
+use super::numbers;
 use super::runtime::block_on;
-use super::terminal::{Output, plain};
+use super::subject::OfParameterSet;
+use super::terminal::plain;
 use serde_json::{Value, json};
 
 /// The tool's position for joint values, computed with identified parameters.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The parameter set, as `kincal params` lists it.
-    #[arg(value_name = "ID")]
-    id: String,
+    set: OfParameterSet,
     /// The controller's joint values in degrees, with commas; one argument per pose. A single pose may have spaces instead of commas.
     #[arg(value_name = "Q1,Q2,…", required = true, allow_negative_numbers = true, value_parser = pose)]
     poses: Vec<Pose>,
     /// The reflector (0-based) [default: 0].
     #[arg(long, env = "KINCAL_TARGET")]
     target: Option<usize>,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Joint values of one pose, degrees.
@@ -28,10 +24,8 @@ pub struct Arguments {
 struct Pose(Vec<f64>);
 
 fn pose(text: &str) -> Result<Pose, String> {
-    let q_deg: Result<Vec<f64>, _> = text.split(',').map(|q| q.trim().parse()).collect();
-    q_deg
-        .map(Pose)
-        .map_err(|_| "numbers with commas between them, such as 10,-20,30,0,45,0".into())
+    let wrong = "numbers with commas between them, such as 10,-20,30,0,45,0";
+    numbers::all(text).map(Pose).ok_or_else(|| wrong.into())
 }
 
 /// Prints one position per pose.
@@ -45,8 +39,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(target) = arguments.target {
         body["target"] = json!(target);
     }
-    let path = format!("/v1/parameter-sets/{}/predict", arguments.id);
-    let answer = block_on(async { arguments.server.client()?.post_json(&path, &body).await })?;
+    let answer = block_on(async {
+        let (client, path) = arguments.set.at("/predict")?;
+        client.send(reqwest::Method::POST, &path, &body).await
+    })?;
     for warning in answer["warnings"].as_array().into_iter().flatten() {
         let [code, detail] = ["code", "detail"].map(|field| warning[field].as_str());
         let text = format!(
@@ -56,7 +52,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
         eprintln!("{}", plain(&text));
     }
-    arguments.output.print(&answer, || {
+    arguments.set.output.print(&answer, || {
         let extrapolated = &answer["extrapolated"];
         let positions = answer["position_mm"].as_array().into_iter().flatten();
         let line = |(i, position): (usize, &Value)| {

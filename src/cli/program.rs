@@ -52,7 +52,7 @@ pub struct Program {
 impl Program {
     /// Reads a program. `columns` states what the names of a table's columns do not.
     pub fn parse(path: &Path, bytes: &[u8], columns: &ColumnsBody) -> anyhow::Result<Self> {
-        let unusable = |invalid: Invalid| Usage(cannot_be_used(path, bytes, &invalid.issues));
+        let unusable = |invalid: Invalid| Usage(cannot_be_used(path, &invalid.issues));
         let refused = |error| unusable(table_upload::table_error(&error));
         let mut mapping = columns.mapping(FilePart::Robot).map_err(unusable)?;
         let is_workbook = workbook::workbook(bytes).is_some();
@@ -197,7 +197,7 @@ impl Program {
             (Some("base"), ..) => format!("--base: {detail}"),
             (Some("target"), ..) => format!("--target: {detail}"),
             (Some("tool"), ..) => format!("--tool-mm: {detail}"),
-            _ => files::fault(issue, None),
+            _ => files::fault(issue),
         }
     }
 

@@ -1,9 +1,7 @@
 //! `kincal references`: lengths with a certificate that the instrument measured.
 
-use super::client::ServerArguments;
 use super::files::read;
-use super::runtime::block_on;
-use super::terminal::Output;
+use super::subject::{OfRobot, checked};
 use super::text_table;
 use super::usage::Usage;
 use crate::wire::reference::{ReferenceBody, ReferenceLengthBody};
@@ -29,24 +27,16 @@ enum Command {
 #[derive(Debug, clap::Args)]
 struct List {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// Show only the one with this id, in any version.
     #[arg(value_name = "ID")]
     id: Option<String>,
-    #[command(flatten)]
-    output: Output,
 }
 
 #[derive(Debug, clap::Args)]
 struct Add {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// CSV file with the columns name, nominal_mm, measured_mm, std_mm: one row for each length.
     #[arg(value_name = "LENGTHS")]
     lengths: PathBuf,
@@ -56,24 +46,19 @@ struct Add {
     /// The instrument and its certificate.
     #[arg(long, value_name = "TEXT")]
     instrument: Option<String>,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Lists references, or stores one.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.command {
         Command::List(list) => {
-            let answer = block_on(async {
-                let client = list.server.client()?;
-                let robot = client.robot_id(&list.robot).await?;
-                let one = list.id.as_ref().map(|id| format!("/{id}"));
-                let one = one.unwrap_or_default();
-                client
-                    .get(&format!("/v1/robots/{robot}/references{one}"))
-                    .await
-            })?;
-            list.output
+            let below = match &list.id {
+                Some(id) => format!("/references/{}", checked(id)?),
+                None => "/references".into(),
+            };
+            let answer = list.robot.get(&below)?;
+            list.robot
+                .output
                 .print(&answer, || match answer["items"].as_array() {
                     Some(items) if items.is_empty() => "none".into(),
                     Some(items) => in_words(items),
@@ -86,14 +71,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 items: lengths(&add.lengths)?,
                 instrument: add.instrument.clone(),
             };
-            let body = serde_json::to_vec(&body)?;
-            let answer = block_on(async {
-                let client = add.server.client()?;
-                let robot = client.robot_id(&add.robot).await?;
-                let path = format!("/v1/robots/{robot}/references");
-                client.create(&path, "application/json", body).await
-            })?;
-            add.output
+            let answer = add
+                .robot
+                .send(reqwest::Method::POST, "/references", &body)?;
+            add.robot
+                .output
                 .print(&answer, || in_words(std::slice::from_ref(&answer)))
         }
     }

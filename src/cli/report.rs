@@ -1,10 +1,10 @@
 //! `kincal report`: the report of a job.
 
 use super::calibrate::refuse_unusable;
-use super::client::ServerArguments;
 use super::runtime::block_on;
+use super::subject::OfJob;
 use super::table;
-use super::terminal::Output;
+use super::usage::Usage;
 use crate::wire::report_shape::Report;
 use anyhow::Context;
 use std::path::PathBuf;
@@ -13,39 +13,33 @@ use std::path::PathBuf;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The job, as `kincal jobs` lists it.
-    #[arg(value_name = "ID")]
-    id: String,
+    job: OfJob,
     /// Write the report as a printable HTML page into this file instead of printing it.
-    #[arg(
-        long,
-        env = "KINCAL_HTML",
-        value_name = "FILE",
-        conflicts_with = "json"
-    )]
+    #[arg(long, env = "KINCAL_HTML", value_name = "FILE")]
     html: Option<PathBuf>,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Prints the report, or writes it as a page. Printing a report of an unusable result ends with an error, so that no script continues with it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let path = format!("/v1/jobs/{}/report", arguments.id);
+    let of = &arguments.job;
     if let Some(file) = &arguments.html {
+        // Not a conflict of clap's: that counts KINCAL_JSON=0 as given.
+        if of.output.json {
+            return Err(Usage("--html and --json exclude each other".into()).into());
+        }
         let page = block_on(async {
-            arguments
-                .server
-                .client()?
-                .get_text(&format!("{path}.html"))
-                .await
+            let (client, path) = of.at("/report.html")?;
+            client.read(&path).await
         })?;
         return std::fs::write(file, page)
             .with_context(|| format!("cannot write {}", file.display()));
     }
-    let report = block_on(async { arguments.server.client()?.get(&path).await })?;
+    let report = block_on(async {
+        let (client, path) = of.at("/report")?;
+        client.get(&path).await
+    })?;
     let parsed: Report = serde_json::from_value(report.clone())
         .context("the server's report is of another version of kincal")?;
-    arguments.output.print(&report, || table::report(&parsed))?;
-    refuse_unusable(&parsed, Some(&arguments.id))
+    of.output.print(&report, || table::report(&parsed))?;
+    refuse_unusable(&parsed, Some(&of.id))
 }

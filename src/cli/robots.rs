@@ -1,12 +1,12 @@
 //! `kincal robots`: lists and shows robots, and edits them. Each further subcommand has a file of its own.
 
 use super::archive::{self, Action};
-use super::client::ServerArguments;
 use super::files::read_json;
 use super::list::{self, RobotArguments};
+use super::numbers;
 use super::robots_library::{self, LibraryCommand};
 use super::runtime::block_on;
-use super::terminal::Output;
+use super::subject::OfRobot;
 use super::usage::Usage;
 use crate::wire::robot::{GravityDirection, JointMapBody, MountingBody, NamedMounting};
 use crate::wire::robot_patch::RobotPatchBody;
@@ -32,27 +32,15 @@ enum RobotCommand {
     /// List robots.
     List(RobotArguments),
     /// Show a robot in full.
-    Show(ShowArguments),
+    Show(OfRobot),
     /// Edit a robot; fields that are not given stay as they are.
     Edit(Box<EditArguments>),
     /// Archive a robot: it leaves the lists and takes no uploads, jobs and releases.
-    Archive(ShowArguments),
+    Archive(OfRobot),
     /// Restore an archived robot.
-    Restore(ShowArguments),
+    Restore(OfRobot),
     #[command(flatten)]
     Library(LibraryCommand),
-}
-
-/// One robot.
-#[derive(Debug, clap::Args)]
-struct ShowArguments {
-    #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Fields of a robot that can be removed.
@@ -69,10 +57,7 @@ enum Field {
 #[derive(Debug, clap::Args)]
 struct EditArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(value_name = "ROBOT")]
-    robot: String,
+    robot: OfRobot,
     /// Its new name.
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
@@ -110,8 +95,6 @@ struct EditArguments {
     /// Remove these fields.
     #[arg(long, value_name = "FIELD", value_enum, value_delimiter = ',')]
     remove: Vec<Field>,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// A mounting on the command line.
@@ -131,10 +114,9 @@ impl FromStr for Mounted {
         if let Some(named) = named {
             return Ok(Self(MountingBody::Named(named)));
         }
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-        let (gravity_in_base, std_deg) = match numbers.as_deref() {
-            Ok([x, y, z]) => ([*x, *y, *z], DEFAULT_GRAVITY_STD_DEG),
-            Ok([x, y, z, std_deg]) => ([*x, *y, *z], *std_deg),
+        let (gravity_in_base, std_deg) = match numbers::all(text).as_deref() {
+            Some([x, y, z]) => ([*x, *y, *z], DEFAULT_GRAVITY_STD_DEG),
+            Some([x, y, z, std_deg]) => ([*x, *y, *z], *std_deg),
             _ => {
                 return Err(
                     "floor, wall, ceiling, or the direction in which things fall: X,Y,Z or X,Y,Z,STD_DEG"
@@ -198,21 +180,15 @@ fn refuse_name_of_command(id: Option<&str>) -> anyhow::Result<()> {
     }
 }
 
-fn show(arguments: &ShowArguments) -> anyhow::Result<()> {
-    let robot = block_on(async {
-        let client = arguments.server.client()?;
-        let id = client.robot_id(&arguments.robot).await?;
-        client.get(&format!("/v1/robots/{id}")).await
-    })?;
-    say!("{}", serde_json::to_string_pretty(&robot)?);
+fn show(of: &OfRobot) -> anyhow::Result<()> {
+    say!("{}", serde_json::to_string_pretty(&of.get("")?)?);
     Ok(())
 }
 
-fn put(arguments: &ShowArguments, action: Action) -> anyhow::Result<()> {
+fn put(of: &OfRobot, action: Action) -> anyhow::Result<()> {
     block_on(async {
-        let client = arguments.server.client()?;
-        let id = client.robot_id(&arguments.robot).await?;
-        archive::one(&client, &id, action, &arguments.output).await
+        let (client, path) = of.at("").await?;
+        archive::one(&client, &path, action, &of.output).await
     })
 }
 
@@ -225,15 +201,8 @@ fn edit(arguments: &EditArguments) -> anyhow::Result<()> {
         )
         .into());
     }
-    let body = serde_json::to_vec(&patch)?;
-    let robot = block_on(async {
-        let client = arguments.server.client()?;
-        let id = client.robot_id(&arguments.robot).await?;
-        client
-            .send(reqwest::Method::PATCH, &format!("/v1/robots/{id}"), body)
-            .await
-    })?;
-    arguments.output.print(&robot, || {
+    let robot = arguments.robot.send(reqwest::Method::PATCH, "", &patch)?;
+    arguments.robot.output.print(&robot, || {
         format!(
             "{} is edited; results that were computed before keep the robot as it was",
             robot["id"].as_str().unwrap_or_default()

@@ -1,9 +1,9 @@
 //! `kincal robots find|add|posture`: ready arms, robots from descriptions, and the comparison of a posture with the pendant.
 
 use super::client::{Client, ServerArguments};
-use super::compensate::tool_mm;
 use super::files::{cannot_be_used, parse_json, read};
 use super::import::{format_of, tell};
+use super::numbers::{self, three_mm};
 use super::runtime::block_on;
 use super::terminal::{self, Output, plain};
 use super::text_table::columns;
@@ -15,6 +15,7 @@ use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::robot::{LinkBody, MountingBody, NamedMounting, Robot, RobotBody};
 use crate::wire::robot_model::RobotModel;
 use crate::wire::tool::ToolBody;
+use reqwest::Method;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -102,10 +103,10 @@ pub struct PostureArguments {
     )]
     robot_file: Option<PathBuf>,
     /// Position of the active tool in the flange frame: X,Y,Z in mm [default: the flange].
-    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    #[arg(long, env = "KINCAL_TOOL_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     tool_mm: Option<[f64; 3]>,
     /// Position that the pendant shows: X,Y,Z in mm. The output states its distance from the model's position.
-    #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = tool_mm, allow_hyphen_values = true)]
+    #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     shown_mm: Option<[f64; 3]>,
     #[command(flatten)]
     output: Output,
@@ -116,8 +117,7 @@ pub struct PostureArguments {
 struct Degrees(Vec<f64>);
 
 fn degrees(text: &str) -> Result<Degrees, String> {
-    let values: Result<Vec<f64>, _> = text.split(',').map(|q| q.trim().parse()).collect();
-    values.map(Degrees).map_err(|_| {
+    numbers::all(text).map(Degrees).ok_or_else(|| {
         "numbers, such as 10 -20 30 0 45 0 or 10,-20,30,0,45,0; the robot is named by --robot, --arm or --robot-file".into()
     })
 }
@@ -297,8 +297,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
     }
     let robot = block_on(async {
         let client = arguments.server.client()?;
-        let body = serde_json::to_vec(&body)?;
-        client.create("/v1/robots", "application/json", body).await
+        client.send(Method::POST, "/v1/robots", &body).await
     })?;
     let text = |field: &str| plain(robot[field].as_str().unwrap_or_default());
     arguments.output.print(&robot, || {
@@ -327,7 +326,7 @@ fn described(arguments: &AddArguments, file: &Path) -> anyhow::Result<RobotBody>
     );
     let tip = arguments.tip.as_deref();
     let imported = import_with(&bytes, format, arguments.digits, &stem, tip)
-        .map_err(|invalid| Usage(cannot_be_used(file, &bytes, &invalid.issues)))?;
+        .map_err(|invalid| Usage(cannot_be_used(file, &invalid.issues)))?;
     tell(&imported);
     Ok(imported.robot)
 }
@@ -357,9 +356,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
             let named = arguments.robot.as_deref().unwrap_or_default();
             let id = client.robot_id(named).await?;
             let path = format!("/v1/robots/{id}/posture");
-            client
-                .post_json(&path, &serde_json::to_value(&request)?)
-                .await
+            client.send(Method::POST, &path, &request).await
         })?,
     };
     let found: PostureAnswer = serde_json::from_value(answer)?;

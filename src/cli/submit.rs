@@ -8,6 +8,7 @@ use super::measured::{Measured, TableOptions, in_words as understood_in_words, r
 use super::options::{IdentifyOptions, SessionOptions, SetOptions};
 use super::remedy::{in_commands, with_options};
 use super::runtime::block_on;
+use super::subject::with_query;
 use super::table;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
@@ -128,12 +129,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         let ids = sets.iter().map(|set| Ok(text(set, "id")?.to_owned()));
         let ids: Vec<String> = ids.collect::<anyhow::Result<_>>()?;
-        let request = serde_json::to_value(request(arguments, &ids))?;
+        let request = request(arguments, &ids);
         let posted = client
-            .create(
+            .send(
+                reqwest::Method::POST,
                 &format!("/v1/robots/{robot}/jobs"),
-                "application/json",
-                serde_json::to_vec(&request)?,
+                &request,
             )
             .await?;
         let job_id = text(&posted, "id")?;
@@ -263,13 +264,12 @@ async fn upload(
             parameters.push(("columns", serde_json::to_string(&files.columns)?));
         }
     }
-    let query = reqwest::Url::parse_with_params("http://query/", parameters)?;
-    let query = query.query().unwrap_or_default();
-    let sets = format!("/v1/robots/{robot}/measurement-sets?{query}");
+    let sets = format!("/v1/robots/{robot}/measurement-sets");
+    let sets = with_query(&sets, &parameters)?;
     let set = client
-        .create(&sets, &files.content_type, files.bytes)
+        .post(&sets, &files.content_type, files.bytes)
         .await
-        .map_err(|error| with_file_rows(error, path, &files.shown))?;
+        .map_err(|error| with_file_rows(error, path))?;
     let reading: Reading = serde_json::from_value(set.clone()).unwrap_or_default();
     for line in understood_in_words(&reading) {
         eprintln!("{}", plain(&line));
@@ -294,10 +294,10 @@ async fn upload(
 }
 
 /// The server's refusal of the file, with its rows and lines.
-fn with_file_rows(error: anyhow::Error, path: &Path, bytes: &[u8]) -> anyhow::Error {
+fn with_file_rows(error: anyhow::Error, path: &Path) -> anyhow::Error {
     match error.downcast::<Refused>() {
         Ok(refused) if refused.is_usage() && !refused.problem.errors.is_empty() => {
-            Usage(cannot_be_used(path, bytes, &refused.problem.errors)).into()
+            Usage(cannot_be_used(path, &refused.problem.errors)).into()
         }
         Ok(refused) if refused.is_usage() => Usage(format!("{}: {refused}", path.display())).into(),
         Ok(refused) => refused.into(),

@@ -18,7 +18,7 @@ pub fn line(text: std::fmt::Arguments<'_>) {
 #[derive(Debug, clap::Args)]
 pub struct Output {
     /// Print only JSON on standard output.
-    #[arg(long, env = "KINCAL_JSON", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
+    #[arg(long, env = "KINCAL_JSON", display_order = 900, value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue)]
     pub json: bool,
 }
 

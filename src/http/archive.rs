@@ -24,166 +24,104 @@ enum Change {
 }
 
 /// An item that can be archived.
-struct Item<'r> {
-    kind: Archivable,
-    id: &'r str,
-    robot_id: &'r str,
+trait Item: Clone + Sync {
+    const KIND: Archivable;
+    type Answer: Serialize;
+
+    fn id(&self) -> &str;
+
+    fn robot_id(&self) -> &str;
+
     /// Reason, if the item cannot be archived.
-    not_archivable: Option<String>,
+    fn not_archivable(&self) -> Option<String>;
+
+    /// The answer, with the time at which the item was archived, or `None`.
+    fn answer(&self, archived_at_ms: Option<i64>) -> Result<Self::Answer, Error>;
 }
 
-/// Archives or restores an item. `answer` makes the answer. Its argument is the time at which the item was archived, or `None`.
-async fn change_item<A: Serialize>(
+/// Implements [`Item`] for a row. The arguments are the kind, the field with the id of its robot, the answer and its
+/// conversion, and the reason if the row cannot be archived.
+macro_rules! item {
+    ($row:ident $kind:ident $robot_id:ident $answer:ident, $convert:expr, $not_archivable:expr) => {
+        impl Item for $row {
+            const KIND: Archivable = Archivable::$kind;
+            type Answer = $answer;
+
+            fn id(&self) -> &str {
+                &self.id
+            }
+
+            fn robot_id(&self) -> &str {
+                &self.$robot_id
+            }
+
+            fn not_archivable(&self) -> Option<String> {
+                let reason: fn(&$row) -> Option<String> = $not_archivable;
+                reason(self)
+            }
+
+            fn answer(&self, archived_at_ms: Option<i64>) -> Result<$answer, Error> {
+                let mut row = self.clone();
+                row.archived_at_ms = archived_at_ms;
+                let convert: fn($row) -> Result<$answer, Error> = $convert;
+                convert(row)
+            }
+        }
+    };
+}
+
+item!(RobotRow Robot id RobotAnswer, |row| RobotAnswer::try_from(&row), |_| None);
+item!(MeasurementSetRow MeasurementSet robot_id SetSummary, |row| SetSummary::try_from(&row), |_| None);
+item!(NetworkRow Network robot_id NetworkAnswer, NetworkAnswer::try_from, |_| None);
+item!(JobRow Job robot_id JobAnswer, |row| JobAnswer::try_from(&row), |row| {
+    let status = row.status.as_str();
+    (!row.status.is_over())
+        .then(|| format!("the job is {status}: wait until it is over, or cancel it"))
+});
+item!(ParameterSetRow ParameterSet robot_id ParameterSetAnswer, ParameterSetAnswer::try_from, |row| {
+    let status = row.status.as_str();
+    let was_released = row.status != ParameterSetStatus::Candidate && row.archived_at_ms.is_none();
+    was_released.then(|| {
+        format!(
+            "the parameter set is {status}; only candidates are archived, because the history of what was released stays"
+        )
+    })
+});
+
+/// Archives or restores an item.
+async fn change_item(
     app: &App,
     submission: &Submission,
     change: Change,
-    item: Item<'_>,
-    answer: impl Fn(Option<i64>) -> Result<A, Error>,
+    item: impl Item,
 ) -> Result<Response, Error> {
-    let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {
-        let archived_at_ms = match (change, item.not_archivable) {
-            (Change::Archive, Some(detail)) => {
-                return Err(Error::Conflict {
-                    code: "not_archivable",
-                    detail,
-                    errors: vec![],
-                });
-            }
-            (Change::Archive, None) => {
-                Some(archive::archive(tx, item.kind, item.id, item.robot_id, by).await?)
-            }
-            (Change::Restore, _) => {
-                archive::restore(tx, item.kind, item.id, item.robot_id).await?;
-                None
-            }
-        };
-        stored_json(200, None, &answer(archived_at_ms)?)
+        let archived_at_ms = change_in(tx, &item, change, &submission.caller.holder).await?;
+        stored_json(200, None, &item.answer(archived_at_ms)?)
     };
     submission.create(&app.store, effect).await
 }
 
-async fn robot(
-    app: &App,
-    id: &str,
-    submission: &Submission,
+/// Returns when the item was archived, if it is.
+async fn change_in<I: Item>(
+    tx: &mut Tx,
+    item: &I,
     change: Change,
-) -> Result<Response, Error> {
-    let row = access::robot(app, &submission.caller, id).await?;
-    let item = Item {
-        kind: Archivable::Robot,
-        id: &row.id,
-        robot_id: &row.id,
-        not_archivable: None,
-    };
-    let answer = |archived_at_ms| {
-        RobotAnswer::try_from(&RobotRow {
-            archived_at_ms,
-            ..row.clone()
-        })
-    };
-    change_item(app, submission, change, item, answer).await
-}
-
-async fn measurement_set(
-    app: &App,
-    id: &str,
-    submission: &Submission,
-    change: Change,
-) -> Result<Response, Error> {
-    let row = access::measurement_set(app, &submission.caller, id).await?;
-    let item = Item {
-        kind: Archivable::MeasurementSet,
-        id: &row.id,
-        robot_id: &row.robot_id,
-        not_archivable: None,
-    };
-    let answer = |archived_at_ms| {
-        SetSummary::try_from(&MeasurementSetRow {
-            archived_at_ms,
-            ..row.clone()
-        })
-    };
-    change_item(app, submission, change, item, answer).await
-}
-
-async fn job(
-    app: &App,
-    id: &str,
-    submission: &Submission,
-    change: Change,
-) -> Result<Response, Error> {
-    let row = access::job(app, &submission.caller, id).await?;
-    let not_archivable = (!row.status.is_over()).then(|| {
-        format!(
-            "the job is {}: wait until it is over, or cancel it",
-            row.status.as_str()
-        )
-    });
-    let item = Item {
-        kind: Archivable::Job,
-        id: &row.id,
-        robot_id: &row.robot_id,
-        not_archivable,
-    };
-    let answer = |archived_at_ms| {
-        JobAnswer::try_from(&JobRow {
-            archived_at_ms,
-            ..row.clone()
-        })
-    };
-    change_item(app, submission, change, item, answer).await
-}
-
-async fn parameter_set(
-    app: &App,
-    id: &str,
-    submission: &Submission,
-    change: Change,
-) -> Result<Response, Error> {
-    let row = access::parameter_set(app, &submission.caller, id).await?;
-    let was_released = row.status != ParameterSetStatus::Candidate && row.archived_at_ms.is_none();
-    let not_archivable = was_released.then(|| {
-        format!(
-            "the parameter set is {}; only candidates are archived, because the history of what was released stays",
-            row.status.as_str()
-        )
-    });
-    let item = Item {
-        kind: Archivable::ParameterSet,
-        id: &row.id,
-        robot_id: &row.robot_id,
-        not_archivable,
-    };
-    let answer = |archived_at_ms| {
-        ParameterSetAnswer::try_from(ParameterSetRow {
-            archived_at_ms,
-            ..row.clone()
-        })
-    };
-    change_item(app, submission, change, item, answer).await
-}
-
-async fn network(
-    app: &App,
-    id: &str,
-    submission: &Submission,
-    change: Change,
-) -> Result<Response, Error> {
-    let row = access::network(app, &submission.caller, id).await?;
-    let item = Item {
-        kind: Archivable::Network,
-        id: &row.id,
-        robot_id: &row.robot_id,
-        not_archivable: None,
-    };
-    let answer = |archived_at_ms| {
-        NetworkAnswer::try_from(NetworkRow {
-            archived_at_ms,
-            ..row.clone()
-        })
-    };
-    change_item(app, submission, change, item, answer).await
+    by: &str,
+) -> Result<Option<i64>, Error> {
+    let (id, robot_id) = (item.id(), item.robot_id());
+    match (change, item.not_archivable()) {
+        (Change::Archive, Some(detail)) => Err(Error::Conflict {
+            code: "not_archivable",
+            detail,
+            errors: vec![],
+        }),
+        (Change::Archive, None) => Ok(Some(archive::archive(tx, I::KIND, id, robot_id, by).await?)),
+        (Change::Restore, _) => {
+            archive::restore(tx, I::KIND, id, robot_id).await?;
+            Ok(None)
+        }
+    }
 }
 
 /// Makes the handlers. An entry has the documentation, the name, the function and the change, the path and the name of its id, the tag and the id of
@@ -201,7 +139,8 @@ macro_rules! handlers {
             Id(id): Id,
             submission: Submission,
         ) -> Result<Response, Error> {
-            $kind(&app, &id, &submission, Change::$change).await
+            let item = access::$kind(&app, &submission.caller, &id).await?;
+            change_item(&app, &submission, Change::$change, item).await
         }
     )+};
 }

@@ -146,7 +146,7 @@ fn identified(
 ) -> Result<IdentifiedSet, Error> {
     let unreadable = || Error::Internal("the inputs of a comparison cannot be read".into());
     let request = request_of(inputs).map_err(|_| unreadable())?;
-    let estimate = stored_estimate(estimate_json, &inputs.robot, request.model());
+    let estimate = stored_estimate(estimate_json, &inputs.robot, Some(request.model()));
     Ok(IdentifiedSet {
         id: row.id.clone(),
         content: answers::content(row)?,

@@ -30,6 +30,13 @@ pub struct WaitQuery {
     wait_s: Option<u64>,
 }
 
+impl WaitQuery {
+    /// Whether the answer may come later.
+    pub(super) fn waits(&self) -> bool {
+        self.wait_s.is_some_and(|wait_s| wait_s > 0)
+    }
+}
+
 /// A robot's jobs.
 #[utoipa::path(
     get, path = "/v1/robots/{robot_id}/jobs", tag = "jobs", operation_id = "listJobs",
@@ -87,9 +94,9 @@ pub async fn get(
             detail: format!("wait_s is {wait_s}; 0 to {MAX_WAIT_S} is allowed"),
         });
     }
+    let _permit = query.waits().then(|| app.limits.waiting()).transpose()?;
     let row = access::job(&app, &caller, &id).await?;
-    let row = if wait_s > 0 && !row.status.is_over() {
-        let _permit = app.limits.waiting()?;
+    let row = if query.waits() && !row.status.is_over() {
         wait(&app, row, Duration::from_secs(wait_s)).await?
     } else {
         row

@@ -2,10 +2,11 @@
 
 use crate::http::counters::Metrics;
 use crate::http::error::{self, Code, Error};
+use crate::http::jobs::WaitQuery;
 use crate::wire::Problem;
 use crate::wire::problem::PROBLEM_JSON;
 use axum::Router;
-use axum::extract::{MatchedPath, Request, State};
+use axum::extract::{MatchedPath, Query, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
@@ -93,10 +94,11 @@ pub fn is_unlimited(uri: &Uri) -> bool {
     matches!(uri.path(), "/healthz" | "/readyz" | "/metrics") || may_wait(uri)
 }
 
-/// Whether a request may be a long poll: a GET of a job with any query. It takes a permit to wait instead of one to read.
+/// Whether a request is a long poll: a GET of a job that asks to wait. It takes a permit to wait instead of one to read.
 fn may_wait(uri: &Uri) -> bool {
     let job = uri.path().strip_prefix("/v1/jobs/");
-    job.is_some_and(|id| !id.contains('/')) && uri.query().is_some()
+    job.is_some_and(|id| !id.contains('/'))
+        && Query::try_from_uri(uri).is_ok_and(|Query(query): Query<WaitQuery>| query.waits())
 }
 
 /// Answers a refused request without routing it, authenticating it or reading its body. Under overload most requests end here.
@@ -171,7 +173,7 @@ pub async fn method_not_allowed() -> (StatusCode, Error) {
 
 #[cfg(test)]
 mod tests {
-    use super::with_middleware;
+    use super::{is_unlimited, with_middleware};
     use crate::http::counters::Metrics;
     use crate::wire::Problem;
     use axum::Router;
@@ -207,6 +209,21 @@ mod tests {
         let headers = response.headers().clone();
         let body = to_bytes(response.into_body(), 10_000).await.unwrap();
         (serde_json::from_slice(&body).unwrap(), headers)
+    }
+
+    #[test]
+    fn only_a_get_that_waits_takes_no_permit_to_read() {
+        for (path, expected) in [
+            ("/metrics", true),
+            ("/v1/jobs/job_0?wait_s=1", true),
+            ("/v1/jobs/job_0?%77ait_s=1", true),
+            ("/v1/jobs/job_0?wait_s=0", false),
+            ("/v1/jobs/job_0?x=1", false),
+            ("/v1/jobs/job_0?", false),
+            ("/v1/jobs/job_0/report?wait_s=1", false),
+        ] {
+            assert_eq!(is_unlimited(&path.parse().unwrap()), expected, "{path}");
+        }
     }
 
     #[tokio::test]

@@ -39,7 +39,10 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
         out.sample("kincal_permits_available", &[("kind", kind)], left as f64);
     }
     // The counters are answered even while the database is unavailable.
-    let jobs = statistics::jobs(&app.store).await;
+    let jobs = {
+        let _permit = app.limits.statistics().await?;
+        statistics::jobs(&app.store).await
+    };
     out.gauge(
         "kincal_database_up",
         "1 if the database answered just now.",

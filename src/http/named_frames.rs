@@ -3,12 +3,14 @@
 use crate::http::auth::Caller;
 use crate::http::creation::Submission;
 use crate::http::extract::{Id, Query};
+use crate::http::job_sources::require_own;
 use crate::http::list_query::NewestListQuery;
 use crate::http::measurement_sets::points_of;
 use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
 use crate::store::{NamedDocumentRow, measurement_sets};
+use crate::wire::id;
 use crate::wire::named_frame::{ToolAnswer, WorkFrameAnswer, WorkFrameBody, check_name};
 use crate::wire::page::Page;
 use crate::wire::robot::MAX_NAME;
@@ -64,11 +66,11 @@ pub async fn put_work_frame(
     let body: WorkFrameBody = checked_body(&app, &robot_id, &name, &submission).await?;
     body.fitting_work_frame("/points")?;
     body.check_std()?;
-    if let Some(id) = &body.measurement_set_id {
-        let set = measurement_sets::get(&app.store, id).await;
-        let Some(set) = set.ok().filter(|set| set.robot_id == robot_id) else {
-            return Err(Error::NotFound("measurement set of this robot"));
-        };
+    if let Some(set_id) = &body.measurement_set_id {
+        let (at, what) = ("/measurement_set_id", "measurement set");
+        id::check(at, set_id, what)?;
+        let set = measurement_sets::get(&app.store, set_id).await;
+        let set = require_own(set, |set| set.robot_id == robot_id, at, what)?;
         let robot = access::robot(&app, &submission.caller, &robot_id).await?;
         let n_joints = access::robot_body(&robot)?.links.len();
         let permit = app.limits.compute(submission.caller.class).await?;

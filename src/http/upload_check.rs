@@ -13,8 +13,10 @@ use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
 use crate::wire::{Invalid, Issue};
 
-/// Maximum number of other robots with which the upload is compared.
-const MAX_OTHERS: u32 = 50;
+/// Maximum number of other models with which the upload is compared.
+const MAX_OTHERS: usize = 50;
+/// Maximum number of pages of robots that are read to find other models.
+const MAX_PAGES: usize = 10;
 
 /// A measurement set that does not fit the nominal robot.
 pub struct Misfit {
@@ -79,28 +81,7 @@ pub async fn diagnose(
     insist: Option<Insist>,
     unread: Option<String>,
 ) -> Result<AcceptedMisfit, Error> {
-    let newest = robots::list(
-        &app.store,
-        caller.robots.as_deref(),
-        &PageRequest {
-            cursor: None,
-            limit: MAX_OTHERS,
-        },
-    )
-    .await?
-    .items;
-    let mut others: Vec<RobotBody> = Vec::new();
-    for body in newest
-        .iter()
-        .filter(|row| row.id != robot_id)
-        .filter_map(|row| access::robot_body(row).ok())
-    {
-        let is_new = body.links != misfit.robot.links
-            && others.iter().all(|known| known.links != body.links);
-        if is_new && body.links.len() == misfit.robot.links.len() {
-            others.push(body);
-        }
-    }
+    let others = other_models(app, caller, robot_id, &misfit.robot).await?;
     let explain = move || explanation(&misfit, &others);
     let explanation = app.compute(caller.class, explain).await?;
     accept_misfit(explanation, insist, unread.as_deref()).map_err(|suspicion| {
@@ -110,6 +91,34 @@ pub async fn diagnose(
         }
         .into()
     })
+}
+
+/// The newest robot of each other model with as many joints.
+async fn other_models(
+    app: &App,
+    caller: &Caller,
+    robot_id: &str,
+    own: &RobotBody,
+) -> Result<Vec<RobotBody>, Error> {
+    let mut others: Vec<RobotBody> = Vec::new();
+    let mut request = PageRequest::default();
+    for _ in 0..MAX_PAGES {
+        let page = robots::list(&app.store, caller.robots.as_deref(), &request).await?;
+        let rows = page.items.iter().filter(|row| row.id != robot_id);
+        for body in rows.filter_map(|row| access::robot_body(row).ok()) {
+            let is_new =
+                body.links != own.links && others.iter().all(|known| known.links != body.links);
+            if is_new && body.links.len() == own.links.len() {
+                others.push(body);
+            }
+        }
+        request.cursor = page.next_cursor;
+        if request.cursor.is_none() || others.len() >= MAX_OTHERS {
+            break;
+        }
+    }
+    others.truncate(MAX_OTHERS);
+    Ok(others)
 }
 
 fn explanation(misfit: &Misfit, others: &[RobotBody]) -> Result<Explanation, Error> {

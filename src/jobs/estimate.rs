@@ -27,21 +27,21 @@ pub(super) fn estimate_json(
     Ok(Some(text.into()))
 }
 
-/// Reads a stored estimate. `None` if there is none, if it belongs to another model, or if the robot's links or joint map have changed since.
+/// Reads a stored estimate. `None` if there is none, if it belongs to another model than this, or if the robot's links or joint map have changed since.
 ///
 /// # Errors
 /// If the document cannot be read.
 pub fn stored_estimate(
     estimate_json: Option<&str>,
     robot: &RobotRow,
-    model: Model,
+    model: Option<Model>,
 ) -> Result<Option<Estimate>, Unreadable> {
     let found = estimate_of(estimate_json, &body_of(robot)?)?;
-    let alike = found.filter(|(stored, _)| *stored == model);
+    let alike = found.filter(|(stored, _)| model.is_none_or(|model| model == *stored));
     Ok(alike.map(|(_, estimate)| estimate))
 }
 
-/// As [`stored_estimate`], for any model.
+/// As [`stored_estimate`], with its model.
 ///
 /// # Errors
 /// If the document cannot be read.
@@ -57,18 +57,6 @@ pub fn estimate_of(
         return Ok(None);
     }
     Ok(Some((stored.model, Estimate::try_from(&stored)?)))
-}
-
-/// As [`estimate_of`], without the model, for the set that a job checks.
-///
-/// # Errors
-/// If the document cannot be read.
-pub(super) fn estimate_of_checked(
-    estimate_json: Option<&str>,
-    robot: &RobotRow,
-) -> Result<Option<Estimate>, Unreadable> {
-    let found = estimate_of(estimate_json, &body_of(robot)?)?;
-    Ok(found.map(|(_, estimate)| estimate))
 }
 
 /// The points that a set was identified from: those of a single upload, or the joined points of several sessions that were fitted together.

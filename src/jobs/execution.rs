@@ -4,7 +4,7 @@ use crate::calibration::partial::{Held, calibrate_partially};
 use crate::calibration::{
     self, CalibrationReport, CalibrationRequest, Event, ReleasedSet, calibrate,
 };
-use crate::jobs::estimate::{estimate_json, estimate_of_checked};
+use crate::jobs::estimate::{estimate_json, stored_estimate};
 use crate::jobs::measured_since::measured_since;
 use crate::jobs::request::{insisted_on, points_of, requests_of};
 use crate::jobs::result_check;
@@ -144,7 +144,7 @@ pub(super) fn run_verification(
     let checked = identified.as_ref().filter(|_| body.kind == Kind::Check);
     let kept = inputs.parameter_set.as_ref().filter(|_| checked.is_some());
     let kept = kept.and_then(|input| input.estimate_json.as_deref());
-    let estimate = estimate_of_checked(kept, &inputs.robot).map_err(JobFailure::broken)?;
+    let estimate = stored_estimate(kept, &inputs.robot, None).map_err(JobFailure::broken)?;
     let identified_from = match &inputs.parameter_set {
         Some(input) => points_of(input.uploads().chain(&input.sources), request)?,
         None => vec![],

@@ -158,13 +158,17 @@ impl JobSignals {
         let deadline = Instant::now() + timeout;
         // Subscribes before the first read, so that no change is missed.
         let mut signals = self.received.subscribe();
+        let is_meant = |signal: &Signal| match signal {
+            Signal::Changed(id) | Signal::CancelRequested(id) => **id == *job_id,
+            Signal::Enqueued | Signal::Unknown => false,
+        };
         loop {
             let job = jobs::get(store, job_id).await?;
             if job.status.is_over() || has_changed(&job) || Instant::now() >= deadline {
                 return Ok(job);
             }
             let next_poll = deadline.min(Instant::now() + poll);
-            let _ = timeout_at(next_poll, next_signal_about(&mut signals, job_id)).await;
+            let _ = timeout_at(next_poll, next_signal(&mut signals, is_meant)).await;
         }
     }
 
@@ -189,24 +193,20 @@ pub(super) struct Cancellations {
 
 impl Cancellations {
     pub(super) async fn next(&mut self) {
-        loop {
-            match self.signals.recv().await {
-                Ok(Signal::CancelRequested(id)) if *id == *self.job_id => return,
-                Ok(Signal::Unknown) => return,
-                Ok(_) => {}
-                Err(broadcast::error::RecvError::Lagged(_)) => return,
-                Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
-            }
-        }
+        let is_meant =
+            |signal: &Signal| matches!(signal, Signal::CancelRequested(id) if **id == *self.job_id);
+        next_signal(&mut self.signals, is_meant).await;
     }
 }
 
-/// Resolves at a signal about this job, or if such a signal may have been missed.
-async fn next_signal_about(signals: &mut broadcast::Receiver<Signal>, job_id: &str) {
+/// Resolves at such a signal, or if one may have been missed.
+async fn next_signal(
+    signals: &mut broadcast::Receiver<Signal>,
+    is_meant: impl Fn(&Signal) -> bool,
+) {
     loop {
         match signals.recv().await {
-            Ok(Signal::Changed(id) | Signal::CancelRequested(id)) if *id == *job_id => return,
-            Ok(Signal::Unknown) => return,
+            Ok(signal) if matches!(signal, Signal::Unknown) || is_meant(&signal) => return,
             Ok(_) => {}
             Err(broadcast::error::RecvError::Lagged(_)) => return,
             Err(broadcast::error::RecvError::Closed) => std::future::pending().await,

@@ -120,7 +120,8 @@ fn previous_session(
     let uploads: Result<Vec<_>, _> = input.uploads().map(|set| set.parse(n_joints)).collect();
     let set = as_one(uploads.ok()?)?;
     let model = request.model_for(inputs.set.row.frame);
-    let estimate = stored_estimate(input.estimate_json.as_deref(), &inputs.robot, model).ok()?;
+    let estimate =
+        stored_estimate(input.estimate_json.as_deref(), &inputs.robot, Some(model)).ok()?;
     Some(PreviousSession {
         set,
         frames: frames.map(|content| (&content).into()),

@@ -2,6 +2,8 @@
 //! element, and searches all declared namespaces for each name. Without limits, parsing a short text can take minutes.
 
 use crate::wire::issue::Invalid;
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
 
 /// Maximum number of attributes of one element. Elements of a URDF have up to four.
 pub const MAX_ATTRIBUTES: usize = 64;
@@ -29,114 +31,66 @@ pub struct Counts {
     pub n_namespaces: usize,
 }
 
-/// Counts elements and attributes. Fails at the first place where a limit is exceeded. The counts are correct up to the first syntax error, which the
-/// parser reports later.
+/// Counts elements and attributes. Fails at the first place where a limit is exceeded, at a DTD, and where the text is no XML.
 ///
 /// # Errors
 /// [`Invalid`] with the line and the limit.
 pub fn check(text: &str) -> Result<Counts, Invalid> {
+    let mut reader = Reader::from_str(text);
+    // The parser reports these errors.
+    reader.config_mut().check_end_names = false;
+    reader.config_mut().allow_unmatched_ends = true;
+    reader.config_mut().allow_dangling_amp = true;
     let mut counts = Counts::default();
     let mut n_open: usize = 0;
-    let mut at = 0;
-    while let Some(start) = text[at..].find('<').map(|found| at + found) {
-        let rest = &text[start..];
-        let end = if rest.starts_with("<!--") {
-            index_after(rest, "<!--".len(), "-->")
-        } else if rest.starts_with("<![CDATA[") {
-            index_after(rest, "<![CDATA[".len(), "]]>")
-        } else if rest.starts_with("<?") {
-            index_after(rest, "<?".len(), "?>")
-        } else if rest.starts_with("<!") {
-            return Err(too_much(
-                text,
-                start,
-                "not_xml",
-                "there is a DTD; a URDF has none".into(),
-            ));
-        } else if rest.starts_with("</") {
-            n_open = n_open.saturating_sub(1);
-            index_after(rest, "</".len(), ">")
-        } else {
-            let tag = start_tag(text, start, &mut counts)?;
-            counts.n_elements += 1;
-            counts.depth = counts.depth.max(n_open + 1);
-            n_open += usize::from(tag.stays_open);
-            refuse_too_many(text, start, &counts)?;
-            tag.end
-        };
-        // Without an end the text is not well-formed, which the parser reports.
-        let Some(end) = end else { break };
-        at = start + end;
-    }
-    Ok(counts)
-}
-
-/// Index after the next `mark` at or after `from`.
-fn index_after(text: &str, from: usize, mark: &str) -> Option<usize> {
-    Some(from + text[from..].find(mark)? + mark.len())
-}
-
-struct StartTag {
-    /// Length of the tag, if it has an end.
-    end: Option<usize>,
-    stays_open: bool,
-}
-
-/// Counts the attributes of the tag at `start`: each quoted value is one attribute.
-fn start_tag(text: &str, start: usize, counts: &mut Counts) -> Result<StartTag, Invalid> {
-    let rest = &text[start..];
-    let (mut at, mut n) = (1, 0);
     loop {
-        let Some(found) = rest[at..].find(['"', '\'', '>']) else {
-            return Ok(StartTag {
-                end: None,
-                stays_open: true,
-            });
+        let at = reader.buffer_position();
+        let counted = match reader.read_event() {
+            Ok(Event::Start(tag)) => {
+                n_open += 1;
+                counts.depth = counts.depth.max(n_open);
+                count(&tag, &mut counts)
+            }
+            Ok(Event::Empty(tag)) => {
+                counts.depth = counts.depth.max(n_open + 1);
+                count(&tag, &mut counts)
+            }
+            Ok(Event::End(_)) => {
+                n_open = n_open.saturating_sub(1);
+                continue;
+            }
+            Ok(Event::DocType(_)) => Err(("not_xml", "there is a DTD; a URDF has none".into())),
+            Ok(Event::Eof) => return Ok(counts),
+            Ok(_) => continue,
+            Err(error) => Err(("not_xml", error.to_string())),
         };
-        let (before, mark) = (&rest[at..at + found], rest.as_bytes()[at + found]);
-        at += found + 1;
-        if mark == b'>' {
-            let stays_open = !before.ends_with('/');
-            return Ok(StartTag {
-                end: Some(at),
-                stays_open,
-            });
+        if let Err((code, what)) = counted {
+            let before = text.bytes().zip(0..at);
+            let line = 1 + before.filter(|(byte, _)| *byte == b'\n').count();
+            return Err(Invalid::at("", code, format!("line {line}: {what}")));
         }
-        n += 1;
+    }
+}
+
+/// Counts an element and its attributes. The error is a code and what there is too much of.
+fn count(tag: &BytesStart<'_>, counts: &mut Counts) -> Result<(), (&'static str, String)> {
+    counts.n_elements += 1;
+    for (i, attribute) in tag.attributes().with_checks(false).enumerate() {
+        let attribute = attribute.map_err(|error| ("not_xml", error.to_string()))?;
+        let name = attribute.key.0;
         counts.n_attributes += 1;
-        counts.most_attributes = counts.most_attributes.max(n);
-        // The text before the quote is the name of an attribute and `=`, for the first attribute after the name of the element.
-        let name = before.trim_end().trim_end_matches('=').trim_end();
-        let name = name.rsplit(|c: char| c.is_ascii_whitespace()).next();
+        counts.most_attributes = counts.most_attributes.max(i + 1);
         // roxmltree treats `x:xmlns` as a declaration too.
-        let is_namespace = name.is_some_and(|name| {
-            name == "xmlns" || name.starts_with("xmlns:") || name.ends_with(":xmlns")
-        });
+        let is_namespace =
+            name == "xmlns" || name.starts_with("xmlns:") || name.ends_with(":xmlns");
         counts.n_namespaces += usize::from(is_namespace);
-        if n > MAX_ATTRIBUTES {
-            let element: String = rest[1..]
-                .chars()
-                .take_while(|c| !c.is_whitespace() && !matches!(c, '/' | '>'))
-                .take(40)
-                .collect();
+        if i >= MAX_ATTRIBUTES {
+            let element = tag.name().0.chars().take(40).collect::<String>();
             let detail =
                 format!("the element <{element}> has more than {MAX_ATTRIBUTES} attributes");
-            return Err(too_much(text, start + at, "too_many_attributes", detail));
-        }
-        let quote = if mark == b'"' { '"' } else { '\'' };
-        match rest[at..].find(quote) {
-            Some(found) => at += found + 1,
-            None => {
-                return Ok(StartTag {
-                    end: None,
-                    stays_open: true,
-                });
-            }
+            return Err(("too_many_attributes", detail));
         }
     }
-}
-
-fn refuse_too_many(text: &str, at: usize, counts: &Counts) -> Result<(), Invalid> {
     let limits = [
         (
             counts.n_elements,
@@ -164,22 +118,9 @@ fn refuse_too_many(text: &str, at: usize, counts: &Counts) -> Result<(), Invalid
         ),
     ];
     match limits.iter().find(|(n, limit, ..)| n > limit) {
-        Some((_, limit, code, what)) => Err(too_much(
-            text,
-            at,
-            code,
-            format!("there are more than {limit} {what}"),
-        )),
+        Some((_, limit, code, what)) => Err((code, format!("there are more than {limit} {what}"))),
         None => Ok(()),
     }
-}
-
-fn too_much(text: &str, at: usize, code: &'static str, what: String) -> Invalid {
-    let line = 1 + text.as_bytes()[..at]
-        .iter()
-        .filter(|byte| **byte == b'\n')
-        .count();
-    Invalid::at("", code, format!("line {line}: {what}"))
 }
 
 #[cfg(test)]

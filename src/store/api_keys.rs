@@ -3,39 +3,32 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Page, PageRequest, Result, Store, Tx};
 
-/// An API key.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ApiKeyRow {
-    /// `key_…`
-    pub id: String,
-    /// Name of the holder; need not be unique.
-    pub name: String,
-    /// SHA-256 of the key, hexadecimal.
-    pub key_sha256: String,
-    /// JSON list of scopes.
-    pub scopes_json: String,
-    /// JSON list of the robots that the key is limited to; none for all robots.
-    pub robots_json: Option<String>,
-    /// When it was created.
-    pub created_at_ms: i64,
-    /// When it was revoked.
-    pub revoked_at_ms: Option<i64>,
+row! {
+    /// An API key.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ApiKeyRow {
+        /// `key_…`
+        pub id: String,
+        /// Name of the holder; need not be unique.
+        pub name: String,
+        /// SHA-256 of the key, hexadecimal.
+        pub key_sha256: String,
+        /// JSON list of scopes.
+        pub scopes_json: String,
+        /// JSON list of the robots that the key is limited to; none for all robots.
+        pub robots_json: Option<String>,
+        /// When it was created.
+        pub created_at_ms: i64,
+        /// When it was revoked.
+        pub revoked_at_ms: Option<i64>,
+    }
 }
-
-from_row!(ApiKeyRow {
-    id,
-    name,
-    key_sha256,
-    scopes_json,
-    robots_json,
-    created_at_ms,
-    revoked_at_ms
-});
 
 list_row!(ApiKeyRow);
 
@@ -75,8 +68,13 @@ const FIND: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from api_key where id = $1");
 
-pub(super) const LIST: ListQueries =
-    list_queries!(columns!(), "api_key", "1 = 1", "$1", "$2", "$3");
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "api_key",
+    filter: "1 = 1",
+    n_filters: 0,
+    name: None,
+};
 
 const REVOKE: &str = concat!(
     "update api_key set revoked_at_ms = coalesce(revoked_at_ms, (select now_ms from clock))
@@ -85,11 +83,7 @@ const REVOKE: &str = concat!(
     columns!()
 );
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from api_key where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "api_key");
 
 fn as_created(row: &ApiKeyRow) -> Value {
     json!({"name": row.name, "scopes": row.scopes_json, "robots": row.robots_json, "key_sha256": row.key_sha256,
@@ -128,7 +122,7 @@ impl Audited for ApiKeyRow {
 /// [`super::Conflict::Duplicate`] if the key is stored already, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("key"))
+        .bind(IdPrefix::Key.new_id())
         .bind(&new.name)
         .bind(&new.key_sha256)
         .bind(&new.scopes_json)
@@ -143,10 +137,7 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
-    Ok(sqlx::query_as(FIND)
-        .bind(key_sha256)
-        .fetch_optional(store.readers())
-        .await?)
+    read::first(store.readers(), FIND, key_sha256).await
 }
 
 /// One key, revoked or not.
@@ -154,10 +145,7 @@ pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> 
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// All keys, including revoked ones, newest first.

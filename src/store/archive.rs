@@ -5,51 +5,43 @@ use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
+use super::read;
 use super::{AuditEvent, Conflict, Error, Result, Tx};
 
-/// Kind of an item that can be archived.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Archivable {
-    /// A robot.
-    Robot,
-    /// A measurement set.
-    MeasurementSet,
-    /// A job that has ended.
-    Job,
-    /// A parameter set that was never released.
-    ParameterSet,
-    /// A network of either kind.
-    Network,
+names! {
+    /// Kind of an item that can be archived.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Archivable {
+        /// A robot.
+        Robot = "robot",
+        /// A measurement set.
+        MeasurementSet = "measurement_set",
+        /// A job that has ended.
+        Job = "job",
+        /// A parameter set that was never released.
+        ParameterSet = "parameter_set",
+        /// A network of either kind.
+        Network = "network",
+    }
 }
 
-names!(Archivable {
-    Robot = "robot", MeasurementSet = "measurement_set", Job = "job",
-    ParameterSet = "parameter_set", Network = "network",
-});
-
-/// An archived item.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ArchivedRow {
-    /// Its id.
-    pub id: String,
-    /// Its kind, as text, because `verify` must be able to read any text.
-    pub kind: String,
-    /// Id of its robot. For a robot, this is its own id.
-    pub robot_id: String,
-    /// Id of the key that archived it.
-    pub archived_by: String,
-    /// When it was archived.
-    pub archived_at_ms: i64,
+row! {
+    /// An archived item.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct ArchivedRow {
+        /// Its id.
+        pub id: String,
+        /// Its kind, as text, because `verify` must be able to read any text.
+        pub kind: String,
+        /// Id of its robot. For a robot, this is its own id.
+        pub robot_id: String,
+        /// Id of the key that archived it.
+        pub archived_by: String,
+        /// When it was archived.
+        pub archived_at_ms: i64,
+    }
 }
-
-from_row!(ArchivedRow {
-    id,
-    kind,
-    robot_id,
-    archived_by,
-    archived_at_ms
-});
 
 pub(super) const ALL_QUERIES: &[&str] = &[ARCHIVE, SINCE, RESTORE, BY_ID];
 
@@ -111,10 +103,7 @@ pub async fn archive(
         tx.audit(AuditEvent::Archived, id, as_archived(&row));
         return Ok(row.archived_at_ms);
     }
-    Ok(sqlx::query_scalar(SINCE)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::value(tx.connection(), SINCE, id).await
 }
 
 /// Restores an archived item; restoring an item that is not archived changes nothing.

@@ -10,58 +10,45 @@ use std::str::FromStr;
 use serde_json::Value;
 use sqlx::AnyConnection;
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{AuditEvent, Engine, Result};
 use crate::wire::canonical;
 
-/// One entry of the chain.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AuditRow {
-    /// 1, 2, 3, ….
-    pub seq: i64,
-    /// Time of the event, by the database's clock.
-    pub at_ms: i64,
-    /// The id of the key, `worker`, `command line`, ….
-    pub actor: String,
-    /// `robot_created`, `parameter_set_released`, ….
-    pub event: String,
-    /// Id of the robot, job, set, … that the entry is about.
-    pub subject: String,
-    /// Further facts in JSON: hashes, reasons.
-    pub detail_json: String,
-    /// SHA-256 of this entry and of the previous hash, hexadecimal.
-    pub sha256: String,
+row! {
+    /// One entry of the chain.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct AuditRow {
+        /// 1, 2, 3, ….
+        pub seq: i64,
+        /// Time of the event, by the database's clock.
+        pub at_ms: i64,
+        /// The id of the key, `worker`, `command line`, ….
+        pub actor: String,
+        /// `robot_created`, `parameter_set_released`, ….
+        pub event: String,
+        /// Id of the robot, job, set, … that the entry is about.
+        pub subject: String,
+        /// Further facts in JSON: hashes, reasons.
+        pub detail_json: String,
+        /// SHA-256 of this entry and of the previous hash, hexadecimal.
+        pub sha256: String,
+    }
 }
 
-from_row!(AuditRow {
-    seq,
-    at_ms,
-    actor,
-    event,
-    subject,
-    detail_json,
-    sha256
-});
-
-/// The chain's newest entry; number 0 and an empty hash if there is none.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct AuditHead {
-    /// Its number.
-    pub seq: i64,
-    /// Its hash.
-    pub sha256: String,
-    /// Start of the chain; older rows have no entries.
-    pub begun_at_ms: i64,
-    /// The database's clock when this was read.
-    pub now_ms: i64,
+row! {
+    /// The chain's newest entry; number 0 and an empty hash if there is none.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    pub struct AuditHead {
+        /// Its number.
+        pub seq: i64,
+        /// Its hash.
+        pub sha256: String,
+        /// Start of the chain; older rows have no entries.
+        pub begun_at_ms: i64,
+        /// The database's clock when this was read.
+        pub now_ms: i64,
+    }
 }
-
-from_row!(AuditHead {
-    seq,
-    sha256,
-    begun_at_ms,
-    now_ms
-});
 
 impl AuditHead {
     /// Its number and hash.

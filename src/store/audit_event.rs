@@ -1,97 +1,69 @@
 //! Events of the audit chain.
 
+use crate::wire::names;
 use std::fmt;
 
 /// Suffix of the names of the events that create their subject. Such an event is the first entry about its subject.
 pub(super) const CREATION: &str = "_created";
 
-/// Event of an entry in the audit chain. Its name never changes, because old entries stay.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AuditEvent {
-    /// A robot was stored.
-    RobotCreated,
-    /// A session did not fit the robot, so the state `check_robot` began.
-    RobotDoesNotFit,
-    /// A session fitted the robot and ended the state `check_robot`.
-    RobotFitsAgain,
-    /// A person gave a reason and ended the state `check_robot`.
-    RobotChecked,
-    /// The release policy of a robot was set.
-    RobotPolicyChanged,
-    /// A column mapping was stored.
-    ColumnMappingCreated,
-    /// A work frame or a tool was stored.
-    NamedFrameCreated,
-    /// A robot was edited.
-    RobotEdited,
-    /// A robot, measurement set, job, parameter set or network was archived.
-    Archived,
-    /// An archived item was restored.
-    Restored,
-    /// An upload was stored.
-    MeasurementSetCreated,
-    /// Sweeps were stored.
-    FramesCreated,
-    /// A job was posted.
-    JobCreated,
-    /// A job ended with a report.
-    JobSucceeded,
-    /// A job ended with an error.
-    JobFailed,
-    /// Cancellation of a running job was requested.
-    JobCancelRequested,
-    /// A job was cancelled.
-    JobCancelled,
-    /// The verification facts of a job were stored.
-    VerificationKept,
-    /// A network was stored.
-    NetworkCreated,
-    /// A parameter set was stored.
-    ParameterSetCreated,
-    /// A parameter set was released.
-    ParameterSetReleased,
-    /// The release of another set superseded this parameter set.
-    ParameterSetSuperseded,
-    /// A parameter set was withdrawn.
-    ParameterSetWithdrawn,
-    /// An API key was created.
-    KeyCreated,
-    /// An API key was revoked.
-    KeyRevoked,
+names! {
+    /// Event of an entry in the audit chain. Its name never changes, because old entries stay.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum AuditEvent {
+        /// A robot was stored.
+        RobotCreated = "robot_created",
+        /// A session did not fit the robot, so the state `check_robot` began.
+        RobotDoesNotFit = "robot_does_not_fit",
+        /// A session fitted the robot and ended the state `check_robot`.
+        RobotFitsAgain = "robot_fits_again",
+        /// A person gave a reason and ended the state `check_robot`.
+        RobotChecked = "robot_checked",
+        /// The release policy of a robot was set.
+        RobotPolicyChanged = "robot_policy_changed",
+        /// A column mapping was stored.
+        ColumnMappingCreated = "column_mapping_created",
+        /// A work frame or a tool was stored.
+        NamedFrameCreated = "named_frame_created",
+        /// A robot was edited.
+        RobotEdited = "robot_edited",
+        /// A robot, measurement set, job, parameter set or network was archived.
+        Archived = "archived",
+        /// An archived item was restored.
+        Restored = "restored",
+        /// An upload was stored.
+        MeasurementSetCreated = "measurement_set_created",
+        /// Sweeps were stored.
+        FramesCreated = "frames_created",
+        /// A job was posted.
+        JobCreated = "job_created",
+        /// A job ended with a report.
+        JobSucceeded = "job_succeeded",
+        /// A job ended with an error.
+        JobFailed = "job_failed",
+        /// Cancellation of a running job was requested.
+        JobCancelRequested = "job_cancel_requested",
+        /// A job was cancelled.
+        JobCancelled = "job_cancelled",
+        /// The verification facts of a job were stored.
+        VerificationKept = "verification_kept",
+        /// A network was stored.
+        NetworkCreated = "network_created",
+        /// A parameter set was stored.
+        ParameterSetCreated = "parameter_set_created",
+        /// A parameter set was released.
+        ParameterSetReleased = "parameter_set_released",
+        /// The release of another set superseded this parameter set.
+        ParameterSetSuperseded = "parameter_set_superseded",
+        /// A parameter set was withdrawn.
+        ParameterSetWithdrawn = "parameter_set_withdrawn",
+        /// An API key was created.
+        KeyCreated = "key_created",
+        /// An API key was revoked.
+        KeyRevoked = "key_revoked",
+    }
 }
 
 impl AuditEvent {
-    /// Its name in the chain.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::RobotCreated => "robot_created",
-            Self::RobotDoesNotFit => "robot_does_not_fit",
-            Self::RobotFitsAgain => "robot_fits_again",
-            Self::RobotChecked => "robot_checked",
-            Self::RobotPolicyChanged => "robot_policy_changed",
-            Self::ColumnMappingCreated => "column_mapping_created",
-            Self::NamedFrameCreated => "named_frame_created",
-            Self::RobotEdited => "robot_edited",
-            Self::Archived => "archived",
-            Self::Restored => "restored",
-            Self::MeasurementSetCreated => "measurement_set_created",
-            Self::FramesCreated => "frames_created",
-            Self::JobCreated => "job_created",
-            Self::JobSucceeded => "job_succeeded",
-            Self::JobFailed => "job_failed",
-            Self::JobCancelRequested => "job_cancel_requested",
-            Self::JobCancelled => "job_cancelled",
-            Self::VerificationKept => "verification_kept",
-            Self::NetworkCreated => "network_created",
-            Self::ParameterSetCreated => "parameter_set_created",
-            Self::ParameterSetReleased => "parameter_set_released",
-            Self::ParameterSetSuperseded => "parameter_set_superseded",
-            Self::ParameterSetWithdrawn => "parameter_set_withdrawn",
-            Self::KeyCreated => "key_created",
-            Self::KeyRevoked => "key_revoked",
-        }
-    }
-
     /// Whether this event creates its subject, and so is the first entry about it.
     pub(super) fn is_creation(self) -> bool {
         self.as_str().ends_with(CREATION)

@@ -247,8 +247,3 @@ pub(super) const NOW: &str = "select now_ms from clock";
 
 pub(super) const SCHEMA_VERSION: &str =
     "select coalesce(max(version), 0) from _sqlx_migrations where success";
-
-/// A new identifier: a prefix for the kind and a UUID of version 7. Ids of one process sort by age.
-pub(super) fn new_id(prefix: &str) -> String {
-    format!("{prefix}_{}", uuid::Uuid::now_v7().simple())
-}

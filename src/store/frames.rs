@@ -3,33 +3,28 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::read;
 use super::{AuditEvent, Conflict, Error, Hashed, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// Frames computed from one upload of sweeps.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FramesRow {
-    /// `frm_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// Media type of the upload.
-    pub content_type: String,
-    /// Frames and circles in JSON.
-    pub result_json: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
+row! {
+    /// Frames computed from one upload of sweeps.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct FramesRow {
+        /// `frm_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// Media type of the upload.
+        pub content_type: String,
+        /// Frames and circles in JSON.
+        pub result_json: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+    }
 }
-
-from_row!(FramesRow {
-    id,
-    robot_id,
-    content_type,
-    result_json,
-    created_at_ms
-});
 
 /// Frames to be stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,7 +80,7 @@ impl Audited for FramesRow {
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("frm"))
+        .bind(IdPrefix::Frames.new_id())
         .bind(&new.robot_id)
         .bind(&new.content_type)
         .bind(new.body.content().as_slice())
@@ -105,8 +100,5 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }

@@ -1,66 +1,119 @@
 //! `FromRow` without sqlx's derive macro. The macro crate would build both database drivers, SQLite included, a second time.
 
+use crate::wire::job::Kind;
+use crate::wire::job_answer::{Finding, JobStatus};
+use crate::wire::measurement::Frame;
+use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::policy::DecisionRule;
+use crate::wire::report_shape::Evidence;
+use crate::wire::verification::{Fit, VerificationKind};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error as NotAName;
+use sqlx::Row;
+use sqlx::any::AnyRow;
 
-/// Implements `FromRow` for a struct. Columns have the names of its fields.
-///
-/// - `parsed`: enums that are stored by name. The schema allows only the names of variants.
-/// - `optional`: as `parsed`, but the column may be null.
-/// - `flags`: booleans that are stored as 0 or 1.
-/// - `counts`: non-negative counts.
-/// - `nested`: structs that are read from the same row.
+/// A value that is read from a column of its name.
+pub(crate) trait Column: Sized {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// If the column is missing or holds something else.
+    fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self>;
+}
+
+/// Declares the struct of a row and implements `FromRow` for it: each field is a [`Column`], or a row that is read from the same columns.
+macro_rules! row {
+    ($(#[$about:meta])* $visible:vis struct $row:ident { $($(#[$doc:meta])* $visible_field:vis $field:ident: $type:ty),* $(,)? }) => {
+        $(#[$about])*
+        $visible struct $row {
+            $($(#[$doc])* $visible_field $field: $type),*
+        }
+
+        $crate::store::from_row::from_row!($row { $($field),* });
+    };
+}
+pub(crate) use row;
+
+/// Implements `FromRow` for a struct, see [`row`].
 macro_rules! from_row {
-    ($row:ident { $($field:ident),* $(,)? } $(parsed { $($parsed:ident),* $(,)? })? $(optional { $($optional:ident),* $(,)? })?
-        $(flags { $($flag:ident),* $(,)? })? $(counts { $($count:ident),* $(,)? })? $(nested { $($nested:ident),* $(,)? })?) => {
+    ($row:ident { $($field:ident),* $(,)? }) => {
         impl<'r> sqlx::FromRow<'r, sqlx::any::AnyRow> for $row {
             fn from_row(row: &'r sqlx::any::AnyRow) -> sqlx::Result<Self> {
-                Ok($row {
-                    $($field: sqlx::Row::try_get(row, stringify!($field))?,)*
-                    $($($parsed: $crate::store::from_row::parse(row, stringify!($parsed))?,)*)?
-                    $($($optional: $crate::store::from_row::parse_optional(row, stringify!($optional))?,)*)?
-                    $($($flag: sqlx::Row::try_get::<i64, _>(row, stringify!($flag))? == 1,)*)?
-                    $($($count: $crate::store::from_row::count(row, stringify!($count))?,)*)?
-                    $($($nested: sqlx::FromRow::from_row(row)?,)*)?
-                })
+                use $crate::store::from_row::Column;
+                Ok($row { $($field: Column::read(row, stringify!($field))?),* })
+            }
+        }
+
+        impl $crate::store::from_row::Column for $row {
+            fn read(row: &sqlx::any::AnyRow, _: &str) -> sqlx::Result<Self> {
+                sqlx::FromRow::from_row(row)
             }
         }
     };
 }
 pub(crate) use from_row;
 
-/// Reads a text column that holds the name of an enum's variant, as in JSON.
-///
-/// # Errors
-/// If the column is missing, is not text, or holds a name that is not a variant.
-pub(crate) fn parse<T: for<'de> Deserialize<'de>>(
-    row: &sqlx::any::AnyRow,
-    column: &str,
-) -> sqlx::Result<T> {
-    variant(sqlx::Row::try_get(row, column)?, column)
+macro_rules! plain {
+    ($($type:ty),*) => {$(
+        impl Column for $type {
+            fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self> {
+                row.try_get(column)
+            }
+        }
+    )*};
+}
+plain!(
+    i64,
+    String,
+    Vec<u8>,
+    Option<i64>,
+    Option<f64>,
+    Option<String>
+);
+
+/// Stored as 0 or 1.
+impl Column for bool {
+    fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self> {
+        Ok(row.try_get::<i64, _>(column)? == 1)
+    }
 }
 
-/// As [`parse`], for a column that may be null.
-///
-/// # Errors
-/// As [`parse`].
-pub(crate) fn parse_optional<T: for<'de> Deserialize<'de>>(
-    row: &sqlx::any::AnyRow,
-    column: &str,
-) -> sqlx::Result<Option<T>> {
-    let name: Option<String> = sqlx::Row::try_get(row, column)?;
-    name.map(|name| variant(name, column)).transpose()
+/// A count. A negative number is read as 0. Only an edit outside the service can write one, and the audit chain reveals that edit.
+impl Column for usize {
+    fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self> {
+        Ok(usize::try_from(row.try_get::<i64, _>(column)?).unwrap_or(0))
+    }
 }
 
-/// Reads a count. A negative number is read as 0. Only an edit outside the service can write one, and the audit chain reveals that edit.
-///
-/// # Errors
-/// If the column is missing or is not an integer.
-pub(crate) fn count(row: &sqlx::any::AnyRow, column: &str) -> sqlx::Result<usize> {
-    let n: i64 = sqlx::Row::try_get(row, column)?;
-    Ok(usize::try_from(n).unwrap_or(0))
+/// Enums that are stored by name, as in JSON. The schema allows only the names of variants.
+macro_rules! by_name {
+    ($($name:ident),*) => {$(
+        impl Column for $name {
+            fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self> {
+                variant(row.try_get(column)?, column)
+            }
+        }
+
+        impl Column for Option<$name> {
+            fn read(row: &AnyRow, column: &str) -> sqlx::Result<Self> {
+                let name: Option<String> = row.try_get(column)?;
+                name.map(|name| variant(name, column)).transpose()
+            }
+        }
+    )*};
 }
+by_name!(
+    DecisionRule,
+    Evidence,
+    Finding,
+    Fit,
+    Frame,
+    JobStatus,
+    Kind,
+    ParameterSetStatus,
+    VerificationKind
+);
 
 fn variant<T: for<'de> Deserialize<'de>>(name: String, column: &str) -> sqlx::Result<T> {
     T::deserialize(name.into_deserializer()).map_err(|source: NotAName| sqlx::Error::ColumnDecode {
@@ -71,13 +124,9 @@ fn variant<T: for<'de> Deserialize<'de>>(name: String, column: &str) -> sqlx::Re
 
 #[cfg(test)]
 mod tests {
-    use crate::wire::job::Kind;
-    use crate::wire::job_answer::JobStatus;
-    use crate::wire::measurement::Frame;
-    use crate::wire::parameter_set::ParameterSetStatus;
-    use crate::wire::policy::DecisionRule;
-    use crate::wire::report_shape::Evidence;
-    use crate::wire::verification::{Fit, VerificationKind};
+    use super::{
+        DecisionRule, Evidence, Fit, Frame, JobStatus, Kind, ParameterSetStatus, VerificationKind,
+    };
 
     /// Rows are written with `as_str` and read by serde, so both must use the same names.
     #[test]

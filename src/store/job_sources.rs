@@ -1,7 +1,7 @@
 //! The source jobs of each job, direct and indirect. A job's result depends on a source job in one of two ways: it holds parameter values that the
 //! source job identified, or its residual network was trained on from the source job's network.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT_HELD, INSERT_RESIDUAL, UPLOADS];
@@ -21,16 +21,16 @@ const UPLOADS: &str = "
     select u.measurement_set_id as measurement_set_id, max(s.is_held) as is_held from job_source s join job_upload u on u.job_id = s.source_job_id
     where s.job_id = $1 group by u.measurement_set_id order by u.measurement_set_id";
 
-/// An upload of a source job: the job's result depends on it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SourceUpload {
-    /// The measurement set.
-    pub measurement_set_id: String,
-    /// Whether the job holds parameter values that were identified from this upload. Otherwise a residual network was trained on it.
-    pub is_held: bool,
+row! {
+    /// An upload of a source job: the job's result depends on it.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct SourceUpload {
+        /// The measurement set.
+        pub measurement_set_id: String,
+        /// Whether the job holds parameter values that were identified from this upload. Otherwise a residual network was trained on it.
+        pub is_held: bool,
+    }
 }
-
-from_row!(SourceUpload { measurement_set_id } flags { is_held });
 
 /// Stores the sources of a new job that holds the values of a parameter set. The sources of a job never change.
 ///

@@ -3,9 +3,10 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries, list_row};
+use super::read;
 use super::{
     AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx, job_sessions, job_sources,
 };
@@ -13,78 +14,78 @@ use crate::wire::canonical;
 use crate::wire::job::{Kind, Method};
 use crate::wire::job_answer::{Finding, JobStatus};
 
-/// A job without its report and convergence curve.
-#[derive(Clone, Debug, PartialEq)]
-pub struct JobRow {
-    /// `job_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The set to identify from, or to verify on. With several sessions, the set of the first session.
-    pub measurement_set_id: String,
-    /// Ids of the sets of further sessions, in order, separated by commas; empty for a job with one session.
-    pub further_set_ids: String,
-    /// A separate set to verify on.
-    pub verify_set_id: Option<String>,
-    /// Frames computed from sweeps.
-    pub frames_id: Option<String>,
-    /// The network to start from, chosen when the job was posted.
-    pub network_input_id: Option<String>,
-    /// The residual network from which training continues, chosen when the job was posted.
-    pub residual_network_input_id: Option<String>,
-    /// The parameter set to start from or to verify, chosen when the job was posted.
-    pub parameter_set_input_id: Option<String>,
-    /// `identify`, `verify` or `check`.
-    pub kind: Kind,
-    /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
-    pub method: String,
-    /// The whole request in JSON.
-    pub request_json: String,
-    /// Its state.
-    pub status: JobStatus,
-    /// Jobs with a higher number run first.
-    pub priority: i64,
-    /// Number of the attempt. Attempts that were handed back are not counted.
-    pub attempt: i64,
-    /// The worker that runs or ran the job.
-    pub owner: Option<String>,
-    /// End of that worker's lease, unless it is renewed.
-    pub lease_until_ms: Option<i64>,
-    /// When its cancellation was requested.
-    pub cancel_requested_at_ms: Option<i64>,
-    /// Progress of this attempt in JSON.
-    pub progress_json: Option<String>,
-    /// Why it failed.
-    pub error_json: Option<String>,
-    /// SHA-256 of its result, hexadecimal.
-    pub result_sha256: Option<String>,
-    /// The parameter set that it identified.
-    pub parameter_set_id: Option<String>,
-    /// The network that it trained.
-    pub network_id: Option<String>,
-    /// The residual network that it trained.
-    pub residual_network_id: Option<String>,
-    /// When it was posted.
-    pub created_at_ms: i64,
-    /// When this attempt began.
-    pub started_at_ms: Option<i64>,
-    /// When it ended.
-    pub finished_at_ms: Option<i64>,
-    /// Version of the robot that the job computes with, chosen when the job was posted.
-    pub robot_version: i64,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Name of its measurement set.
-    pub measurement_set_name: Option<String>,
-    /// rms error of the nominal robot on the points that were not fitted, mm.
-    pub before_rms_mm: Option<f64>,
-    /// rms error of the parameter set on the same points, mm.
-    pub after_rms_mm: Option<f64>,
-    /// What it found against the parameter set or against its points.
-    pub finding: Option<Finding>,
+row! {
+    /// A job without its report and convergence curve.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct JobRow {
+        /// `job_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// The set to identify from, or to verify on. With several sessions, the set of the first session.
+        pub measurement_set_id: String,
+        /// Ids of the sets of further sessions, in order, separated by commas; empty for a job with one session.
+        pub further_set_ids: String,
+        /// A separate set to verify on.
+        pub verify_set_id: Option<String>,
+        /// Frames computed from sweeps.
+        pub frames_id: Option<String>,
+        /// The network to start from, chosen when the job was posted.
+        pub network_input_id: Option<String>,
+        /// The residual network from which training continues, chosen when the job was posted.
+        pub residual_network_input_id: Option<String>,
+        /// The parameter set to start from or to verify, chosen when the job was posted.
+        pub parameter_set_input_id: Option<String>,
+        /// `identify`, `verify` or `check`.
+        pub kind: Kind,
+        /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
+        pub method: String,
+        /// The whole request in JSON.
+        pub request_json: String,
+        /// Its state.
+        pub status: JobStatus,
+        /// Jobs with a higher number run first.
+        pub priority: i64,
+        /// Number of the attempt. Attempts that were handed back are not counted.
+        pub attempt: i64,
+        /// The worker that runs or ran the job.
+        pub owner: Option<String>,
+        /// End of that worker's lease, unless it is renewed.
+        pub lease_until_ms: Option<i64>,
+        /// When its cancellation was requested.
+        pub cancel_requested_at_ms: Option<i64>,
+        /// Progress of this attempt in JSON.
+        pub progress_json: Option<String>,
+        /// Why it failed.
+        pub error_json: Option<String>,
+        /// SHA-256 of its result, hexadecimal.
+        pub result_sha256: Option<String>,
+        /// The parameter set that it identified.
+        pub parameter_set_id: Option<String>,
+        /// The network that it trained.
+        pub network_id: Option<String>,
+        /// The residual network that it trained.
+        pub residual_network_id: Option<String>,
+        /// When it was posted.
+        pub created_at_ms: i64,
+        /// When this attempt began.
+        pub started_at_ms: Option<i64>,
+        /// When it ended.
+        pub finished_at_ms: Option<i64>,
+        /// Version of the robot that the job computes with, chosen when the job was posted.
+        pub robot_version: i64,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Name of its measurement set.
+        pub measurement_set_name: Option<String>,
+        /// rms error of the nominal robot on the points that were not fitted, mm.
+        pub before_rms_mm: Option<f64>,
+        /// rms error of the parameter set on the same points, mm.
+        pub after_rms_mm: Option<f64>,
+        /// What it found against the parameter set or against its points.
+        pub finding: Option<Finding>,
+    }
 }
-
-from_row!(JobRow { id, robot_id, measurement_set_id, further_set_ids, verify_set_id, frames_id, network_input_id, residual_network_input_id, parameter_set_input_id, method, request_json, priority, attempt, owner, lease_until_ms, cancel_requested_at_ms, progress_json, error_json, result_sha256, parameter_set_id, network_id, residual_network_id, created_at_ms, started_at_ms, finished_at_ms, robot_version, archived_at_ms, measurement_set_name, before_rms_mm, after_rms_mm } parsed { status, kind } optional { finding });
 
 list_row!(JobRow);
 
@@ -102,13 +103,13 @@ impl JobRow {
     }
 }
 
-/// A document of a job. It exists only if the job succeeded.
-struct DocumentRow {
-    status: JobStatus,
-    document: Option<String>,
+row! {
+    /// A document of a job. It exists only if the job succeeded.
+    struct DocumentRow {
+        status: JobStatus,
+        document: Option<String>,
+    }
 }
-
-from_row!(DocumentRow { document } parsed { status });
 
 /// A job to be stored. The row names everything that the result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -210,24 +211,22 @@ macro_rules! filter {
     };
 }
 
-pub(super) const OF_ROBOT: ListQueries = list_queries!(
-    columns!(),
-    "job",
-    filter!("robot_id = $1"),
-    "$5",
-    "$6",
-    "$7"
-);
+pub(super) const OF_ROBOT: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "job",
+    filter: filter!("robot_id = $1"),
+    n_filters: 4,
+    name: None,
+};
 
 // $1 is a comma-separated list of robot ids; '' for all robots.
-pub(super) const OF_ROBOTS: ListQueries = list_queries!(
-    columns!(),
-    "job",
-    filter!("($1 = '' or replace($1, robot_id, '') <> $1)"),
-    "$5",
-    "$6",
-    "$7"
-);
+pub(super) const OF_ROBOTS: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "job",
+    filter: filter!("($1 = '' or replace($1, robot_id, '') <> $1)"),
+    n_filters: 4,
+    name: None,
+};
 
 const REPORT: &str = "select status, report_json as document from job where id = $1";
 
@@ -251,14 +250,14 @@ const BY_ID: &str = concat!(
     " from job where id > $1 order by id limit cast($2 as bigint)"
 );
 
-/// A job with the client that posted it.
-#[derive(Debug)]
-pub(super) struct JobWithClient {
-    client: String,
-    job: JobRow,
+row! {
+    /// A job with the client that posted it.
+    #[derive(Debug)]
+    pub(super) struct JobWithClient {
+        client: String,
+        job: JobRow,
+    }
 }
-
-from_row!(JobWithClient { client } nested { job });
 
 fn as_created(row: &JobRow, client: &str) -> Value {
     // `robot_version` and `further_set_ids` are fields of their own and not part of the hash, because audit entries of older versions lack them.
@@ -315,7 +314,7 @@ impl Audited for JobWithClient {
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<JobRow> {
     tx.require_disk_space()?;
-    let id = new_id("job");
+    let id = IdPrefix::Job.new_id();
     let query = sqlx::query_as(INSERT)
         .bind(&id)
         .bind(&new.robot_id)
@@ -361,10 +360,7 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// One job, as this transaction sees it.
@@ -372,10 +368,7 @@ pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), GET, id).await
 }
 
 /// A robot's jobs, filtered by status, kind and archived state.

@@ -1,23 +1,23 @@
 //! The uploads of a robot with which a job compares its points, to find out how old they are.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{AuditEvent, Result, Store};
 
-/// An upload of a robot, with which a job compares its points.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KnownUpload {
-    /// The measurement set.
-    pub id: String,
-    /// Number of its points.
-    pub n_points: i64,
-    /// Number of its entry in the audit chain; 0 if it is older than the chain.
-    pub uploaded_seq: i64,
-    /// Whether it was uploaded before the robot's last session that did not fit, or for that session. Uploads of sessions that did not fit are left
-    /// out, because a changed robot may be identified from them.
-    pub is_before_check: bool,
+row! {
+    /// An upload of a robot, with which a job compares its points.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct KnownUpload {
+        /// The measurement set.
+        pub id: String,
+        /// Number of its points.
+        pub n_points: i64,
+        /// Number of its entry in the audit chain; 0 if it is older than the chain.
+        pub uploaded_seq: i64,
+        /// Whether it was uploaded before the robot's last session that did not fit, or for that session. Uploads of sessions that did not fit are left
+        /// out, because a changed robot may be identified from them.
+        pub is_before_check: bool,
+    }
 }
-
-from_row!(KnownUpload { id, n_points, uploaded_seq } flags { is_before_check });
 
 // SQL for the upload that a job scored: its verify set if it has one, otherwise `u`, which is one of its own uploads (one row per session).
 macro_rules! scored_set {

@@ -2,7 +2,7 @@
 
 use sqlx::any::{AnyArguments, AnyRow};
 use sqlx::query::{QueryAs, QueryScalar};
-use sqlx::{Any, FromRow};
+use sqlx::{Any, AssertSqlSafe, FromRow};
 
 use super::page::{Cursor, CursorKey};
 use super::{Page, PageRequest, Result, Store};
@@ -66,108 +66,56 @@ impl ListRequest {
     }
 }
 
-/// The SQL of a list. The filter uses the parameters $1 to $`n`. The cursor (key and id) and the limit are the next parameters.
+/// A list: what of a table or view with `created_at_ms` and `id` it has.
 pub(super) struct ListQueries {
-    pub(super) newest: &'static str,
-    pub(super) oldest: &'static str,
-    /// Sorted by name, ascending and descending; none for lists without names.
-    pub(super) by_name: Option<[&'static str; 2]>,
-    pub(super) count: &'static str,
+    pub(super) columns: &'static str,
+    pub(super) from: &'static str,
+    /// The condition, with the parameters $1 to $`n_filters`. The cursor (key and id) and the limit are the next parameters.
+    pub(super) filter: &'static str,
+    pub(super) n_filters: usize,
+    /// The name in lower case, for lists that are sorted by name, too.
+    pub(super) name: Option<&'static str>,
 }
 
-/// [`ListQueries`] of a table or view with `created_at_ms` and `id`. The literals are the numbers of the parameters after the filter's parameters.
-macro_rules! list_queries {
-    ($columns:expr, $from:expr, $filter:expr, $key:literal, $id:literal, $limit:literal) => {
-        $crate::store::listing::ListQueries {
-            newest: concat!(
-                "select ",
-                $columns,
-                " from ",
-                $from,
-                " where ",
-                $filter,
-                " and (created_at_ms, id) < (",
-                $key,
-                ", ",
-                $id,
-                ")
-                order by created_at_ms desc, id desc limit cast(",
-                $limit,
-                " as bigint)"
-            ),
-            oldest: concat!(
-                "select ",
-                $columns,
-                " from ",
-                $from,
-                " where ",
-                $filter,
-                " and (created_at_ms, id) > (",
-                $key,
-                ", ",
-                $id,
-                ")
-                order by created_at_ms, id limit cast(",
-                $limit,
-                " as bigint)"
-            ),
-            by_name: None,
-            count: concat!("select count(*) from ", $from, " where ", $filter),
+impl ListQueries {
+    /// The SQL of a page.
+    fn page(&self, sort: Sort) -> String {
+        let Self {
+            columns,
+            from,
+            filter,
+            n_filters: n,
+            name,
+        } = self;
+        let (key, id, limit, is_first) = (n + 1, n + 2, n + 3, n + 4);
+        let (sorted_by, place, direction) = match (sort, name) {
+            (Sort::Name, Some(name)) => (*name, ">", ""),
+            (Sort::NameDescending, Some(name)) => (*name, "<", " desc"),
+            (Sort::Oldest, _) => ("created_at_ms", ">", ""),
+            _ => ("created_at_ms", "<", " desc"),
+        };
+        let mut beyond = format!("({sorted_by}, id) {place} (${key}, ${id})");
+        if sort.is_by_name() && name.is_some() {
+            beyond = format!("(cast(${is_first} as bigint) = 1 or {beyond})");
         }
-    };
-    ($columns:expr, $from:expr, $filter:expr, $key:literal, $id:literal, $limit:literal, $name:literal, $is_first:literal) => {
-        $crate::store::listing::ListQueries {
-            by_name: Some([
-                concat!(
-                    "select ",
-                    $columns,
-                    " from ",
-                    $from,
-                    " where ",
-                    $filter,
-                    " and (cast(",
-                    $is_first,
-                    " as bigint) = 1 or (",
-                    $name,
-                    ", id) > (",
-                    $key,
-                    ", ",
-                    $id,
-                    "))
-                    order by ",
-                    $name,
-                    ", id limit cast(",
-                    $limit,
-                    " as bigint)"
-                ),
-                concat!(
-                    "select ",
-                    $columns,
-                    " from ",
-                    $from,
-                    " where ",
-                    $filter,
-                    " and (cast(",
-                    $is_first,
-                    " as bigint) = 1 or (",
-                    $name,
-                    ", id) < (",
-                    $key,
-                    ", ",
-                    $id,
-                    "))
-                    order by ",
-                    $name,
-                    " desc, id desc limit cast(",
-                    $limit,
-                    " as bigint)"
-                ),
-            ]),
-            ..$crate::store::listing::list_queries!($columns, $from, $filter, $key, $id, $limit)
-        }
-    };
+        format!(
+            "select {columns} from {from} where {filter} and {beyond}
+             order by {sorted_by}{direction}, id{direction} limit cast(${limit} as bigint)"
+        )
+    }
+
+    /// The SQL that counts the items of all pages.
+    fn count(&self) -> String {
+        format!("select count(*) from {} where {}", self.from, self.filter)
+    }
+
+    /// All SQL texts of the list, for the test that prepares each one.
+    pub(super) fn texts(&self) -> impl Iterator<Item = String> {
+        let sorts = [Sort::Newest, Sort::Oldest, Sort::Name, Sort::NameDescending];
+        let pages = sorts.into_iter().map(|sort| self.page(sort));
+        pages.chain([self.count()])
+    }
 }
-pub(super) use list_queries;
 
 /// A row of a list.
 pub(super) trait ListRow: for<'r> FromRow<'r, AnyRow> + Send + Unpin {
@@ -215,14 +163,8 @@ pub(super) async fn page<T: ListRow>(
     let cursor = request.page.cursor.as_ref();
     let cursor = cursor.filter(|cursor| cursor.sort == request.sort);
     let id = cursor.map(|cursor| cursor.id.clone()).unwrap_or_default();
-    let sql = match (request.sort, queries.by_name) {
-        (Sort::Name, Some([by_name, _])) => by_name,
-        (Sort::NameDescending, Some([_, descending])) => descending,
-        (Sort::Oldest, _) => queries.oldest,
-        _ => queries.newest,
-    };
-    let is_by_name = request.sort.is_by_name() && queries.by_name.is_some();
-    let mut query: Rows<T> = sqlx::query_as(sql);
+    let is_by_name = request.sort.is_by_name() && queries.name.is_some();
+    let mut query: Rows<T> = sqlx::query_as(AssertSqlSafe(queries.page(request.sort)));
     for filter in filters {
         query = query.bind((*filter).to_owned());
     }
@@ -266,7 +208,8 @@ pub(super) async fn list<T: ListRow>(
     request: &ListRequest,
 ) -> Result<Listed<T>> {
     let page = page(store, queries, filters, request).await?;
-    let mut query: QueryScalar<'static, Any, i64, AnyArguments> = sqlx::query_scalar(queries.count);
+    let mut query: QueryScalar<'static, Any, i64, AnyArguments> =
+        sqlx::query_scalar(AssertSqlSafe(queries.count()));
     for filter in filters {
         query = query.bind((*filter).to_owned());
     }
@@ -274,15 +217,4 @@ pub(super) async fn list<T: ListRow>(
         page,
         total: query.fetch_one(store.readers()).await?,
     })
-}
-
-impl ListQueries {
-    /// All SQL texts of the list, for the test that prepares each one.
-    pub(super) const fn texts(&self) -> [&'static str; 5] {
-        let [by_name, descending] = match self.by_name {
-            Some(texts) => texts,
-            None => [self.newest, self.newest],
-        };
-        [self.newest, self.oldest, by_name, descending, self.count]
-    }
 }

@@ -3,70 +3,54 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, Conflict, Error, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::measurement::Frame;
 
-/// A measurement set without its bytes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MeasurementSetRow {
-    /// `set_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// Its name; need not be unique.
-    pub name: Option<String>,
-    /// `base` or `instrument`.
-    pub frame: Frame,
-    /// Media type of the upload.
-    pub content_type: String,
-    /// SHA-256 of the uploaded bytes, hexadecimal.
-    pub sha256: String,
-    /// Number of points.
-    pub n_points: i64,
-    /// Number of arm configurations.
-    pub n_configurations: i64,
-    /// Number of targets on the tool.
-    pub n_targets: i64,
-    /// JSON list of warnings.
-    pub warnings_json: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// Id of the key that uploaded it.
-    pub uploaded_by: Option<String>,
-    /// The serial number that the uploader stated.
-    pub serial_number: Option<String>,
-    /// Code of the suspicion that the uploader overrode with `insist`. A release must not depend on such a set.
-    pub insisted_on: Option<String>,
-    /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
-    pub reading_json: Option<String>,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Its name in lower case, for sorting lists; empty without a name.
-    pub sort_name: String,
+row! {
+    /// A measurement set without its bytes.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct MeasurementSetRow {
+        /// `set_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// Its name; need not be unique.
+        pub name: Option<String>,
+        /// `base` or `instrument`.
+        pub frame: Frame,
+        /// Media type of the upload.
+        pub content_type: String,
+        /// SHA-256 of the uploaded bytes, hexadecimal.
+        pub sha256: String,
+        /// Number of points.
+        pub n_points: i64,
+        /// Number of arm configurations.
+        pub n_configurations: i64,
+        /// Number of targets on the tool.
+        pub n_targets: i64,
+        /// JSON list of warnings.
+        pub warnings_json: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// Id of the key that uploaded it.
+        pub uploaded_by: Option<String>,
+        /// The serial number that the uploader stated.
+        pub serial_number: Option<String>,
+        /// Code of the suspicion that the uploader overrode with `insist`. A release must not depend on such a set.
+        pub insisted_on: Option<String>,
+        /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
+        pub reading_json: Option<String>,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Its name in lower case, for sorting lists; empty without a name.
+        pub sort_name: String,
+    }
 }
-
-from_row!(MeasurementSetRow {
-    id,
-    robot_id,
-    name,
-    content_type,
-    sha256,
-    n_points,
-    n_configurations,
-    n_targets,
-    warnings_json,
-    created_at_ms,
-    uploaded_by,
-    serial_number,
-    insisted_on,
-    reading_json,
-    archived_at_ms,
-    sort_name
-} parsed { frame });
 
 list_row!(MeasurementSetRow, sort_name);
 
@@ -126,24 +110,17 @@ const GET: &str = concat!("select ", columns!(), " from measurement_set where id
 
 const BODY: &str = "select body from measurement_set where id = $1";
 
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "measurement_set",
-    "robot_id = $1
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "measurement_set",
+    filter: "robot_id = $1
         and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = measurement_set.id))
         and ($3 = '%' or lower(name) like lower($3) escape '!')",
-    "$4",
-    "$5",
-    "$6",
-    "lower(coalesce(name, ''))",
-    "$7"
-);
+    n_filters: 3,
+    name: Some("lower(coalesce(name, ''))"),
+};
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from measurement_set where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "measurement_set");
 
 fn as_created(row: &MeasurementSetRow) -> Value {
     let rest = json!([
@@ -194,7 +171,7 @@ impl Audited for MeasurementSetRow {
 /// [`Error::NotFound`] if there is no such robot, [`Conflict::RobotArchived`], [`Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementSetRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("set"))
+        .bind(IdPrefix::MeasurementSet.new_id())
         .bind(&new.robot_id)
         .bind(new.name.as_deref())
         .bind(new.frame.as_str())
@@ -223,10 +200,7 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// The uploaded bytes of one measurement set.
@@ -234,10 +208,7 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
 /// # Errors
 /// [`Error::NotFound`], [`Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(BODY)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), BODY, id).await
 }
 
 /// A robot's measurement sets, filtered by name and archived state.

@@ -22,6 +22,7 @@ pub mod estimates;
 pub mod frames;
 mod from_row;
 mod hashed;
+mod id_prefix;
 mod idempotency;
 mod job_sessions;
 pub mod job_sources;
@@ -40,6 +41,7 @@ mod page;
 mod parameter_set_row;
 pub mod parameter_sets;
 pub mod policies;
+mod read;
 pub mod report_summaries;
 pub mod robot_versions;
 pub mod robots;
@@ -78,7 +80,7 @@ pub use crate::wire::job_answer::JobStatus;
 pub use crate::wire::parameter_set::ParameterSetStatus;
 
 /// Every SQL text that the store uses on this engine.
-pub fn all_queries(engine: Engine) -> Vec<&'static str> {
+pub fn all_queries(engine: Engine) -> Vec<String> {
     let own = match engine {
         Engine::Sqlite => [
             leases::QUERIES_SQLITE,
@@ -96,42 +98,46 @@ pub fn all_queries(engine: Engine) -> Vec<&'static str> {
         ]
         .concat(),
     };
-    [
+    let texts = [
         &[database::NOW, database::SCHEMA_VERSION][..],
         own.as_slice(),
         audit::ALL_QUERIES,
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
-        &api_keys::LIST.texts(),
         archive::ALL_QUERIES,
         named_documents::ALL_QUERIES,
-        &named_documents::LIST.texts(),
         estimates::ALL_QUERIES,
         frames::ALL_QUERIES,
         idempotency::ALL_QUERIES,
         job_sources::ALL_QUERIES,
         job_sessions::ALL_QUERIES,
         jobs::ALL_QUERIES,
-        &jobs::OF_ROBOT.texts(),
-        &jobs::OF_ROBOTS.texts(),
         known_uploads::ALL_QUERIES,
         leases::ALL_QUERIES,
         measurement_sets::ALL_QUERIES,
-        &measurement_sets::LIST.texts(),
         networks::ALL_QUERIES,
         overview::ALL_QUERIES,
-        &networks::LIST.texts(),
         parameter_sets::ALL_QUERIES,
-        &parameter_sets::LIST.texts(),
         policies::ALL_QUERIES,
         report_summaries::ALL_QUERIES,
         robot_versions::ALL_QUERIES,
         robots::ALL_QUERIES,
-        &robots::LIST.texts(),
         statistics::ALL_QUERIES,
         verifications::ALL_QUERIES,
         withdrawals::ALL_QUERIES,
         verify::ALL_QUERIES,
     ]
-    .concat()
+    .concat();
+    let lists = [
+        api_keys::LIST,
+        named_documents::LIST,
+        jobs::OF_ROBOT,
+        jobs::OF_ROBOTS,
+        measurement_sets::LIST,
+        networks::LIST,
+        parameter_sets::LIST,
+        robots::LIST,
+    ];
+    let lists = lists.iter().flat_map(listing::ListQueries::texts);
+    texts.into_iter().map(String::from).chain(lists).collect()
 }

@@ -5,58 +5,50 @@ use crate::wire::names;
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Listed, Result, Store, Tx, robots};
 use crate::wire::canonical;
 
-/// Kind of a named document.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NamedDocumentKind {
-    /// A column mapping: the meaning of each column of a file.
-    Columns,
-    /// A work frame, in which targets are programmed.
-    WorkFrame,
-    /// A tool: the pose of its tool centre point.
-    Tool,
-    /// A reference: lengths with a certificate that the instrument measured.
-    Reference,
+names! {
+    /// Kind of a named document.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum NamedDocumentKind {
+        /// A column mapping: the meaning of each column of a file.
+        Columns = "columns",
+        /// A work frame, in which targets are programmed.
+        WorkFrame = "work_frame",
+        /// A tool: the pose of its tool centre point.
+        Tool = "tool",
+        /// A reference: lengths with a certificate that the instrument measured.
+        Reference = "reference",
+    }
 }
 
-names!(NamedDocumentKind { Columns = "columns", WorkFrame = "work_frame", Tool = "tool", Reference = "reference" });
-
-/// One version of a document.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NamedDocumentRow {
-    /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// Its kind, as [`NamedDocumentKind::as_str`].
-    pub kind: String,
-    /// Its name.
-    pub name: String,
-    /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
-    pub version: i64,
-    /// The document in JSON.
-    pub content_json: String,
-    /// Id of the key that stored it.
-    pub created_by: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
+row! {
+    /// One version of a document.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NamedDocumentRow {
+        /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// Its kind, as [`NamedDocumentKind::as_str`].
+        pub kind: String,
+        /// Its name.
+        pub name: String,
+        /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
+        pub version: i64,
+        /// The document in JSON.
+        pub content_json: String,
+        /// Id of the key that stored it.
+        pub created_by: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+    }
 }
-
-from_row!(NamedDocumentRow {
-    id,
-    robot_id,
-    kind,
-    name,
-    version,
-    content_json,
-    created_by,
-    created_at_ms
-});
 
 macro_rules! columns {
     () => {
@@ -84,23 +76,18 @@ const NEWEST: &str = concat!(
 
 const GET: &str = concat!("select ", columns!(), " from named_document where id = $1");
 
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "named_document",
-    "robot_id = $1 and kind = $2 and not exists (select 1 from named_document later where later.robot_id = named_document.robot_id
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "named_document",
+    filter: "robot_id = $1 and kind = $2 and not exists (select 1 from named_document later where later.robot_id = named_document.robot_id
         and later.kind = named_document.kind and later.name = named_document.name and later.version > named_document.version)",
-    "$3",
-    "$4",
-    "$5"
-);
+    n_filters: 2,
+    name: None,
+};
 
 list_row!(NamedDocumentRow);
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from named_document where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "named_document");
 
 impl NamedDocumentRow {
     fn is_columns(&self) -> bool {
@@ -165,14 +152,14 @@ pub struct NewNamedDocument<'a> {
 /// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocumentRow> {
     let prefix = match new.kind {
-        NamedDocumentKind::Columns => "col",
-        NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => "doc",
-        NamedDocumentKind::Reference => "ref",
+        NamedDocumentKind::Columns => IdPrefix::Columns,
+        NamedDocumentKind::WorkFrame | NamedDocumentKind::Tool => IdPrefix::Document,
+        NamedDocumentKind::Reference => IdPrefix::Reference,
     };
     tx.require_disk_space()?;
     robots::lock(tx, new.robot_id).await?;
     let row: NamedDocumentRow = sqlx::query_as(INSERT)
-        .bind(new_id(prefix))
+        .bind(prefix.new_id())
         .bind(new.robot_id)
         .bind(new.kind.as_str())
         .bind(new.name)
@@ -215,10 +202,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
     if id.contains('\0') {
         return Err(super::Error::NotFound);
     }
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// A robot's documents of one kind that are in force, newest first.

@@ -4,64 +4,54 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries, list_row};
+use super::read;
 use super::{AuditEvent, Hashed, ListRequest, Listed, Result, Store, Tx};
 use crate::wire::canonical;
 use crate::wire::job::{Model, Preset};
 use crate::wire::safetensors::StoredNetwork;
 
-/// A network without its weights.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NetworkRow {
-    /// `net_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The job that trained it.
-    pub job_id: String,
-    /// The model of that job, as text, because `verify` must be able to read any text.
-    pub model: String,
-    /// The preset of that job, as text for the same reason.
-    pub preset: String,
-    /// Further facts in JSON, among them its kind.
-    pub metadata_json: String,
-    /// SHA-256 of the tensors, hexadecimal.
-    pub weights_sha256: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Version of the robot's joint map that the network was trained with.
-    pub joint_map_version: i64,
+row! {
+    /// A network without its weights.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NetworkRow {
+        /// `net_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// The job that trained it.
+        pub job_id: String,
+        /// The model of that job, as text, because `verify` must be able to read any text.
+        pub model: String,
+        /// The preset of that job, as text for the same reason.
+        pub preset: String,
+        /// Further facts in JSON, among them its kind.
+        pub metadata_json: String,
+        /// SHA-256 of the tensors, hexadecimal.
+        pub weights_sha256: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Version of the robot's joint map that the network was trained with.
+        pub joint_map_version: i64,
+    }
 }
-
-from_row!(NetworkRow {
-    id,
-    robot_id,
-    job_id,
-    model,
-    preset,
-    metadata_json,
-    weights_sha256,
-    created_at_ms,
-    archived_at_ms,
-    joint_map_version
-});
 
 list_row!(NetworkRow);
 
-/// A network of link parameters and its weights.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NetworkWeights {
-    /// `net_…`
-    pub id: String,
-    /// The weights in safetensors format.
-    pub weights: Vec<u8>,
+row! {
+    /// A network of link parameters and its weights.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NetworkWeights {
+        /// `net_…`
+        pub id: String,
+        /// The weights in safetensors format.
+        pub weights: Vec<u8>,
+    }
 }
-
-from_row!(NetworkWeights { id, weights });
 
 /// A network to be stored with the job that trained it.
 #[derive(Clone, Debug, PartialEq)]
@@ -165,20 +155,19 @@ const NEWEST_RESIDUAL: &str = concat!("select n.id as id, n.weights as weights f
      order by coalesce((select v.seq from verification v where v.job_id = n.job_id), 0) desc, n.id desc
      limit cast($3 as bigint)");
 
-pub(super) const LIST: ListQueries = list_queries!(
-    "*",
-    concat!(
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: "*",
+    from: concat!(
         "(select ",
         columns!("network"),
         " from network where robot_id = $1 union all select ",
         columns!("residual_network"),
         " from residual_network where robot_id = $1) as both_kinds"
     ),
-    "($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))",
-    "$3",
-    "$4",
-    "$5"
-);
+    filter: "($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))",
+    n_filters: 2,
+    name: None,
+};
 
 const BY_ID: &str = concat!(
     "select * from (select ",
@@ -235,7 +224,7 @@ async fn insert_by(
     new: &NewNetwork,
 ) -> Result<NetworkRow> {
     let query = sqlx::query_as(sql)
-        .bind(new_id("net"))
+        .bind(IdPrefix::Network.new_id())
         .bind(job_id)
         .bind(new.model.as_str())
         .bind(new.preset.as_str())
@@ -253,10 +242,7 @@ async fn insert_by(
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// The weights of one network.
@@ -264,10 +250,7 @@ pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
-    Ok(sqlx::query_scalar(WEIGHTS)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), WEIGHTS, id).await
 }
 
 /// The robot's usable networks of this model and preset, newest first, at most `limit`.

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use sqlx::any::{AnyConnectOptions, AnyPoolOptions};
 use sqlx::{AnyConnection, AnyPool, Connection, Executor};
+use tokio::time::sleep;
 
 use super::database::{DATABASE, Inner, LOCK, WRITER_TIMEOUT};
 use super::migration::migrate;
@@ -74,6 +75,9 @@ const POSTGRES_SETTINGS: &str = "set lock_timeout = '2s'; set idle_in_transactio
 
 /// Longest wait of a request for a connection that reads. After that the answer is 503.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
+/// Attempts of a server to lock its data directory, and the pause between them.
+const LOCK_ATTEMPTS: usize = 10;
+const LOCK_RETRY_DELAY: Duration = Duration::from_millis(50);
 /// Settings of an SQLite connection. With WAL and FULL, an acknowledged write survives a power loss. The busy timeout (ms) is for locks of other
 /// programs, such as `kincal key`. The server's own writers queue for one connection, for at most [`WRITER_TIMEOUT`].
 pub(super) const SQLITE_PRAGMAS: &str = "pragma busy_timeout = 3000; pragma journal_mode = wal; pragma synchronous = full; pragma foreign_keys = on";
@@ -110,12 +114,7 @@ async fn as_server(location: StoreLocation) -> Result<Store> {
         StoreLocation::Sqlite { data_dir } => {
             let data_dir = make_data_dir(&data_dir)?;
             make_private(&data_dir);
-            let lock_file = lock(&data_dir)?.ok_or_else(|| Error::Open {
-                detail: format!(
-                    "the data directory {} is in use by another kincal server; stop that one or choose another",
-                    data_dir.display()
-                ),
-            })?;
+            let lock_file = lock_as_server(&data_dir).await?;
             let store = connect_sqlite(&data_dir, Some(lock_file), true).await?;
             migrate(&store).await?;
             leases::end_all(&store).await?;
@@ -355,6 +354,22 @@ fn make_private(data_dir: &Path) {
             "other users of this machine can read the data directory, and it belongs to another user: its owner should run `chmod 0700`"
         ),
     }
+}
+
+/// Locks the data directory for a server. Waits a little, because commands beside a server take the lock for a moment to see whether there is one.
+async fn lock_as_server(data_dir: &Path) -> Result<File> {
+    for _ in 0..LOCK_ATTEMPTS {
+        if let Some(file) = lock(data_dir)? {
+            return Ok(file);
+        }
+        sleep(LOCK_RETRY_DELAY).await;
+    }
+    Err(Error::Open {
+        detail: format!(
+            "the data directory {} is in use by another kincal server; stop that one or choose another",
+            data_dir.display()
+        ),
+    })
 }
 
 /// Locks the data directory; none if another process has locked it. The lock ends when the file is closed, at the latest with the process.

@@ -1,7 +1,7 @@
 //! Overview of robots. Each robot comes with its released and its newest parameter set, its newest session and its newest job. One query reads a
 //! whole page of robots.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{JobStatus, ListRequest, Listed, Page, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -11,53 +11,49 @@ use crate::wire::verification::Fit;
 
 pub(super) const ALL_QUERIES: &[&str] = &[LIST];
 
-/// One robot of the overview.
-#[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // the columns of the tables that are joined
-pub struct OverviewRow {
-    pub id: String,
-    pub name: String,
-    pub body_json: String,
-    pub created_at_ms: i64,
-    pub check_job_id: Option<String>,
-    pub tolerance_mm: Option<f64>,
-    pub decision_rule: Option<DecisionRule>,
-    pub active_id: Option<String>,
-    pub active_job_id: Option<String>,
-    pub active_created_at_ms: Option<i64>,
-    pub active_released_at_ms: Option<i64>,
-    pub active_before_rms_mm: Option<f64>,
-    pub active_after_rms_mm: Option<f64>,
-    pub active_evidence: Option<Evidence>,
-    pub newest_id: Option<String>,
-    pub newest_job_id: Option<String>,
-    pub newest_status: Option<ParameterSetStatus>,
-    pub newest_created_at_ms: Option<i64>,
-    pub newest_released_at_ms: Option<i64>,
-    pub newest_before_rms_mm: Option<f64>,
-    pub newest_after_rms_mm: Option<f64>,
-    pub newest_evidence: Option<Evidence>,
-    pub session_job_id: Option<String>,
-    pub session_created_at_ms: Option<i64>,
-    pub session_rms_mm: Option<f64>,
-    pub session_expanded_mm: Option<f64>,
-    pub session_fit: Option<Fit>,
-    pub session_before_rms_mm: Option<f64>,
-    pub session_is_better: bool,
-    pub session_is_worse: bool,
-    pub n_sessions: i64,
-    pub job_id: Option<String>,
-    pub job_kind: Option<Kind>,
-    pub job_status: Option<JobStatus>,
-    pub job_created_at_ms: Option<i64>,
-    pub job_finished_at_ms: Option<i64>,
+row! {
+    /// One robot of the overview.
+    #[derive(Clone, Debug, PartialEq)]
+    #[allow(missing_docs)] // the columns of the tables that are joined
+    pub struct OverviewRow {
+        pub id: String,
+        pub name: String,
+        pub body_json: String,
+        pub created_at_ms: i64,
+        pub check_job_id: Option<String>,
+        pub tolerance_mm: Option<f64>,
+        pub decision_rule: Option<DecisionRule>,
+        pub active_id: Option<String>,
+        pub active_job_id: Option<String>,
+        pub active_created_at_ms: Option<i64>,
+        pub active_released_at_ms: Option<i64>,
+        pub active_before_rms_mm: Option<f64>,
+        pub active_after_rms_mm: Option<f64>,
+        pub active_evidence: Option<Evidence>,
+        pub newest_id: Option<String>,
+        pub newest_job_id: Option<String>,
+        pub newest_status: Option<ParameterSetStatus>,
+        pub newest_created_at_ms: Option<i64>,
+        pub newest_released_at_ms: Option<i64>,
+        pub newest_before_rms_mm: Option<f64>,
+        pub newest_after_rms_mm: Option<f64>,
+        pub newest_evidence: Option<Evidence>,
+        pub session_job_id: Option<String>,
+        pub session_created_at_ms: Option<i64>,
+        pub session_rms_mm: Option<f64>,
+        pub session_expanded_mm: Option<f64>,
+        pub session_fit: Option<Fit>,
+        pub session_before_rms_mm: Option<f64>,
+        pub session_is_better: bool,
+        pub session_is_worse: bool,
+        pub n_sessions: i64,
+        pub job_id: Option<String>,
+        pub job_kind: Option<Kind>,
+        pub job_status: Option<JobStatus>,
+        pub job_created_at_ms: Option<i64>,
+        pub job_finished_at_ms: Option<i64>,
+    }
 }
-
-from_row!(OverviewRow {
-    id, name, body_json, created_at_ms, check_job_id, tolerance_mm, active_id, active_job_id, active_created_at_ms, active_released_at_ms,
-    active_before_rms_mm, active_after_rms_mm, newest_id, newest_job_id, newest_created_at_ms, newest_released_at_ms, newest_before_rms_mm,
-    newest_after_rms_mm, session_job_id, session_created_at_ms, session_rms_mm, session_expanded_mm, session_before_rms_mm, n_sessions, job_id, job_created_at_ms, job_finished_at_ms
-} optional { decision_rule, active_evidence, newest_status, newest_evidence, session_fit, job_kind, job_status } flags { session_is_better, session_is_worse });
 
 // $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables.
 const LIST: &str = "

@@ -1,68 +1,68 @@
 //! The row of a parameter set, and what the audit chain has of it.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::listing::list_row;
 use crate::wire::canonical;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::Evidence;
 use serde_json::{Value, json};
 
-/// A parameter set.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ParameterSetRow {
-    /// `par_…`
-    pub id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The job that identified it.
-    pub job_id: String,
-    /// Its state.
-    pub status: ParameterSetStatus,
-    /// The parameters in JSON.
-    pub body_json: String,
-    /// SHA-256 of the parameters, hexadecimal.
-    pub sha256: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// When it was last released.
-    pub released_at_ms: Option<i64>,
-    /// Reason of its last release.
-    pub release_reason: Option<String>,
-    /// Gates of its last release, in JSON.
-    pub release_checks_json: Option<String>,
-    /// Number of gates that passed.
-    pub release_n_passed: Option<i64>,
-    /// Number of gates that failed.
-    pub release_n_failed: Option<i64>,
-    /// When it was withdrawn.
-    pub withdrawn_at_ms: Option<i64>,
-    /// Reason of the withdrawal.
-    pub withdraw_reason: Option<String>,
-    /// Who last released it.
-    pub released_by: Option<String>,
-    /// Name of the key that last released it.
-    pub released_by_name: Option<String>,
-    /// Who withdrew it.
-    pub withdrawn_by: Option<String>,
-    /// Name of the key that withdrew it.
-    pub withdrawn_by_name: Option<String>,
-    /// Strength of the verification behind its last release.
-    pub release_evidence: Option<Evidence>,
-    /// The tool's largest uncertainty over the workspace at its last release, mm.
-    pub release_uncertainty_mm: Option<f64>,
-    /// Number of its last release. All releases of a robot are numbered by one counter.
-    pub release_seq: Option<i64>,
-    /// The set that its last release superseded.
-    pub supersedes_id: Option<String>,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Version of the robot that the set was identified with.
-    pub robot_version: i64,
-    /// Version of the robot's joint map that the set was identified with.
-    pub joint_map_version: i64,
+row! {
+    /// A parameter set.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ParameterSetRow {
+        /// `par_…`
+        pub id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// The job that identified it.
+        pub job_id: String,
+        /// Its state.
+        pub status: ParameterSetStatus,
+        /// The parameters in JSON.
+        pub body_json: String,
+        /// SHA-256 of the parameters, hexadecimal.
+        pub sha256: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// When it was last released.
+        pub released_at_ms: Option<i64>,
+        /// Reason of its last release.
+        pub release_reason: Option<String>,
+        /// Gates of its last release, in JSON.
+        pub release_checks_json: Option<String>,
+        /// Number of gates that passed.
+        pub release_n_passed: Option<i64>,
+        /// Number of gates that failed.
+        pub release_n_failed: Option<i64>,
+        /// When it was withdrawn.
+        pub withdrawn_at_ms: Option<i64>,
+        /// Reason of the withdrawal.
+        pub withdraw_reason: Option<String>,
+        /// Who last released it.
+        pub released_by: Option<String>,
+        /// Name of the key that last released it.
+        pub released_by_name: Option<String>,
+        /// Who withdrew it.
+        pub withdrawn_by: Option<String>,
+        /// Name of the key that withdrew it.
+        pub withdrawn_by_name: Option<String>,
+        /// Strength of the verification behind its last release.
+        pub release_evidence: Option<Evidence>,
+        /// The tool's largest uncertainty over the workspace at its last release, mm.
+        pub release_uncertainty_mm: Option<f64>,
+        /// Number of its last release. All releases of a robot are numbered by one counter.
+        pub release_seq: Option<i64>,
+        /// The set that its last release superseded.
+        pub supersedes_id: Option<String>,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Version of the robot that the set was identified with.
+        pub robot_version: i64,
+        /// Version of the robot's joint map that the set was identified with.
+        pub joint_map_version: i64,
+    }
 }
-
-from_row!(ParameterSetRow { id, robot_id, job_id, body_json, sha256, created_at_ms, released_at_ms, release_reason, release_checks_json, release_n_passed, release_n_failed, withdrawn_at_ms, withdraw_reason, released_by, released_by_name, withdrawn_by, withdrawn_by_name, release_uncertainty_mm, release_seq, supersedes_id, archived_at_ms, robot_version, joint_map_version } parsed { status } optional { release_evidence });
 
 list_row!(ParameterSetRow);
 

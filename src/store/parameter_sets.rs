@@ -4,12 +4,13 @@
 use serde_json::json;
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
 use super::estimates;
-use super::listing::{self, ListQueries, list_queries};
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries};
 pub use super::parameter_set_row::ParameterSetRow;
 use super::parameter_set_row::{as_created, as_released, as_withdrawn};
 use super::policies::ABSENT;
+use super::read::{self, rows_after};
 use super::robots::RobotCheck;
 use super::{
     AuditEvent, Conflict, Error, Hashed, ListRequest, Listed, Result, Store, Tx, policies, robots,
@@ -143,16 +144,15 @@ const OF_ANOTHER_UPLOAD: &str = concat!(
      limit 1"
 );
 
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "parameter_set",
-    "robot_id = $1
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "parameter_set",
+    filter: "robot_id = $1
         and ($2 = 'all' or ($2 = 'true') = exists (select 1 from archived a where a.id = parameter_set.id))
         and ($3 = '' or status = $3)",
-    "$4",
-    "$5",
-    "$6"
-);
+    n_filters: 3,
+    name: None,
+};
 
 // This update changes no value. It locks the robot's row, so that releases and withdrawals of one robot run one after the other.
 const LOCK_ROBOT: &str =
@@ -172,11 +172,7 @@ const WITHDRAW: &str = "
     update parameter_set set status = 'withdrawn', withdrawn_at_ms = (select now_ms from clock), withdraw_reason = $2, withdrawn_by = $3
     where id = $1 and status <> 'withdrawn'";
 
-const BY_ID: &str = concat!(
-    "select ",
-    columns!(),
-    " from parameter_set where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(columns!(), "parameter_set");
 
 impl Audited for ParameterSetRow {
     const BY_ID: &'static str = BY_ID;
@@ -212,7 +208,7 @@ impl Audited for ParameterSetRow {
 /// [`Conflict::Duplicate`] if the job already has one, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<ParameterSetRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("par"))
+        .bind(IdPrefix::ParameterSet.new_id())
         .bind(job_id)
         .bind(&new.body_json)
         .bind(&new.sha256);
@@ -231,10 +227,7 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 /// The robot's released parameter set.
@@ -242,10 +235,7 @@ pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(ACTIVE)
-        .bind(robot_id)
-        .fetch_optional(store.readers())
-        .await?)
+    read::first(store.readers(), ACTIVE, robot_id).await
 }
 
 /// The set that a rollback would release: usually the set that the active set superseded.
@@ -409,15 +399,9 @@ async fn lock_and_get(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
 }
 
 async fn active_in(tx: &mut Tx, robot_id: &str) -> Result<Option<ParameterSetRow>> {
-    Ok(sqlx::query_as(ACTIVE)
-        .bind(robot_id)
-        .fetch_optional(tx.connection())
-        .await?)
+    read::first(tx.connection(), ACTIVE, robot_id).await
 }
 
 async fn get_in(tx: &mut Tx, id: &str) -> Result<ParameterSetRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), GET, id).await
 }

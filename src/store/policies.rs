@@ -3,29 +3,26 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{AuditEvent, Result, Store, Tx, robots};
 use crate::wire::policy::{DecisionRule, PolicyBody};
 
-/// Release policy of a robot.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct PolicyRow {
-    /// Largest uncertainty of the tool's position, and largest rms on verify points, mm.
-    pub tolerance_mm: Option<f64>,
-    /// How the rms is compared with the tolerance; none in a policy that an older version stored.
-    pub decision_rule: Option<DecisionRule>,
-    /// Whether another measuring session must have verified the set.
-    pub independent_session_required: bool,
-    /// Whether the key that releases must differ from the key that uploaded.
-    pub second_person_required: bool,
-    /// Number of changes; 0 if never set.
-    pub version: i64,
+row! {
+    /// Release policy of a robot.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct PolicyRow {
+        /// Largest uncertainty of the tool's position, and largest rms on verify points, mm.
+        pub tolerance_mm: Option<f64>,
+        /// How the rms is compared with the tolerance; none in a policy that an older version stored.
+        pub decision_rule: Option<DecisionRule>,
+        /// Whether another measuring session must have verified the set.
+        pub independent_session_required: bool,
+        /// Whether the key that releases must differ from the key that uploaded.
+        pub second_person_required: bool,
+        /// Number of changes; 0 if never set.
+        pub version: i64,
+    }
 }
-
-from_row!(PolicyRow {
-    tolerance_mm,
-    version
-} optional { decision_rule } flags { independent_session_required, second_person_required });
 
 impl PolicyRow {
     /// The policy with the decision rule that is in force.
@@ -62,16 +59,16 @@ const BY_ID: &str = "
     select robot_id, tolerance_mm, decision_rule, independent_session_required, second_person_required, version, changed_by, changed_at_ms
     from robot_policy where robot_id > $1 order by robot_id limit cast($2 as bigint)";
 
-/// A policy with its robot and the key that set it.
-#[derive(Debug)]
-pub(super) struct PolicyChange {
-    robot_id: String,
-    policy: PolicyRow,
-    changed_by: String,
-    changed_at_ms: i64,
+row! {
+    /// A policy with its robot and the key that set it.
+    #[derive(Debug)]
+    pub(super) struct PolicyChange {
+        robot_id: String,
+        policy: PolicyRow,
+        changed_by: String,
+        changed_at_ms: i64,
+    }
 }
-
-from_row!(PolicyChange { robot_id, changed_by, changed_at_ms } nested { policy });
 
 fn as_changed(set: &PolicyChange) -> Value {
     let PolicyChange {

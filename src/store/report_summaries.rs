@@ -1,6 +1,6 @@
 //! The summary of each job's report, see `wire::report_summary`.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{Conflict, JobStatus, Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_JOB, JOBS_WITHOUT, BY_ID];
@@ -23,29 +23,25 @@ const BY_ID: &str = "
     select s.job_id as job_id, s.summary_json as summary_json, coalesce(j.report_json, '') as report_json
     from report_summary s join job j on j.id = s.job_id where s.job_id > $1 order by s.job_id limit cast($2 as bigint)";
 
-/// A job's status and summary. The summary exists only if the job succeeded.
-struct OfJob {
-    status: JobStatus,
-    summary_json: Option<String>,
+row! {
+    /// A job's status and summary. The summary exists only if the job succeeded.
+    struct OfJob {
+        status: JobStatus,
+        summary_json: Option<String>,
+    }
 }
 
-from_row!(OfJob { summary_json } parsed { status });
-
-/// A summary together with the report that it was made from.
-pub(super) struct SummaryOfReport {
-    /// The job.
-    pub job_id: String,
-    /// The summary.
-    pub summary_json: String,
-    /// The report.
-    pub report_json: String,
+row! {
+    /// A summary together with the report that it was made from.
+    pub(super) struct SummaryOfReport {
+        /// The job.
+        pub job_id: String,
+        /// The summary.
+        pub summary_json: String,
+        /// The report.
+        pub report_json: String,
+    }
 }
-
-from_row!(SummaryOfReport {
-    job_id,
-    summary_json,
-    report_json
-});
 
 /// Stores a summary, unless the job already has one.
 ///

@@ -3,30 +3,23 @@
 
 use serde_json::{Value, json};
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::robots::{self, RobotRow};
 use super::{AuditEvent, Conflict, Error, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// A robot after an edit.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct RobotVersionRow {
-    pub(super) robot_id: String,
-    pub(super) version: i64,
-    pub(super) joint_map_version: i64,
-    pub(super) body_json: String,
-    pub(super) changed_by: String,
-    pub(super) changed_at_ms: i64,
+row! {
+    /// A robot after an edit.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub(super) struct RobotVersionRow {
+        pub(super) robot_id: String,
+        pub(super) version: i64,
+        pub(super) joint_map_version: i64,
+        pub(super) body_json: String,
+        pub(super) changed_by: String,
+        pub(super) changed_at_ms: i64,
+    }
 }
-
-from_row!(RobotVersionRow {
-    robot_id,
-    version,
-    joint_map_version,
-    body_json,
-    changed_by,
-    changed_at_ms
-});
 
 /// An edit of a robot.
 #[derive(Clone, Debug, PartialEq, Eq)]

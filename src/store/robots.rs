@@ -3,63 +3,49 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::database::new_id;
-use super::from_row::from_row;
-use super::listing::{self, ListQueries, list_queries, list_row};
+use super::from_row::row;
+use super::id_prefix::IdPrefix;
+use super::listing::{self, ListQueries, list_row};
+use super::read::{self, rows_after};
 use super::{AuditEvent, ListRequest, Listed, Page, PageRequest, Result, Store, Tx};
 use crate::wire::canonical;
 
-/// A robot as it is now.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RobotRow {
-    /// `rob_…`
-    pub id: String,
-    /// Its name; need not be unique.
-    pub name: String,
-    /// The robot document in JSON.
-    pub body_json: String,
-    /// When it was stored.
-    pub created_at_ms: i64,
-    /// Job of the session that did not fit the robot; set while the robot is in the state `check_robot`.
-    pub check_job_id: Option<String>,
-    /// Number of the last session that did not fit the robot, in the robot's counter of verifications; 0 for none. The number stays when the state
-    /// `check_robot` ends.
-    pub check_seq: i64,
-    /// The robot's counter of verifications at the last `checked` request; 0 for none. The reason of this request explains all sessions up to that
-    /// number.
-    pub checked_seq: i64,
-    /// Reason given by `checked`.
-    pub checked_reason: Option<String>,
-    /// Id of the key that called `checked`.
-    pub checked_by: Option<String>,
-    /// When `checked` was called.
-    pub checked_at_ms: Option<i64>,
-    /// Version after its last edit; 1 for a robot that was never edited.
-    pub version: i64,
-    /// Version of the robot in which its joint map last changed.
-    pub joint_map_version: i64,
-    /// When it was archived.
-    pub archived_at_ms: Option<i64>,
-    /// Its name in lower case, for sorting lists.
-    pub sort_name: String,
+row! {
+    /// A robot as it is now.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct RobotRow {
+        /// `rob_…`
+        pub id: String,
+        /// Its name; need not be unique.
+        pub name: String,
+        /// The robot document in JSON.
+        pub body_json: String,
+        /// When it was stored.
+        pub created_at_ms: i64,
+        /// Job of the session that did not fit the robot; set while the robot is in the state `check_robot`.
+        pub check_job_id: Option<String>,
+        /// Number of the last session that did not fit the robot, in the robot's counter of verifications; 0 for none. The number stays when the state
+        /// `check_robot` ends.
+        pub check_seq: i64,
+        /// The robot's counter of verifications at the last `checked` request; 0 for none. The reason of this request explains all sessions up to that
+        /// number.
+        pub checked_seq: i64,
+        /// Reason given by `checked`.
+        pub checked_reason: Option<String>,
+        /// Id of the key that called `checked`.
+        pub checked_by: Option<String>,
+        /// When `checked` was called.
+        pub checked_at_ms: Option<i64>,
+        /// Version after its last edit; 1 for a robot that was never edited.
+        pub version: i64,
+        /// Version of the robot in which its joint map last changed.
+        pub joint_map_version: i64,
+        /// When it was archived.
+        pub archived_at_ms: Option<i64>,
+        /// Its name in lower case, for sorting lists.
+        pub sort_name: String,
+    }
 }
-
-from_row!(RobotRow {
-    id,
-    name,
-    body_json,
-    created_at_ms,
-    check_job_id,
-    check_seq,
-    checked_seq,
-    checked_reason,
-    checked_by,
-    checked_at_ms,
-    version,
-    joint_map_version,
-    archived_at_ms,
-    sort_name
-});
 
 list_row!(RobotRow, sort_name);
 
@@ -130,18 +116,15 @@ const INSERT: &str = concat!(
 const GET: &str = concat!("select ", columns!(), " from robot_now where id = $1");
 
 // $1 is a comma-separated list of ids; '' for all robots. No id contains another id, so `replace` changes the list exactly if the list has the id.
-pub(super) const LIST: ListQueries = list_queries!(
-    columns!(),
-    "robot_now",
-    "($1 = '' or replace($1, id, '') <> $1)
+pub(super) const LIST: ListQueries = ListQueries {
+    columns: columns!(),
+    from: "robot_now",
+    filter: "($1 = '' or replace($1, id, '') <> $1)
         and ($2 = 'all' or ($2 = 'true') = (archived_at_ms is not null))
         and ($3 = '%' or sort_name like lower($3) escape '!' or lower(serial_number) like lower($3) escape '!')",
-    "$4",
-    "$5",
-    "$6",
-    "sort_name",
-    "$7"
-);
+    n_filters: 3,
+    name: Some("sort_name"),
+};
 
 // This update changes no value. It locks the robot's row, so that releases, policies and verifications of one robot are written one after the other.
 const LOCK: &str = "update robot set name = name where id = $1";
@@ -149,11 +132,7 @@ const LOCK: &str = "update robot set name = name where id = $1";
 const LOCK_OF_JOB: &str =
     "update robot set name = name where id = (select robot_id from job where id = $1)";
 
-const BY_ID: &str = concat!(
-    "select ",
-    own_columns!(),
-    " from robot where id > $1 order by id limit cast($2 as bigint)"
-);
+const BY_ID: &str = rows_after!(own_columns!(), "robot");
 
 const ASK_FOR_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 where id = $1";
 
@@ -282,7 +261,7 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
 /// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     let query = sqlx::query_as(INSERT)
-        .bind(new_id("rob"))
+        .bind(IdPrefix::Robot.new_id())
         .bind(&new.name)
         .bind(&new.body_json);
     tx.require_disk_space()?;
@@ -296,17 +275,11 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), GET, id).await
 }
 
 pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
-    Ok(sqlx::query_as(GET)
-        .bind(id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), GET, id).await
 }
 
 /// Robots, newest first; with `only`, only the robots with these ids.

@@ -1,26 +1,26 @@
 //! State of the queue, for `/metrics`.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{JobStatus, Result, Store};
 
-/// The jobs of one status.
-#[derive(Clone, Debug, PartialEq)]
-pub struct JobStatistics {
-    /// The status.
-    pub status: JobStatus,
-    /// Number of jobs.
-    pub n_jobs: i64,
-    /// Age of the oldest job since it was posted, ms.
-    pub oldest_age_ms: i64,
-    /// Number of these jobs that have started.
-    pub n_begun: i64,
-    /// Sum of the times from posting to the (last) start, ms.
-    pub waited_ms: i64,
-    /// Sum of the times from the (last) start to the end, ms.
-    pub ran_ms: i64,
+row! {
+    /// The jobs of one status.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct JobStatistics {
+        /// The status.
+        pub status: JobStatus,
+        /// Number of jobs.
+        pub n_jobs: i64,
+        /// Age of the oldest job since it was posted, ms.
+        pub oldest_age_ms: i64,
+        /// Number of these jobs that have started.
+        pub n_begun: i64,
+        /// Sum of the times from posting to the (last) start, ms.
+        pub waited_ms: i64,
+        /// Sum of the times from the (last) start to the end, ms.
+        pub ran_ms: i64,
+    }
 }
-
-from_row!(JobStatistics { n_jobs, oldest_age_ms, n_begun, waited_ms, ran_ms } parsed { status });
 
 pub(super) const ALL_QUERIES: &[&str] = &[JOBS];
 

@@ -4,48 +4,40 @@
 use serde_json::{Value, json};
 
 use super::audit::{Audited, ExpectedEntry};
-use super::from_row::from_row;
+use super::from_row::{from_row, row};
 use super::policies::ABSENT;
+use super::read;
 use super::{AuditEvent, Result, Store, Tx};
 use crate::wire::measurement::Frame;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 
-/// Verification facts of one job.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VerificationRow {
-    /// The job.
-    pub job_id: String,
-    /// Its robot.
-    pub robot_id: String,
-    /// The parameter set that the job identified or scored; none if the job scored the nominal robot.
-    pub parameter_set_id: Option<String>,
-    /// The job's measurement set. An identification fits it; a session scores it.
-    pub measurement_set_id: String,
-    /// The frame of that set's positions.
-    pub frame: Frame,
-    /// When the job was posted.
-    pub created_at_ms: i64,
-    /// Number of the row in the robot's counter.
-    pub seq: i64,
-    /// Number in the audit chain of the upload in which the job's fitted or scored points appeared first; 0 if that is older than the chain.
-    pub points_seq: i64,
-    /// The same for the upload that a parameter set was scored on: the scored set of a session, the verify set of an identification (0 for none).
-    pub scored_seq: i64,
-    /// What the job found.
-    pub found: Verification,
+row! {
+    /// Verification facts of one job.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct VerificationRow {
+        /// The job.
+        pub job_id: String,
+        /// Its robot.
+        pub robot_id: String,
+        /// The parameter set that the job identified or scored; none if the job scored the nominal robot.
+        pub parameter_set_id: Option<String>,
+        /// The job's measurement set. An identification fits it; a session scores it.
+        pub measurement_set_id: String,
+        /// The frame of that set's positions.
+        pub frame: Frame,
+        /// When the job was posted.
+        pub created_at_ms: i64,
+        /// Number of the row in the robot's counter.
+        pub seq: i64,
+        /// Number in the audit chain of the upload in which the job's fitted or scored points appeared first; 0 if that is older than the chain.
+        pub points_seq: i64,
+        /// The same for the upload that a parameter set was scored on: the scored set of a session, the verify set of an identification (0 for none).
+        pub scored_seq: i64,
+        /// What the job found.
+        pub found: Verification,
+    }
 }
-
-from_row!(VerificationRow {
-    job_id,
-    robot_id,
-    parameter_set_id,
-    measurement_set_id,
-    created_at_ms,
-    seq,
-    points_seq,
-    scored_seq
-} parsed { frame } nested { found });
 
 from_row!(Verification {
     before_rms_mm,
@@ -53,8 +45,15 @@ from_row!(Verification {
     after_expanded_mm,
     measured_seq,
     check_seq,
-    uncertainty_mm
-} parsed { kind, fit, evidence } flags { is_better, is_repeat, is_worse } counts { n_points });
+    uncertainty_mm,
+    kind,
+    fit,
+    evidence,
+    is_better,
+    is_repeat,
+    is_worse,
+    n_points
+});
 
 impl VerificationRow {
     fn audit_entry(&self) -> Value {
@@ -74,39 +73,31 @@ impl VerificationRow {
     }
 }
 
-/// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LaterSession {
-    /// The job that identified or scored the other set.
-    pub job_id: String,
-    /// The session's upload.
-    pub measurement_set_id: String,
-    /// Its number in the robot's counter.
-    pub seq: i64,
-    /// The summary of that job's report; empty if there is none.
-    pub summary_json: String,
+row! {
+    /// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct LaterSession {
+        /// The job that identified or scored the other set.
+        pub job_id: String,
+        /// The session's upload.
+        pub measurement_set_id: String,
+        /// Its number in the robot's counter.
+        pub seq: i64,
+        /// The summary of that job's report; empty if there is none.
+        pub summary_json: String,
+    }
 }
 
-from_row!(LaterSession {
-    job_id,
-    measurement_set_id,
-    seq,
-    summary_json
-});
-
-/// Two numbers of a robot's row. A job reads them when it begins and when it ends.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct CheckRow {
-    /// Number of the last session that did not fit the robot; 0 for none.
-    pub check_seq: i64,
-    /// The robot's counter at its last `checked` request; 0 for none.
-    pub checked_seq: i64,
+row! {
+    /// Two numbers of a robot's row. A job reads them when it begins and when it ends.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    pub struct CheckRow {
+        /// Number of the last session that did not fit the robot; 0 for none.
+        pub check_seq: i64,
+        /// The robot's counter at its last `checked` request; 0 for none.
+        pub checked_seq: i64,
+    }
 }
-
-from_row!(CheckRow {
-    check_seq,
-    checked_seq
-});
 
 // SQL: the age of a measurement set, as a number in the audit chain. The same bytes uploaded again are as old as they were first.
 macro_rules! uploaded_seq {
@@ -310,10 +301,7 @@ fn number(value: Option<f64>) -> f64 {
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
-    Ok(sqlx::query_as(OF_JOB)
-        .bind(job_id)
-        .fetch_optional(store.readers())
-        .await?)
+    read::first(store.readers(), OF_JOB, job_id).await
 }
 
 /// All facts of a parameter set, its identification and every session, in order.
@@ -332,10 +320,7 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(COUNT)
-        .bind(parameter_set_id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), COUNT, parameter_set_id).await
 }
 
 /// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one. At
@@ -364,17 +349,11 @@ pub async fn later_sessions(
 /// # Errors
 /// [`super::Error::Database`].
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(N_WITHOUT_FACTS)
-        .bind(parameter_set_id)
-        .fetch_one(store.readers())
-        .await?)
+    read::value(store.readers(), N_WITHOUT_FACTS, parameter_set_id).await
 }
 
 pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64> {
-    Ok(sqlx::query_scalar(COUNT)
-        .bind(parameter_set_id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::value(tx.connection(), COUNT, parameter_set_id).await
 }
 
 /// The numbers of a robot that a job reads when it begins.
@@ -382,18 +361,12 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
 /// # Errors
 /// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
-    Ok(sqlx::query_as(CHECK)
-        .bind(robot_id)
-        .fetch_one(store.readers())
-        .await?)
+    read::one(store.readers(), CHECK, robot_id).await
 }
 
 /// As [`check`], for the robot of a job, in the transaction that has locked the robot's row.
 pub(crate) async fn check_of_job(tx: &mut Tx, job_id: &str) -> Result<CheckRow> {
-    Ok(sqlx::query_as(CHECK_OF_JOB)
-        .bind(job_id)
-        .fetch_one(tx.connection())
-        .await?)
+    read::one(tx.connection(), CHECK_OF_JOB, job_id).await
 }
 
 /// The job behind a number of a robot's counter.

@@ -1,6 +1,6 @@
 //! Withdrawn parameter sets of a robot, with which a set that is to be released is compared.
 
-use super::from_row::from_row;
+use super::from_row::row;
 use super::{Result, Store, Tx};
 
 pub(super) const ALL_QUERIES: &[&str] = &[HELD, OF_ROBOT, COUNT];
@@ -17,22 +17,18 @@ const OF_ROBOT: &str = "
 const COUNT: &str =
     "select count(*) from parameter_set where robot_id = $1 and status = 'withdrawn'";
 
-/// A withdrawn parameter set.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WithdrawnSet {
-    /// `par_…`
-    pub id: String,
-    /// The job that identified it.
-    pub job_id: String,
-    /// Its content, `wire::parameter_set::ParameterSetContent`.
-    pub body_json: String,
+row! {
+    /// A withdrawn parameter set.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct WithdrawnSet {
+        /// `par_…`
+        pub id: String,
+        /// The job that identified it.
+        pub job_id: String,
+        /// Its content, `wire::parameter_set::ParameterSetContent`.
+        pub body_json: String,
+    }
 }
-
-from_row!(WithdrawnSet {
-    id,
-    job_id,
-    body_json
-});
 
 /// Id of a withdrawn parameter set whose values the job holds, if there is one.
 ///

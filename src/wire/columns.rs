@@ -48,18 +48,18 @@ pub struct ColumnMappingAnswer {
     pub created_at: String,
 }
 
-/// The file of an upload that a mapping is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FilePart {
-    /// The only file.
-    Table,
-    /// The robot's file, if there are two files.
-    Robot,
-    /// The instrument's file, if there are two files.
-    Instrument,
+names! {
+    /// The file of an upload that a mapping is for.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum FilePart {
+        /// The only file.
+        Table = "table",
+        /// The robot's file, if there are two files.
+        Robot = "robot",
+        /// The instrument's file, if there are two files.
+        Instrument = "instrument",
+    }
 }
-
-names!(FilePart { Table = "table", Robot = "robot", Instrument = "instrument" });
 
 impl ColumnsBody {
     /// Parses a mapping and makes all checks that are possible without the file.

@@ -23,20 +23,20 @@ use utoipa::ToSchema;
 /// Highest priority of a job. The lowest priority is `-MAX_PRIORITY`.
 pub const MAX_PRIORITY: i64 = 10;
 
-/// Kind of a job.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Kind {
-    /// Identifies parameters.
-    #[default]
-    Identify,
-    /// Scores a parameter set on all points. No parameters are identified.
-    Verify,
-    /// Checks with a few configurations (five to ten, or more) whether the released parameter set is still valid. No parameters are identified.
-    Check,
+names! {
+    /// Kind of a job.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Kind {
+        /// Identifies parameters.
+        #[default]
+        Identify = "identify",
+        /// Scores a parameter set on all points. No parameters are identified.
+        Verify = "verify",
+        /// Checks with a few configurations (five to ten, or more) whether the released parameter set is still valid. No parameters are identified.
+        Check = "check",
+    }
 }
-
-names!(Kind { Identify = "identify", Verify = "verify", Check = "check" });
 
 impl Kind {
     /// True if a job of this kind scores a parameter set and does not identify parameters.

@@ -6,26 +6,23 @@ use crate::wire::problem::Problem;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Status of a job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum JobStatus {
-    /// Waiting for a worker.
-    Queued,
-    /// A worker computes the job.
-    Running,
-    /// Done; the report exists, and after an identification the parameter set.
-    Succeeded,
-    /// Ended without a result; `error` has the cause.
-    Failed,
-    /// Cancelled on request.
-    Cancelled,
+names! {
+    /// Status of a job.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+    #[serde(rename_all = "snake_case")]
+    pub enum JobStatus {
+        /// Waiting for a worker.
+        Queued = "queued",
+        /// A worker computes the job.
+        Running = "running",
+        /// Done; the report exists, and after an identification the parameter set.
+        Succeeded = "succeeded",
+        /// Ended without a result; `error` has the cause.
+        Failed = "failed",
+        /// Cancelled on request.
+        Cancelled = "cancelled",
+    }
 }
-
-names!(JobStatus {
-    Queued = "queued", Running = "running", Succeeded = "succeeded", Failed = "failed",
-    Cancelled = "cancelled",
-});
 
 impl JobStatus {
     /// Whether the status is final.
@@ -34,49 +31,43 @@ impl JobStatus {
     }
 }
 
-/// Stage of a running job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Stage {
-    /// The points are screened, and the method is chosen.
-    Screening,
-    /// The main method: least squares.
-    LeastSquares,
-    /// The main method: a swarm.
-    Pso,
-    /// The main method: a swarm that starts from the robot's network.
-    BpnnPso,
-    /// A network is trained on the swarm.
-    TrainNetwork,
-    /// Least squares refines the swarm's result.
-    Refine,
-    /// The job searches for corrections in addition to link parameters.
-    Corrections,
-    /// Least squares on the same points, for comparison.
-    CompareLeastSquares,
-    /// A cold swarm on the same points, for comparison.
-    ComparePso,
-    /// A swarm that starts from the last identified parameters, for comparison.
-    CompareWarmStart,
-    /// The delivered parameters are fitted to all points of the upload.
-    FinalFit,
-    /// Errors and uncertainties are computed.
-    Uncertainty,
-    /// The uncertainty of the parameters that a partial recalibration holds is computed.
-    HeldUncertainty,
-    /// The session is compared with the previous session, or the sessions of the job are compared with each other.
-    CompareSessions,
-    /// A parameter set is scored.
-    Verify,
+names! {
+    /// Stage of a running job.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Stage {
+        /// The points are screened, and the method is chosen.
+        Screening = "screening",
+        /// The main method: least squares.
+        LeastSquares = "least_squares",
+        /// The main method: a swarm.
+        Pso = "pso",
+        /// The main method: a swarm that starts from the robot's network.
+        BpnnPso = "bpnn_pso",
+        /// A network is trained on the swarm.
+        TrainNetwork = "train_network",
+        /// Least squares refines the swarm's result.
+        Refine = "refine",
+        /// The job searches for corrections in addition to link parameters.
+        Corrections = "corrections",
+        /// Least squares on the same points, for comparison.
+        CompareLeastSquares = "compare_least_squares",
+        /// A cold swarm on the same points, for comparison.
+        ComparePso = "compare_pso",
+        /// A swarm that starts from the last identified parameters, for comparison.
+        CompareWarmStart = "compare_warm_start",
+        /// The delivered parameters are fitted to all points of the upload.
+        FinalFit = "final_fit",
+        /// Errors and uncertainties are computed.
+        Uncertainty = "uncertainty",
+        /// The uncertainty of the parameters that a partial recalibration holds is computed.
+        HeldUncertainty = "held_uncertainty",
+        /// The session is compared with the previous session, or the sessions of the job are compared with each other.
+        CompareSessions = "compare_sessions",
+        /// A parameter set is scored.
+        Verify = "verify",
+    }
 }
-
-names!(Stage {
-    Screening = "screening", LeastSquares = "least_squares", Pso = "pso", BpnnPso = "bpnn_pso",
-    TrainNetwork = "train_network", Refine = "refine", Corrections = "corrections",
-    CompareLeastSquares = "compare_least_squares", ComparePso = "compare_pso",
-    CompareWarmStart = "compare_warm_start", FinalFit = "final_fit", Uncertainty = "uncertainty",
-    HeldUncertainty = "held_uncertainty", CompareSessions = "compare_sessions", Verify = "verify",
-});
 
 impl Stage {
     /// The stage that has this name in the core.
@@ -196,14 +187,14 @@ pub struct JobEvent {
     pub data: String,
 }
 
-/// Name of a job's event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum JobEventName {
-    /// The job has changed.
-    Progress,
-    /// The job has ended; no event follows.
-    Finished,
+names! {
+    /// Name of a job's event.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+    #[serde(rename_all = "snake_case")]
+    pub enum JobEventName {
+        /// The job has changed.
+        Progress = "progress",
+        /// The job has ended; no event follows.
+        Finished = "finished",
+    }
 }
-
-names!(JobEventName { Progress = "progress", Finished = "finished" });

@@ -4,25 +4,23 @@ use crate::wire::names;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A permission of an API key.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub enum Scope {
-    /// Read everything except keys, and calculate without storing.
-    Read,
-    /// Store, edit and archive robots and measurement sets.
-    Upload,
-    /// Post and cancel jobs.
-    Identify,
-    /// Release and withdraw parameter sets.
-    Release,
-    /// Everything, including the management of keys.
-    Admin,
+names! {
+    /// A permission of an API key.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Scope {
+        /// Read everything except keys, and calculate without storing.
+        Read = "read",
+        /// Store, edit and archive robots and measurement sets.
+        Upload = "upload",
+        /// Post and cancel jobs.
+        Identify = "identify",
+        /// Release and withdraw parameter sets.
+        Release = "release",
+        /// Everything, including the management of keys.
+        Admin = "admin",
+    }
 }
-
-names!(Scope {
-    Read = "read", Upload = "upload", Identify = "identify", Release = "release", Admin = "admin",
-});
 
 impl Scope {
     /// The scope with this name.

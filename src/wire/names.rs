@@ -1,7 +1,15 @@
 //! Names of enums without data.
 
-/// Implements `as_str` and `ALL` for an enum. The same names are used in JSON, in the database and on the command line.
+/// Declares an enum with `as_str` and `ALL`, or implements these for an enum. The same names are used in JSON, in the database and on the command line.
 macro_rules! names {
+    ($(#[$about:meta])* $visible:vis enum $name:ident { $($(#[$doc:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
+        $(#[$about])*
+        $visible enum $name {
+            $($(#[$doc])* $variant),+
+        }
+
+        $crate::wire::names!($name { $($variant = $text),+ });
+    };
     ($name:ident { $($variant:ident = $text:literal),+ $(,)? }) => {
         impl $name {
             /// Every variant.

@@ -53,20 +53,20 @@ impl Sort {
     }
 }
 
-/// Whether a list contains archived items.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum ArchivedFilter {
-    /// Only items that are not archived.
-    #[default]
-    False,
-    /// Only archived items.
-    True,
-    /// All items, archived or not.
-    All,
+names! {
+    /// Whether a list contains archived items.
+    #[derive(
+        Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum,
+    )]
+    #[serde(rename_all = "snake_case")]
+    #[value(rename_all = "snake_case")]
+    pub enum ArchivedFilter {
+        /// Only items that are not archived.
+        #[default]
+        False = "false",
+        /// Only archived items.
+        True = "true",
+        /// All items, archived or not.
+        All = "all",
+    }
 }
-
-names!(ArchivedFilter { False = "false", True = "true", All = "all" });

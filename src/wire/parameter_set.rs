@@ -71,24 +71,21 @@ pub struct IdentifiedLink {
     pub beta_deg: f64,
 }
 
-/// Status of a parameter set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum ParameterSetStatus {
-    /// Identified, not released.
-    Candidate,
-    /// The robot's active set.
-    Released,
-    /// Was released and then replaced by the release of another set.
-    Superseded,
-    /// Withdrawn.
-    Withdrawn,
+names! {
+    /// Status of a parameter set.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+    #[serde(rename_all = "snake_case")]
+    pub enum ParameterSetStatus {
+        /// Identified, not released.
+        Candidate = "candidate",
+        /// The robot's active set.
+        Released = "released",
+        /// Was released and then replaced by the release of another set.
+        Superseded = "superseded",
+        /// Withdrawn.
+        Withdrawn = "withdrawn",
+    }
 }
-
-names!(ParameterSetStatus {
-    Candidate = "candidate", Released = "released", Superseded = "superseded",
-    Withdrawn = "withdrawn",
-});
 
 /// A parameter set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]

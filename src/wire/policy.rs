@@ -9,24 +9,22 @@ use utoipa::ToSchema;
 /// Largest tolerance, mm. Calibration cannot help a robot with larger errors.
 const MAX_TOLERANCE_MM: f64 = 1_000.0;
 
-/// Decision rule: how a value is compared with the tolerance (ILAC-G8:09/2019, JCGM 106:2012). ISO/IEC 17025 requires that the decision rule is
-/// stated.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum,
-)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum DecisionRule {
-    /// The value itself must be within the tolerance.
-    SimpleAcceptance,
-    /// The value plus its expanded uncertainty (95 %) must be within the tolerance.
-    #[default]
-    GuardedAcceptance,
+names! {
+    /// Decision rule: how a value is compared with the tolerance (ILAC-G8:09/2019, JCGM 106:2012). ISO/IEC 17025 requires that the decision rule is
+    /// stated.
+    #[derive(
+        Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum,
+    )]
+    #[serde(rename_all = "snake_case")]
+    #[value(rename_all = "snake_case")]
+    pub enum DecisionRule {
+        /// The value itself must be within the tolerance.
+        SimpleAcceptance = "simple_acceptance",
+        /// The value plus its expanded uncertainty (95 %) must be within the tolerance.
+        #[default]
+        GuardedAcceptance = "guarded_acceptance",
+    }
 }
-
-names!(DecisionRule {
-    SimpleAcceptance = "simple_acceptance", GuardedAcceptance = "guarded_acceptance",
-});
 
 /// Release policy of a robot. It contains only the gates that can be configured. These gates and others apply to every release: the errors on verify
 /// points are smaller than those of the nominal robot and of the active set; there is no session in which the set was not better than nominal; the

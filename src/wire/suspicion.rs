@@ -7,32 +7,28 @@ use crate::wire::robot::JointMapBody;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Code of a suspicion that the caller overrides.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
-pub enum Insist {
-    /// Joints or positions seem to be in other units.
-    UnitSuspect,
-    /// Columns or rows seem to be swapped.
-    ColumnSuspect,
-    /// The positions seem to be in another frame.
-    FrameSuspect,
-    /// The controller seems to use another joint convention.
-    JointMapSuspect,
-    /// The upload seems to have been measured on another robot of this server.
-    RobotMismatch,
-    /// The robot does not fit the points, and none of the other suspicions explains it.
-    PoorAlignment,
-    /// The rotations seem to be written in another convention.
-    RotationSuspect,
+names! {
+    /// Code of a suspicion that the caller overrides.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+    #[serde(rename_all = "snake_case")]
+    #[value(rename_all = "snake_case")]
+    pub enum Insist {
+        /// Joints or positions seem to be in other units.
+        UnitSuspect = "unit_suspect",
+        /// Columns or rows seem to be swapped.
+        ColumnSuspect = "column_suspect",
+        /// The positions seem to be in another frame.
+        FrameSuspect = "frame_suspect",
+        /// The controller seems to use another joint convention.
+        JointMapSuspect = "joint_map_suspect",
+        /// The upload seems to have been measured on another robot of this server.
+        RobotMismatch = "robot_mismatch",
+        /// The robot does not fit the points, and none of the other suspicions explains it.
+        PoorAlignment = "poor_alignment",
+        /// The rotations seem to be written in another convention.
+        RotationSuspect = "rotation_suspect",
+    }
 }
-
-names!(Insist {
-    UnitSuspect = "unit_suspect", ColumnSuspect = "column_suspect", FrameSuspect = "frame_suspect",
-    JointMapSuspect = "joint_map_suspect", RobotMismatch = "robot_mismatch",
-    PoorAlignment = "poor_alignment", RotationSuspect = "rotation_suspect",
-});
 
 impl Insist {
     /// Parses a code.

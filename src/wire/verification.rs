@@ -5,17 +5,17 @@ use crate::wire::names;
 use crate::wire::report_shape::Evidence;
 use serde::{Deserialize, Serialize};
 
-/// What a job did with a parameter set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VerificationKind {
-    /// The job identified the set.
-    Identification,
-    /// The job scored the set on another session (kind `verify` or `check`).
-    Session,
+names! {
+    /// What a job did with a parameter set.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum VerificationKind {
+        /// The job identified the set.
+        Identification = "identification",
+        /// The job scored the set on another session (kind `verify` or `check`).
+        Session = "session",
+    }
 }
-
-names!(VerificationKind { Identification = "identification", Session = "session" });
 
 /// Verification facts of one job.
 #[derive(Clone, Debug, PartialEq)]

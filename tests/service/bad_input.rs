@@ -536,14 +536,7 @@ async fn few_and_repeated_poses_warn_and_are_not_identified_from() {
             .chain((0..60).map(|i| cells()[1 + i % n].clone()))
             .collect();
         for (cells, also) in [(few, None), (repeated, Some("duplicate_poses"))] {
-            let set = app
-                .post(
-                    &format!("{robot}/measurement-sets?frame=base"),
-                    "text/csv",
-                    csv(&cells),
-                )
-                .await
-                .ok(201);
+            let set = app.upload_csv(&robot, "frame=base", csv(&cells)).await;
             let codes: Vec<&str> = set["warnings"]
                 .as_array()
                 .unwrap()
@@ -616,10 +609,7 @@ async fn a_decimal_comma_is_read_declared_or_not_and_never_against_what_is_decla
                 )
                 .await;
             assert_eq!(job["status"], "succeeded", "{job}");
-            let report = app
-                .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-                .await
-                .ok(200);
+            let report = app.report(&job).await;
             results.push((
                 report["cost_mm2"].clone(),
                 report["parameters"].clone(),
@@ -678,14 +668,7 @@ async fn a_byte_order_mark_and_windows_line_ends_are_no_fault() {
         format!("\u{feff}{plain}"),
         format!("\u{feff}{}\r\n\r\n", plain.replace('\n', "\r\n")),
     ] {
-        let set = app
-            .post(
-                &format!("{robot}/measurement-sets?frame=base"),
-                "text/csv",
-                body,
-            )
-            .await
-            .ok(201);
+        let set = app.upload_csv(&robot, "frame=base", body).await;
         assert_eq!(
             (&set["n_points"], &set["warnings"]),
             (&json!(100), &json!([]))

@@ -182,6 +182,29 @@ impl TestApp {
         job
     }
 
+    /// Uploads a CSV file, which must be accepted.
+    pub async fn upload_csv(
+        &self,
+        robot: &str,
+        query: &str,
+        csv: impl Into<reqwest::Body>,
+    ) -> Value {
+        let path = format!("{robot}/measurement-sets?{query}");
+        self.post(&path, "text/csv", csv).await.ok(201)
+    }
+
+    /// The report of a job.
+    pub async fn report(&self, job: &Value) -> Value {
+        let path = format!("/v1/jobs/{}/report", text(&job["id"]));
+        self.get(&path).await.ok(200)
+    }
+
+    /// The parameter set of a job.
+    pub async fn parameter_set(&self, job: &Value) -> Value {
+        let path = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+        self.get(&path).await.ok(200)
+    }
+
     /// Runs a least-squares job on the paper's first set. Returns the robot's path and the job.
     pub async fn identified(&self) -> (String, Value) {
         let (robot, set) = self.robot_with_set("first.csv").await;

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use super::chain::Chain;
 use super::check::{BATCH, Check, DOCUMENT_BATCH, Options};
 use super::rules;
-use crate::store::from_row::from_row;
+use crate::store::from_row::row;
+use crate::store::id_prefix::IdPrefix;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::job_sessions::further_set_ids;
 use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
@@ -180,16 +181,18 @@ async fn check_lost_rows(check: &mut Check, store: &Store, chain: &Chain) -> Res
 }
 
 async fn is_there(store: &Store, id: &str) -> Result<bool> {
-    let query = match id.split_once('_').map(|(prefix, _)| prefix) {
-        Some("set") => SUBJECT_SET,
-        Some("frm") => SUBJECT_FRAMES,
-        Some("col" | "doc") => SUBJECT_NAMED_DOCUMENT,
-        Some("rob") => SUBJECT_ROBOT,
-        Some("job") => SUBJECT_JOB,
-        Some("par") => SUBJECT_PARAMETER_SET,
-        Some("net") => SUBJECT_NETWORK,
-        Some("key") => SUBJECT_KEY,
-        _ => return Ok(true),
+    let Some(prefix) = IdPrefix::of(id) else {
+        return Ok(true);
+    };
+    let query = match prefix {
+        IdPrefix::MeasurementSet => SUBJECT_SET,
+        IdPrefix::Frames => SUBJECT_FRAMES,
+        IdPrefix::Columns | IdPrefix::Document | IdPrefix::Reference => SUBJECT_NAMED_DOCUMENT,
+        IdPrefix::Robot => SUBJECT_ROBOT,
+        IdPrefix::Job => SUBJECT_JOB,
+        IdPrefix::ParameterSet => SUBJECT_PARAMETER_SET,
+        IdPrefix::Network => SUBJECT_NETWORK,
+        IdPrefix::Key => SUBJECT_KEY,
     };
     let n: i64 = sqlx::query_scalar(query)
         .bind(id)
@@ -324,38 +327,24 @@ async fn at_most_one(
     Ok(check)
 }
 
-/// A succeeded job: all inputs that determine its result, and the result. An absent input is an empty text.
-struct SucceededJob {
-    id: String,
-    robot_id: String,
-    measurement_set_id: String,
-    further_set_ids: String,
-    verify_set_id: String,
-    frames_id: String,
-    network_input_id: String,
-    residual_network_input_id: String,
-    parameter_set_input_id: String,
-    request_json: String,
-    report_json: String,
-    result_sha256: String,
-    robot_version: i64,
+row! {
+    /// A succeeded job: all inputs that determine its result, and the result. An absent input is an empty text.
+    struct SucceededJob {
+        id: String,
+        robot_id: String,
+        measurement_set_id: String,
+        further_set_ids: String,
+        verify_set_id: String,
+        frames_id: String,
+        network_input_id: String,
+        residual_network_input_id: String,
+        parameter_set_input_id: String,
+        request_json: String,
+        report_json: String,
+        result_sha256: String,
+        robot_version: i64,
+    }
 }
-
-from_row!(SucceededJob {
-    id,
-    robot_id,
-    measurement_set_id,
-    further_set_ids,
-    verify_set_id,
-    frames_id,
-    network_input_id,
-    residual_network_input_id,
-    parameter_set_input_id,
-    request_json,
-    report_json,
-    result_sha256,
-    robot_version
-});
 
 /// The fields of a report that I5 compares. Other fields are skipped during parsing.
 #[derive(Default, Deserialize)]
@@ -425,24 +414,17 @@ pub(super) async fn one_released_per_robot(store: &Store) -> Result<Check> {
     at_most_one(check, store, RELEASED_OF_ROBOTS, "released parameter sets").await
 }
 
-/// A parameter set that was released at least once.
-struct Released {
-    id: String,
-    status: String,
-    checks_json: String,
-    released_at_ms: i64,
-    release_n_passed: Option<i64>,
-    release_n_failed: Option<i64>,
+row! {
+    /// A parameter set that was released at least once.
+    struct Released {
+        id: String,
+        status: String,
+        checks_json: String,
+        released_at_ms: i64,
+        release_n_passed: Option<i64>,
+        release_n_failed: Option<i64>,
+    }
 }
-
-from_row!(Released {
-    id,
-    status,
-    checks_json,
-    released_at_ms,
-    release_n_passed,
-    release_n_failed
-});
 
 /// I7: the checks of a release are stored, all of them passed, and their hash is in the chain.
 pub(super) async fn releases_have_checks(store: &Store, chain: &Chain) -> Result<Check> {

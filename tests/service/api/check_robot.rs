@@ -60,10 +60,7 @@ async fn a_set_to_verify_on_that_does_not_fit_asks_for_a_look_at_the_robot() {
         let (robot, set) = app.robot_with_set("first_noisy.csv").await;
         let wrong = upload(&app, &robot, &wrong).await;
         let job = identified(&app, &robot, &set, Some(&wrong)).await;
-        let report = app
-            .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200);
+        let report = app.report(&job).await;
         assert!(
             codes(&report).contains(&"session_does_not_fit"),
             "{name}: {:?}",

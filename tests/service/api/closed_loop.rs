@@ -135,20 +135,10 @@ async fn a_real_robot_lands_where_the_nominal_one_would() {
     } = Cell::registered(&app).await;
     let poses: Vec<Vec<f64>> = (0..150).map(|_| random.pose(&LIMITS_DEG)).collect();
     let csv = csv(&truth, &poses, &mut random);
-    let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=instrument"),
-            "text/csv",
-            csv,
-        )
-        .await
-        .ok(201);
+    let set = app.upload_csv(&robot, "frame=instrument", csv).await;
     let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "verify": {"source": "fraction", "fraction": 0.1}})).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     println!(
         "verify {}; corrections {}",
         report["verify"], report["corrections"]

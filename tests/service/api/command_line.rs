@@ -5,6 +5,7 @@ use crate::app::{paper, text};
 use crate::people::{Person, guarded};
 use crate::process::run_against;
 use crate::simulation::Normal;
+use kincal::store::{Store, StoreLocation};
 use serde_json::{Value, json};
 use std::io::Read;
 use std::process::{Command, Stdio};
@@ -237,6 +238,18 @@ async fn what_goes_wrong_says_what_to_do_next() {
             "give --verify or --check with it",
         ),
         (vec!["params", "--gates"], 2, "<ID>"),
+        (
+            vec!["export", "par_0", "--json", "--format", "urdf"],
+            2,
+            "another --format",
+        ),
+        (
+            vec!["report", "job_0", "--json", "--html", "x.html"],
+            2,
+            "--html and --json",
+        ),
+        (vec!["compare", "par_1", "par_2#x"], 2, "is not an id"),
+        (vec!["gates", "par_1/../x?y"], 2, "is not an id"),
         (vec!["key", "revoke"], 2, "--name NAME"),
         (
             vec!["key", "create", "--name", "", "--scope", "read"],
@@ -422,6 +435,53 @@ fn a_long_option_without_an_environment_variable_is_one_of_those_that_are_said_t
             );
         }
     }
+}
+
+#[test]
+fn a_flag_that_the_environment_switches_off_is_not_given() {
+    let error = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_kincal"))
+            .args(arguments)
+            .env("KINCAL_JSON", "0")
+            .env("KINCAL_SERVER", "http://127.0.0.1:1")
+            .output()
+            .unwrap();
+        (
+            output.status.code(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    };
+    for arguments in [
+        vec!["report", "job_0", "--html", "/nowhere/x.html"],
+        vec!["export", "par_0", "--patch", &data("robot.json")],
+    ] {
+        let (code, stderr) = error(&arguments);
+        assert_eq!(code, Some(1), "{arguments:?}: {stderr}");
+        assert!(stderr.contains("127.0.0.1:1"), "{stderr}");
+    }
+}
+
+#[tokio::test]
+async fn a_key_for_a_robot_that_cannot_be_read_is_no_wrong_usage() {
+    let dir = tempfile::tempdir().unwrap();
+    let location = StoreLocation::Sqlite {
+        data_dir: dir.path().to_owned(),
+    };
+    let store = Store::open_beside_a_server(location).await.unwrap();
+    sqlx::query("alter table robot rename to other")
+        .execute(store.readers())
+        .await
+        .unwrap();
+    drop(store);
+    let output = Command::new(env!("CARGO_BIN_EXE_kincal"))
+        .args(["key", "create", "--name", "n", "--scope", "read"])
+        .args(["--robot", "rob_0", "--data-dir"])
+        .arg(dir.path())
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(!stderr.contains("there is no robot"), "{stderr}");
 }
 
 #[test]

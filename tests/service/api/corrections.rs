@@ -40,14 +40,7 @@ async fn measured(seed: u64) -> Measured {
         text(&app.post_json("/v1/robots", &body).await.ok(201)["id"])
     );
     let csv = campaign(&with_payload(&truth, MEASURED_WITH_KG), 120, &mut random);
-    let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=instrument"),
-            "text/csv",
-            csv,
-        )
-        .await
-        .ok(201);
+    let set = app.upload_csv(&robot, "frame=instrument", csv).await;
     let unseen = (0..100).map(|_| random.pose(&LIMITS_DEG)).collect();
     Measured {
         app,
@@ -69,11 +62,7 @@ impl Measured {
             .for_each(|(name, value)| request[name] = value.clone());
         let job = self.app.run(&self.robot, &request).await;
         assert_eq!(job["status"], "succeeded", "{job}");
-        let report = self
-            .app
-            .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200);
+        let report = self.app.report(&job).await;
         (
             report,
             format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"])),
@@ -460,21 +449,11 @@ async fn corrections_that_are_worse_than_the_links_on_the_verify_points_are_drop
         text(&app.post_json("/v1/robots", &arm()).await.ok(201)["id"])
     );
     let csv = misleading_groups(&mut Normal::new(5));
-    let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=instrument"),
-            "text/csv",
-            csv,
-        )
-        .await
-        .ok(201);
+    let set = app.upload_csv(&robot, "frame=instrument", csv).await;
     let job = app
         .run(&robot, &json!({"measurement_set_id": set["id"]}))
         .await;
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     let tried = report["corrections"].as_array().unwrap();
     assert!(
         tried.iter().all(|c| c["kept"] == false),
@@ -505,13 +484,7 @@ async fn corrections_that_are_worse_than_the_links_on_the_verify_points_are_drop
         report["warnings"]
     );
     // All readers of corrections find none.
-    let set = app
-        .get(&format!(
-            "/v1/parameter-sets/{}",
-            text(&job["parameter_set_id"])
-        ))
-        .await
-        .ok(200);
+    let set = app.parameter_set(&job).await;
     assert!(set.get("corrections").is_none() && set.get("links_with_corrections").is_none());
     assert!(job.get("residual_network_id").is_none_or(Value::is_null));
     let networks = app.get(&format!("{robot}/networks")).await.ok(200);

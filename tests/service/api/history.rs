@@ -200,10 +200,7 @@ async fn after_a_collision_only_what_is_named_is_identified_anew() {
             assert!(is_named || change < 1e-12, "{name}_{}: {change}", i + 1);
         }
     }
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     // Base and target are identified together with the named parameters.
     let parameters = report["parameters"].as_array().unwrap();
     let parameters: Vec<_> = parameters
@@ -224,10 +221,7 @@ async fn after_a_collision_only_what_is_named_is_identified_anew() {
         "{page}"
     );
     let nominal = app.run(&robot, &partial("nominal", None)).await;
-    let from_nominal = app
-        .get(&format!("/v1/jobs/{}/report", text(&nominal["id"])))
-        .await
-        .ok(200);
+    let from_nominal = app.report(&nominal).await;
     let rms = |report: &serde_json::Value| report["verify"]["after"]["rms_mm"].as_f64().unwrap();
     assert!(
         rms(&report) < rms(&from_nominal),

@@ -28,10 +28,7 @@ async fn a_job_is_queued_at_once_and_succeeds_with_a_report() {
             &json!(1)
         )
     );
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     assert_eq!(
         (
             &report["job_id"],
@@ -130,10 +127,7 @@ async fn a_swarms_network_is_stored_and_moves_the_next_swarm() {
     let automatic = json!({"measurement_set_id": first, "method": "auto"});
     let result = async |app: &TestApp| {
         let job = app.run(&robot, &automatic).await;
-        app.get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200)["result_sha256"]
-            .clone()
+        app.report(&job).await["result_sha256"].clone()
     };
     let before = result(&app).await;
     let trained = app
@@ -205,9 +199,7 @@ async fn a_job_says_what_changed_since_the_robots_last_identification_and_its_ha
                 &json!({"measurement_set_id": set, "method": "least_squares"}),
             )
             .await;
-        app.get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200)
+        app.report(&job).await
     };
     let (new, after_collision, back) = (
         report_of(&first).await,
@@ -248,17 +240,8 @@ async fn the_same_request_gives_the_same_result_also_after_a_restart_and_with_ot
     for workers in [1, 3] {
         for _ in 0..2 {
             let job = app.run(&robot, &request).await;
-            let report = app
-                .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-                .await
-                .ok(200);
-            let set = app
-                .get(&format!(
-                    "/v1/parameter-sets/{}",
-                    text(&job["parameter_set_id"])
-                ))
-                .await
-                .ok(200);
+            let report = app.report(&job).await;
+            let set = app.parameter_set(&job).await;
             hashes.push((report["result_sha256"].clone(), set["sha256"].clone()));
         }
         app.config.workers = Some(workers + 2);
@@ -269,10 +252,7 @@ async fn the_same_request_gives_the_same_result_also_after_a_restart_and_with_ot
         "{hashes:?}"
     );
     let other = app.run(&robot, &json!({"measurement_set_id": set, "method": "pso", "seed": 4, "options": {"n_iterations": 40}})).await;
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&other["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&other).await;
     assert_ne!(
         report["result_sha256"], hashes[0].0,
         "another seed is another result"
@@ -414,9 +394,7 @@ async fn a_verify_job_scores_the_named_set_else_the_active_one_else_the_nominal_
             (&json!("succeeded"), &json!("verify"), &Value::Null),
             "{job}"
         );
-        app.get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200)
+        app.report(&job).await
     };
     let nominal = report(&request).await;
     assert_eq!(nominal["verify"]["before"], nominal["verify"]["after"]);
@@ -478,10 +456,7 @@ async fn priors_and_bounds_are_kept_and_stand_in_the_report() {
             (&json!("succeeded"), &priors),
             "{job}"
         );
-        let report = app
-            .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200);
+        let report = app.report(&job).await;
         let of = |name: &str| {
             report["parameters"]
                 .as_array()
@@ -754,10 +729,7 @@ async fn another_set_can_verify_and_is_stronger_evidence() {
             &json!({"measurement_set_id": first, "method": "least_squares", "verify": verify}),
         )
         .await;
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     assert_eq!(report["evidence"], "independent_session");
 }
 
@@ -820,13 +792,12 @@ async fn sweeps_and_a_set_in_the_instruments_frame_give_the_papers_model_and_a_n
     let app = TestApp::with_workers(1).await;
     let robot = app.paper_robot().await;
     let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=instrument"),
-            "text/csv",
+        .upload_csv(
+            &robot,
+            "frame=instrument",
             first_csv_seen_by_the_instrument(),
         )
-        .await
-        .ok(201);
+        .await;
     let request = json!({"measurement_set_id": set["id"], "model": "paper", "method": "pso"});
     app.post_json(&format!("{robot}/jobs"), &request)
         .await
@@ -846,10 +817,7 @@ async fn sweeps_and_a_set_in_the_instruments_frame_give_the_papers_model_and_a_n
         let job = app.run(&robot, &request).await;
         assert_eq!(job["status"], "succeeded", "{job}");
         assert_eq!(job["request"]["frames_id"], frames["id"]);
-        let report = app
-            .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-            .await
-            .ok(200);
+        let report = app.report(&job).await;
         assert_eq!(
             (text(&report["method"]), text(&report["model"])),
             (method, "paper")
@@ -862,13 +830,7 @@ async fn sweeps_and_a_set_in_the_instruments_frame_give_the_papers_model_and_a_n
             rms("before"),
             rms("after")
         );
-        let parameter_set = app
-            .get(&format!(
-                "/v1/parameter-sets/{}",
-                text(&job["parameter_set_id"])
-            ))
-            .await
-            .ok(200);
+        let parameter_set = app.parameter_set(&job).await;
         let z_mm = parameter_set["targets"][0]["position_mm"][2]
             .as_f64()
             .unwrap();
@@ -956,13 +918,8 @@ async fn a_swarm_that_would_take_hours_is_refused() {
         .collect();
     let csv = format!("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n{rows}");
     let large = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=base&insist=poor_alignment"),
-            "text/csv",
-            csv,
-        )
-        .await
-        .ok(201);
+        .upload_csv(&robot, "frame=base&insist=poor_alignment", csv)
+        .await;
     let request = json!({"measurement_set_id": large["id"], "method": "pso", "options": options});
     app.post_json(&format!("{robot}/jobs"), &request)
         .await

@@ -10,13 +10,7 @@ use sha2::{Digest, Sha256};
 async fn a_parameter_set_says_what_the_controller_needs() {
     let app = TestApp::with_workers(1).await;
     let (robot, job) = app.identified().await;
-    let set = app
-        .get(&format!(
-            "/v1/parameter-sets/{}",
-            text(&job["parameter_set_id"])
-        ))
-        .await
-        .ok(200);
+    let set = app.parameter_set(&job).await;
     assert_eq!(
         (&set["status"], &set["job_id"]),
         (&json!("candidate"), &job["id"])
@@ -80,13 +74,7 @@ fn canonical(value: &Value) -> String {
 async fn the_cell_pc_can_check_a_parameter_sets_hash() {
     let app = TestApp::with_workers(1).await;
     let (_, job) = app.identified().await;
-    let set = app
-        .get(&format!(
-            "/v1/parameter-sets/{}",
-            text(&job["parameter_set_id"])
-        ))
-        .await
-        .ok(200);
+    let set = app.parameter_set(&job).await;
     let content = json!({"links": set["links"], "t_instrument_base": set["t_instrument_base"], "targets": set["targets"]});
     let hash: String = Sha256::digest(canonical(&content))
         .iter()
@@ -195,20 +183,10 @@ async fn a_set_that_nobody_verified_is_not_released() {
     let all_identify = String::from_utf8(paper("first.csv"))
         .unwrap()
         .replace("verify", "identify");
-    let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=base"),
-            "text/csv",
-            all_identify,
-        )
-        .await
-        .ok(201);
+    let set = app.upload_csv(&robot, "frame=base", all_identify).await;
     let job = app.run(&robot, &json!({"measurement_set_id": set["id"], "method": "least_squares", "verify": {"source": "subset"}})).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     assert_eq!(
         (&report["verify"], &report["evidence"]),
         (&Value::Null, &json!("none"))
@@ -317,24 +295,14 @@ async fn after_a_slip_the_reflector_is_predicted_in_either_stretch() {
         csv += &format!("{subset},{}\n", numbers.join(","));
     }
     let robot = app.paper_robot().await;
-    let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=instrument"),
-            "text/csv",
-            csv,
-        )
-        .await
-        .ok(201);
+    let set = app.upload_csv(&robot, "frame=instrument", csv).await;
     let job = app
         .run(
             &robot,
             &json!({"measurement_set_id": set["id"], "corrections": "off"}),
         )
         .await;
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     let moved = report["warnings"]
         .as_array()
         .unwrap()

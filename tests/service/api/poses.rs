@@ -171,10 +171,7 @@ async fn poses_are_uploaded_identified_reported_and_correct_whole_poses() {
         .run(&robot, &json!({"measurement_set_id": set["id"]}))
         .await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     let verify = &report["verify"];
     let of = |when: &str| {
         (

@@ -155,14 +155,7 @@ async fn both_errors_of_the_verify_points_are_told() {
     let row = lines.iter_mut().find(|line| line.contains(",verify,"));
     let row = row.unwrap();
     *row = format!("{}9.0", row.rsplit_once(',').unwrap().0.to_owned() + ",");
-    let answer = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=base"),
-            "text/csv",
-            lines.join("\n"),
-        )
-        .await
-        .ok(201);
+    let answer = app.upload_csv(&robot, "frame=base", lines.join("\n")).await;
     let job = app
         .run(&robot, &json!({"measurement_set_id": answer["id"]}))
         .await;
@@ -195,21 +188,11 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     let (robot, job) = app.identified().await;
     // A session of the nominal robot: there the nominal robot is right, and the identified one is not.
     let exact = predicted_by_nominal();
-    let session = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=base"),
-            "text/csv",
-            exact,
-        )
-        .await
-        .ok(201);
+    let session = app.upload_csv(&robot, "frame=base", exact).await;
     let verify = json!({"kind": "verify", "measurement_set_id": session["id"], "parameter_set_id": job["parameter_set_id"]});
     let scored = app.run(&robot, &verify).await;
     assert_eq!(scored["status"], "succeeded");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&scored["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&scored).await;
     assert_eq!(
         (&scored["parameter_set_from"], &report["parameter_set_from"]),
         (&verify["parameter_set_id"], &verify["parameter_set_id"])
@@ -222,14 +205,7 @@ async fn a_set_that_another_session_shows_to_be_no_better_than_nominal_is_never_
     // Nor after many more sessions, each from another upload, in which it is better.
     for left_out in 0..9 {
         let better = rows_of("first.csv", |rows| drop(rows.remove(left_out)));
-        let better = app
-            .post(
-                &format!("{robot}/measurement-sets?frame=base"),
-                "text/csv",
-                better,
-            )
-            .await
-            .ok(201);
+        let better = app.upload_csv(&robot, "frame=base", better).await;
         let better = json!({"kind": "verify", "measurement_set_id": better["id"], "parameter_set_id": job["parameter_set_id"]});
         assert_eq!(app.run(&robot, &better).await["status"], "succeeded");
     }
@@ -438,22 +414,10 @@ async fn the_same_points_uploaded_again_are_no_independent_session() {
         (one_pose, too_little),
     ];
     for (again, (evidence, gates)) in sets {
-        let again = app
-            .post(
-                &format!("{robot}/measurement-sets?frame=base"),
-                "text/csv",
-                again,
-            )
-            .await
-            .ok(201);
+        let again = app.upload_csv(&robot, "frame=base", again).await;
         let verify = json!({"kind": "verify", "measurement_set_id": again["id"], "parameter_set_id": job["parameter_set_id"]});
         let verified = app.run(&robot, &verify).await;
-        assert_eq!(
-            app.get(&format!("/v1/jobs/{}/report", text(&verified["id"])))
-                .await
-                .ok(200)["evidence"],
-            evidence
-        );
+        assert_eq!(app.report(&verified).await["evidence"], evidence);
         let refused = app
             .post_json(
                 &format!("{}/release", path(&job)),
@@ -505,14 +469,7 @@ async fn repeats_of_a_good_session_do_not_displace_a_bad_one() {
             row[6] = (number(&row[6]) + if i % 2 == 0 { 0.4 } else { -0.4 }).to_string()
         })
     });
-    let bad = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=base"),
-            "text/csv",
-            bad,
-        )
-        .await
-        .ok(201);
+    let bad = app.upload_csv(&robot, "frame=base", bad).await;
     let verify = |set: &Value| json!({"kind": "verify", "measurement_set_id": set, "parameter_set_id": job["parameter_set_id"]});
     assert_eq!(
         app.run(&robot, &verify(&bad["id"])).await["status"],

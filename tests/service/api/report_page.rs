@@ -48,10 +48,7 @@ async fn the_page_says_what_the_report_says() {
         .run(&robot, &json!({"measurement_set_id": set, "method": "pso"}))
         .await;
     let (page, _) = page(&app, &job).await;
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     for half in ["identify", "verify"] {
         for (stage, decimals) in [("before", 2), ("after", 4)] {
             let rms = report[half][stage]["rms_mm"].as_f64().unwrap();
@@ -65,13 +62,7 @@ async fn the_page_says_what_the_report_says() {
         .get(&format!("/v1/measurement-sets/{set}"))
         .await
         .ok(200);
-    let parameters = app
-        .get(&format!(
-            "/v1/parameter-sets/{}",
-            text(&job["parameter_set_id"])
-        ))
-        .await
-        .ok(200);
+    let parameters = app.parameter_set(&job).await;
     for expected in [
         &report["result_sha256"],
         &summary["sha256"],
@@ -131,23 +122,13 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
     let mut poses: Vec<Vec<f64>> = (0..100).map(|_| random.pose(&LIMITS_DEG)).collect();
     (0..5).for_each(|_| poses.extend_from_within(..3));
     let csv = csv(&truth, &poses, &mut random);
-    let set = app
-        .post(
-            &format!("{robot}/measurement-sets?frame=instrument"),
-            "text/csv",
-            csv,
-        )
-        .await
-        .ok(201);
+    let set = app.upload_csv(&robot, "frame=instrument", csv).await;
     let job = app
         .run(&robot, &json!({"measurement_set_id": set["id"]}))
         .await;
     assert_eq!(job["status"], "succeeded", "{job}");
     let (text_of_it, _) = page(&app, &job).await;
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
 
     let section = between(&text_of_it, "What links cannot say", "</section>");
     let corrections = report["corrections"].as_array().unwrap();

@@ -54,10 +54,7 @@ async fn identified(app: &TestApp, robot: &str, set: &Value) -> (Value, Value) {
         json!({"measurement_set_id": set, "verify": {"source": "fraction", "fraction": 0.1}});
     let job = app.run(robot, &request).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     let tried = report["corrections"]
         .as_array()
         .unwrap()
@@ -120,13 +117,7 @@ async fn a_residual_network_is_stored_like_the_papers_and_the_next_one_goes_on_f
     let path = format!("/v1/networks/{}", text(&stored[0]["id"]));
     assert_eq!(app.get(&path).await.ok(200), stored[0]);
     let weights = app.get(&format!("{path}/weights")).await.bytes;
-    let set = app
-        .get(&format!(
-            "/v1/parameter-sets/{}",
-            text(&first["parameter_set_id"])
-        ))
-        .await
-        .ok(200);
+    let set = app.parameter_set(&first).await;
     let used = &set["corrections"]["residual_network"];
     for name in [
         "hidden_weights",

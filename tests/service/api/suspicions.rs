@@ -83,6 +83,33 @@ async fn a_tracker_file_read_as_base_frame_is_refused_with_the_remedy_and_calibr
 }
 
 #[tokio::test]
+async fn the_robot_that_a_file_was_measured_on_is_found_behind_many_newer_ones() {
+    let app = TestApp::spawn().await;
+    app.paper_robot().await;
+    let mut body: Value = serde_json::from_slice(&paper("robot.json")).unwrap();
+    let own_name = text(&body["name"]).to_owned();
+    body["name"] = json!("another model");
+    for link in body["links"].as_array_mut().unwrap() {
+        link["a_mm"] = json!(link["a_mm"].as_f64().unwrap() * 1.3);
+    }
+    let mut robot = String::new();
+    for _ in 0..60 {
+        let created = app.post_json("/v1/robots", &body).await.ok(201);
+        robot = format!("/v1/robots/{}", text(&created["id"]));
+    }
+    let csv = String::from_utf8(paper("first.csv")).unwrap();
+    let refused = upload(&app, &robot, "frame=base", &csv).await;
+    assert_eq!(refused.status, 422, "{}", refused.text());
+    assert!(
+        refused
+            .text()
+            .contains(&format!("measured on \\\"{own_name}")),
+        "{}",
+        refused.text()
+    );
+}
+
+#[tokio::test]
 async fn a_controllers_joint_convention_is_refused_and_accepted_on_a_robot_with_the_joint_map_of_the_refusal()
  {
     let app = TestApp::spawn().await;
@@ -225,10 +252,7 @@ async fn a_job_whose_points_do_not_fit_leaves_no_network() {
     let request = json!({"measurement_set_id": set["id"], "method": "pso", "options": {"n_particles": 20, "n_iterations": 5}});
     let job = app.run(&robot, &request).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     assert!(codes(&report["warnings"]).contains(&"no_fit"), "{report}");
     // No figure is shown for a result that does not fit.
     assert_eq!(report["tool_uncertainty_mm"], Value::Null);

@@ -81,10 +81,7 @@ async fn outcome(app: &TestApp, robot: &str, set: &str) -> (Value, Value) {
     let request = json!({"measurement_set_id": set, "method": "least_squares"});
     let job = app.run(robot, &request).await;
     assert_eq!(job["status"], "succeeded", "{job}");
-    let report = app
-        .get(&format!("/v1/jobs/{}/report", text(&job["id"])))
-        .await
-        .ok(200);
+    let report = app.report(&job).await;
     (report["parameters"].clone(), report["verify"].clone())
 }
 

@@ -30,7 +30,7 @@ fn each_engine_prepares_every_query() {
                 "a limit that is bound is cast: {query}"
             );
             let prepared = (&mut *connection)
-                .prepare(sqlx::SqlSafeStr::into_sql_str(query))
+                .prepare(sqlx::SqlSafeStr::into_sql_str(sqlx::AssertSqlSafe(&*query)))
                 .await;
             prepared.unwrap_or_else(|error| panic!("{error}: {query}"));
         }
@@ -132,6 +132,20 @@ fn a_data_directory_serves_one_server_at_a_time() {
             []
         );
     });
+}
+
+/// Commands beside a server take the lock for a moment.
+#[tokio::test]
+async fn a_server_waits_for_a_lock_that_is_held_for_a_moment() {
+    let directory = TempDir::new().unwrap();
+    let location = StoreLocation::Sqlite {
+        data_dir: directory.path().to_owned(),
+    };
+    let lock = std::fs::File::create(directory.path().join("lock")).unwrap();
+    lock.lock().unwrap();
+    // The first attempt of the server comes before the lock is given back.
+    let (opened, ()) = tokio::join!(Store::open(location), async { drop(lock) });
+    opened.unwrap();
 }
 
 #[test]

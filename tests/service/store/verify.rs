@@ -142,7 +142,11 @@ pub async fn insert_examples(store: &Store, set: &MeasurementSetRow) {
     };
     in_transaction(store, async |tx| frames::insert(tx, &new).await).await;
     let robot = &set.robot_id;
-    for kind in [NamedDocumentKind::Columns, NamedDocumentKind::Tool] {
+    for kind in [
+        NamedDocumentKind::Columns,
+        NamedDocumentKind::Tool,
+        NamedDocumentKind::Reference,
+    ] {
         in_transaction(store, async |tx| {
             tx.act_as("key_0");
             let new = NewNamedDocument {
@@ -251,6 +255,7 @@ const FAULTS: &[(&str, &[&str])] = &[
     ),
     ("delete from named_document where kind = 'columns'", &["I1"]),
     ("delete from named_document where kind = 'tool'", &["I1"]),
+    ("delete from named_document where kind = 'reference'", &["I1"]),
     ("drop trigger measurement_set_reading_stays", &["I9"]),
     ("drop trigger frames_stay; update frames set result_json = '[]'", &["I1", "I9"]),
     ("update job set request_json = '{\"seed\":1}' where status = 'succeeded'", &["I1"]),

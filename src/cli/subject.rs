@@ -1,0 +1,123 @@
+//! What most commands are about: a robot, a parameter set or a job of a server, and the format of the output.
+
+use super::client::{Client, ServerArguments};
+use super::runtime::block_on;
+use super::terminal::Output;
+use super::usage::Usage;
+use crate::wire::id::is_plausible;
+use reqwest::Method;
+use serde::Serialize;
+use serde_json::Value;
+
+/// A robot of a server.
+#[derive(Debug, clap::Args)]
+pub struct OfRobot {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(value_name = "ROBOT")]
+    pub robot: String,
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// A parameter set of a server.
+#[derive(Debug, clap::Args)]
+pub struct OfParameterSet {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The parameter set, as `kincal params` lists it.
+    #[arg(value_name = "ID")]
+    pub id: String,
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// A job of a server.
+#[derive(Debug, clap::Args)]
+pub struct OfJob {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The job, as `kincal jobs` lists it.
+    #[arg(value_name = "ID")]
+    pub id: String,
+    #[command(flatten)]
+    pub output: Output,
+}
+
+impl OfRobot {
+    /// The client, and the robot's path or one below it.
+    pub async fn at(&self, below: &str) -> anyhow::Result<(Client, String)> {
+        let client = self.server.client()?;
+        let robot = client.robot_id(&self.robot).await?;
+        Ok((client, format!("/v1/robots/{robot}{below}")))
+    }
+
+    /// Reads the robot, or what is below it.
+    pub fn get(&self, below: &str) -> anyhow::Result<Value> {
+        block_on(async {
+            let (client, path) = self.at(below).await?;
+            client.get(&path).await
+        })
+    }
+
+    /// Sends JSON to a path below the robot.
+    pub fn send(
+        &self,
+        method: Method,
+        below: &str,
+        body: &impl Serialize,
+    ) -> anyhow::Result<Value> {
+        block_on(async {
+            let (client, path) = self.at(below).await?;
+            client.send(method, &path, body).await
+        })
+    }
+}
+
+impl OfParameterSet {
+    /// The client, and a path below the parameter set.
+    pub fn at(&self, below: &str) -> anyhow::Result<(Client, String)> {
+        Ok((
+            self.server.client()?,
+            item("parameter-sets", &self.id, below)?,
+        ))
+    }
+}
+
+impl OfJob {
+    /// The client, and a path below the job.
+    pub fn at(&self, below: &str) -> anyhow::Result<(Client, String)> {
+        Ok((self.server.client()?, item("jobs", &self.id, below)?))
+    }
+}
+
+/// The path of an item, or one below it. Refuses what cannot be an id, because it could lead to another path.
+pub fn item(kind: &str, id: &str, below: &str) -> Result<String, Usage> {
+    Ok(format!("/v1/{kind}/{}{below}", checked(id)?))
+}
+
+/// Refuses what cannot be an id.
+pub fn checked(id: &str) -> Result<&str, Usage> {
+    match is_plausible(id) && !id.is_empty() {
+        true => Ok(id),
+        false => Err(Usage(format!(
+            "{id:?} is not an id; ids have letters, digits and _ only"
+        ))),
+    }
+}
+
+/// The part of a path below a robot for a document that is kept under a name.
+pub fn named(kind: &str, name: &str) -> anyhow::Result<String> {
+    let mut url = reqwest::Url::parse("http://path/")?;
+    if let Ok(mut parts) = url.path_segments_mut() {
+        parts.extend([kind, name]);
+    }
+    Ok(url.path().to_owned())
+}
+
+/// A path with a query.
+pub fn with_query(path: &str, query: &[(&str, String)]) -> anyhow::Result<String> {
+    let url = reqwest::Url::parse_with_params("http://query/", query)?;
+    Ok(format!("{path}?{}", url.query().unwrap_or_default()))
+}
