@@ -17,6 +17,9 @@ const MAX_TOLERANCE_S: f64 = 5.0;
 const MAX_TRIED: usize = 200;
 /// Maximum number of clock differences that an error names.
 const MAX_OFFSETS_NAMED: usize = 20;
+/// Maximum number of clock differences that are kept for an error. With more of them the rows follow each other evenly, and only a stated difference
+/// helps.
+const MAX_TIES: usize = 200;
 /// Minimum number of pairs for finding the clock difference.
 const MIN_PAIRS: usize = 4;
 
@@ -364,64 +367,96 @@ fn found_offset(
             offsets.push(middle_s - anchor);
         }
     }
-    let pairing = |offset_s: f64| paired(standstills, &tried, offset_s, tolerance_s);
-    let count = |pairs: &[Option<usize>]| pairs.iter().flatten().count();
-    let mut best: Vec<(f64, Vec<Option<usize>>)> = Vec::new();
-    let mut most = 0;
+    let mut ties = Ties::default();
     for offset_s in offsets {
+        // No difference pairs more rows than all, and one more reading changes nothing. Only a difference of about zero still counts.
+        let is_settled = ties.most == tried.len() && ties.are_many();
+        if is_settled && offset_s.abs() > 2.0 * tolerance_s {
+            continue;
+        }
         let offset_s = centred(standstills, &tried, offset_s, tolerance_s);
-        let pairs = pairing(offset_s);
-        let n = count(&pairs);
-        if n > most {
-            (most, best) = (n, vec![]);
-        }
-        if n == most {
-            best.push((offset_s, pairs));
-        }
+        let pairs = paired(standstills, &tried, offset_s, tolerance_s);
+        ties.add(offset_s, pairs, tolerance_s);
     }
     let possible = tried.len().min(standstills.len());
-    if most < MIN_PAIRS || 2 * most < possible {
+    if ties.most < MIN_PAIRS || 2 * ties.most < possible {
         let detail = format!(
             "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
              the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
         );
         return Err(error("join_unclear", detail));
     }
-    // A clock difference of about zero is preferred to all others.
-    let as_they_are = best
-        .iter()
-        .find(|(offset_s, _)| offset_s.abs() <= tolerance_s);
-    let Some((offset_s, pairs)) = as_they_are.or(best.first()) else {
-        return Ok(0.0);
-    };
-    let contradicts = |other: &[Option<usize>]| {
-        let both = pairs.iter().zip(other).filter_map(|(a, b)| a.zip(*b));
-        both.into_iter().any(|(a, b)| a != b)
-    };
-    let is_clear = as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));
-    if is_clear {
-        return Ok(*offset_s);
+    if let Some(offset_s) = ties.as_they_are_s {
+        return Ok(offset_s);
     }
-    let mut possible: Vec<(f64, usize)> = Vec::new();
-    for (offset_s, _) in &best {
-        let is_new = |(known_s, _): &(f64, usize)| (known_s - offset_s).abs() > tolerance_s;
-        if possible.iter().all(is_new) {
-            let pairs = paired(standstills, instrument_s, *offset_s, tolerance_s);
-            possible.push((*offset_s, count(&pairs)));
+    if !ties.are_contradictory {
+        return Ok(ties.offsets_s[0]);
+    }
+    let n_pairs = |offset_s| count(&paired(standstills, instrument_s, offset_s, tolerance_s));
+    Err(several_offsets(ties.offsets_s, &n_pairs))
+}
+
+fn count(pairs: &[Option<usize>]) -> usize {
+    pairs.iter().flatten().count()
+}
+
+/// The clock differences that pair most rows.
+#[derive(Default)]
+struct Ties {
+    /// Number of rows that each of them pairs.
+    most: usize,
+    /// The first one, and those that differ from all before them by more than the tolerance; at most one more than [`MAX_TIES`].
+    offsets_s: Vec<f64>,
+    /// The pairs of the first one.
+    first: Vec<Option<usize>>,
+    /// True if another one pairs a row otherwise than the first.
+    are_contradictory: bool,
+    /// The first one of about zero. It is preferred to all others.
+    as_they_are_s: Option<f64>,
+}
+
+impl Ties {
+    fn add(&mut self, offset_s: f64, pairs: Vec<Option<usize>>, tolerance_s: f64) {
+        let n = count(&pairs);
+        if n < self.most {
+            return;
+        }
+        let as_it_is = (offset_s.abs() <= tolerance_s).then_some(offset_s);
+        if n > self.most || self.offsets_s.is_empty() {
+            *self = Self {
+                most: n,
+                offsets_s: vec![offset_s],
+                first: pairs,
+                are_contradictory: false,
+                as_they_are_s: as_it_is,
+            };
+            return;
+        }
+        let mut both = self.first.iter().zip(&pairs).filter_map(|(a, b)| a.zip(*b));
+        self.are_contradictory |= both.any(|(a, b)| a != b);
+        self.as_they_are_s = self.as_they_are_s.or(as_it_is);
+        let is_new = |known_s: &f64| (known_s - offset_s).abs() > tolerance_s;
+        if self.offsets_s.len() <= MAX_TIES && self.offsets_s.iter().all(is_new) {
+            self.offsets_s.push(offset_s);
         }
     }
-    Err(several_offsets(possible))
+
+    fn are_many(&self) -> bool {
+        self.are_contradictory && self.offsets_s.len() > MAX_TIES
+    }
 }
 
 /// The error for clock differences that fit equally well. None of them is recommended, as nothing in the files tells which is right.
-fn several_offsets(mut offsets: Vec<(f64, usize)>) -> JoinError {
-    offsets.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    let some = offsets.iter().take(MAX_OFFSETS_NAMED);
-    let named: Vec<String> = some
-        .map(|(offset_s, n)| format!("{offset_s:.3} s ({n} pairs)"))
+fn several_offsets(mut offsets_s: Vec<f64>, n_pairs: &dyn Fn(f64) -> usize) -> JoinError {
+    offsets_s.sort_by(f64::total_cmp);
+    let named: Vec<String> = offsets_s
+        .iter()
+        .take(MAX_OFFSETS_NAMED)
+        .map(|offset_s| format!("{offset_s:.3} s ({} pairs)", n_pairs(*offset_s)))
         .collect();
-    let more = match offsets.len() - named.len() {
+    let more = match offsets_s.len() - named.len() {
         0 => String::new(),
+        n if offsets_s.len() > MAX_TIES => format!(" and at least {n} more"),
         n => format!(" and {n} more"),
     };
     let detail = format!(
