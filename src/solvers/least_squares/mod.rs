@@ -11,7 +11,6 @@
 
 mod directions;
 mod linear_model;
-mod minimum_norm;
 
 use super::qr::{dot, squares};
 use linear_model::{LinearModel, Step};
