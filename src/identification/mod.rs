@@ -27,6 +27,7 @@ pub mod pose_rows;
 pub mod priors;
 pub mod problem;
 pub mod quick_check;
+mod row_order;
 pub mod search_space;
 pub mod start;
 pub mod steps;
