@@ -62,7 +62,7 @@ FAULTS = [
         ("Known::Plain(means) if is_own || is_exact(means) => {", "Known::Plain(means) if true || is_own || is_exact(means) => {")],
         "src/measurement"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
-        ("let is_clear = as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));", "let is_clear = true || as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));")], "src/measurement"),
+        ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "src/measurement"),
     # Rotations, noise and scale
     Fault("rotations may turn the base, too", "service", "rotations_that_do_not_belong_to_the_positions", [
         ("(found.rms_mm <= COMES_NEAR * reach_mm && is_known)", "(found.rms_mm < 0.0 * COMES_NEAR * reach_mm && is_known)")], "src/calibration"),

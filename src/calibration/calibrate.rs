@@ -32,23 +32,36 @@ pub fn calibrate(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
 ) -> Result<CalibrationReport, Error> {
+    calibrate_then(request, monitor, |report, _, _| Ok(report))
+}
+
+/// As [`calibrate`], with what comes `then`, for which the problem is still there: the one that the delivered parameters were fitted to.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn calibrate_then<T>(
+    request: &CalibrationRequest,
+    monitor: &mut Monitor<'_>,
+    then: impl FnOnce(CalibrationReport, &Problem<'_>, &mut Monitor<'_>) -> Result<T, Error>,
+) -> Result<T, Error> {
     let Some(pool) = compare_sessions(request, monitor)? else {
-        return calibrate_points(request, monitor);
+        let (report, problem) = calibrate_points(request, monitor)?;
+        return then(report, &problem, monitor);
     };
     let weighed = CalibrationRequest {
         session_noise_mm: pool.noise_mm.clone(),
         ..request.clone()
     };
-    let mut report = calibrate_points(&weighed, monitor)?;
+    let (mut report, problem) = calibrate_points(&weighed, monitor)?;
     report.pooled = Some(pool.report(request, &report.per_point));
-    Ok(report)
+    then(report, &problem, monitor)
 }
 
-/// Runs one calibration of points that belong to one state of the robot.
-fn calibrate_points(
-    request: &CalibrationRequest,
+/// Runs one calibration of points that belong to one state of the robot. Returns the problem of the delivered parameters as well.
+fn calibrate_points<'a>(
+    request: &'a CalibrationRequest,
     monitor: &mut Monitor<'_>,
-) -> Result<CalibrationReport, Error> {
+) -> Result<(CalibrationReport, Problem<'a>), Error> {
     let (problem, choice) = stage(monitor, "screening", |monitor| {
         check(request)?;
         let problem = watched(monitor, |watch| Problem::new(request, watch)).flatten()?;
@@ -168,7 +181,8 @@ fn calibrate_points(
                 .flat_map(|changes| changes.warnings.iter().cloned()),
         );
     }
-    Ok(report)
+    let problem = delivered.map_or(problem, |delivered| delivered.problem);
+    Ok((report, problem))
 }
 
 /// The same links with each angle within half a turn of its nominal value. A fit from a distant start may be off by whole turns.

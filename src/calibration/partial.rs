@@ -1,7 +1,7 @@
 //! Partial recalibration, for example after a collision. Only the named parameters are identified again. All others keep the values of an earlier
 //! identification, and their uncertainty is propagated to the named parameters and to the tool.
 
-use crate::calibration::calibrate::calibrate;
+use crate::calibration::calibrate::calibrate_then;
 use crate::calibration::preparation::observe::model_parameters;
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
@@ -39,11 +39,11 @@ pub struct Held {
     pub session: PreviousSession,
 }
 
-/// As [`calibrate`], but from the links of an earlier identification. "Before" in the report is the robot with these links. Parameters that are not
+/// As [`calibrate`](crate::calibration::calibrate()), but from the links of an earlier identification. "Before" in the report is the robot with these links. Parameters that are not
 /// free keep their values. Their covariance is taken from the earlier session (consider parameters: Schmidt 1966).
 ///
 /// # Errors
-/// As [`calibrate`].
+/// As [`calibrate`](crate::calibration::calibrate()).
 pub fn calibrate_partially(
     request: &CalibrationRequest,
     held: &Held,
@@ -58,7 +58,19 @@ pub fn calibrate_partially(
         corrections: Some(CorrectionsChoice::Off),
         ..request.clone()
     };
-    let mut report = calibrate(&from_held, monitor)?;
+    calibrate_then(&from_held, monitor, |report, problem, monitor| {
+        finished(request, held, report, problem, monitor)
+    })
+}
+
+/// Completes the report of a partial fit: uncertainty with that of the held parameters, or a warning if others have changed.
+fn finished(
+    request: &CalibrationRequest,
+    held: &Held,
+    mut report: CalibrationReport,
+    problem: &Problem<'_>,
+    monitor: &mut Monitor<'_>,
+) -> Result<CalibrationReport, Error> {
     if let (Some(verify), Some(told)) = (
         report.verify,
         report
@@ -83,13 +95,6 @@ pub fn calibrate_partially(
         frames: held.session.frames.clone(),
         ..CalibrationRequest::new(request.robot.clone(), held.session.set.clone())
     };
-    let mut problem = watched(monitor, |watch| Problem::new(&from_held, watch)).flatten()?;
-    if report.final_fit.is_some() {
-        problem = watched(monitor, |watch| {
-            problem.over_all_points(&model_of(&report), watch)
-        })
-        .flatten()?;
-    }
     let of_all_parameters = CalibrationRequest {
         set: request.set.clone(),
         frames: request.frames.clone(),
@@ -108,10 +113,10 @@ pub fn calibrate_partially(
     })?;
     let of_held = earlier
         .as_ref()
-        .and_then(|earlier| held_errors(&problem, &report, earlier));
+        .and_then(|earlier| held_errors(problem, &report, earlier));
     let others_changed = earlier.as_ref().and_then(|earlier| {
         let own = problem.noise(&model_of(&report));
-        others_changed(&problem, &own, earlier, anew.as_ref(), of_held.as_ref())
+        others_changed(problem, &own, earlier, anew.as_ref(), of_held.as_ref())
     });
     match (others_changed, of_held, report.uncertainty.clone()) {
         (Some(warning), ..) => withhold(&mut report, warning),
@@ -120,7 +125,7 @@ pub fn calibrate_partially(
         (None, None, Some(_)) => withhold(&mut report, held_uncertainty_unknown()),
         (None, Some(of_held), Some(own)) => {
             let parameters = [problem.parameters.clone(), of_held.held.clone()].concat();
-            state(&mut report, &problem, &parameters, of_both(&own, &of_held));
+            state(&mut report, problem, &parameters, of_both(&own, &of_held));
         }
     }
     // flange rotation: uncertainty of the held robot from the earlier session, combined with that of this session

@@ -107,13 +107,8 @@ fn observations(
     let at = |q_controller: Vec<f64>| {
         let q_rad = robot.q_model_rad(&q_controller);
         let flange = truth(&q_rad);
-        let point = move |(target, p): (usize, &Vector3<f64>)| Observation {
-            q_rad: q_rad.clone(),
-            position_mm: (flange * Point3::from(*p)).coords,
-            target,
-            weight: 1.0,
-            whitening: None,
-            rotation: None,
+        let point = move |(target, p): (usize, &Vector3<f64>)| {
+            Observation::at(q_rad.clone(), (flange * Point3::from(*p)).coords, target)
         };
         targets_mm.iter().enumerate().map(point).collect::<Vec<_>>()
     };

@@ -150,7 +150,6 @@ fn layers(network: &TrainedNetwork) -> Network {
         hidden_thresholds: network.hidden_thresholds.clone(),
         output_weights: network.output_weights.clone(),
         output_thresholds: network.output_thresholds.clone(),
-        output_activation: bpnn::Activation::Identity,
     }
 }
 

@@ -15,7 +15,6 @@ use crate::identification::evidence::Noise;
 use crate::identification::parameters::{Parameter, Quantity, deviation_from};
 use crate::identification::problem::variable;
 use crate::identification::uncertainty::Uncertainty;
-use crate::kinematics::reach_mm;
 use nalgebra::DMatrix;
 
 /// Changes below this share of [`usual_error`] do not count, however exact the data are: sessions are compared along derivatives, which are not
@@ -150,7 +149,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
     if common.is_empty() {
         return None;
     }
-    let reach_mm = reach_mm(&before.model.links);
+    let reach_mm = before.model.reach_mm();
     let scale: Vec<f64> = common
         .iter()
         .map(|c| usual_error(c.parameter, reach_mm))

@@ -10,12 +10,11 @@
 
 use crate::identification::distributions::{chi_square_tail, f_tail};
 use crate::identification::outliers::Linearised;
+use crate::identification::row_order::{design_effect, holds_in_random_orders};
 use crate::identification::variance::{kept_ratio, misfit_ratio};
 use crate::identification::whitening::{Gain, Whitened, Whitener};
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
-use rand::seq::SliceRandom;
-use rand::{SeedableRng, rngs::ChaCha8Rng};
 use std::collections::BTreeMap;
 
 /// Probability of reporting a drift if there is none.
@@ -31,10 +30,6 @@ const WALK_FUNCTIONS: usize = 20;
 const POINTS_PER_FUNCTION: usize = 4;
 /// Maximum number of points that are used, evenly selected.
 const MOST_POINTS: usize = 3_000;
-/// Random orders: their maximum number, the maximum of points times orders, and their minimum number.
-const ORDERS: usize = 199;
-const ORDERED_POINTS: usize = 24_000;
-const FEWEST_ORDERS: usize = 39;
 /// A drift below this share of the noise of a coordinate is not reported, however many points show it.
 const SMALLEST_EFFECT: f64 = 0.25;
 /// Minimum degrees of freedom for a conclusion.
@@ -249,7 +244,7 @@ impl Session<'_> {
         {
             return None;
         }
-        let design = self.design_effect(&problem);
+        let design = design_effect(&problem.residuals, self.clusters.iter().copied());
         let shape = |time_constant: f64| {
             let gain = problem.fitted(&shifts(self.roots, &times, |t| done(t, time_constant)))?;
             let variance = (left - gain.gain).max(f64::MIN_POSITIVE) / freedom * design;
@@ -309,38 +304,21 @@ impl Session<'_> {
         })
     }
 
-    /// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1.
-    fn design_effect(&self, problem: &Whitened) -> f64 {
-        let n_clusters = self.clusters.iter().map(|c| c + 1).max().unwrap_or(0);
-        let mut sums = vec![Vector3::zeros(); n_clusters];
-        for (i, cluster) in self.clusters.iter().enumerate() {
-            sums[*cluster] += problem.residuals.fixed_rows::<3>(3 * i);
-        }
-        let of_sums: f64 = sums.iter().map(Vector3::norm_squared).sum();
-        (of_sums / problem.residuals.norm_squared()).max(1.0)
-    }
-
     /// True if the gain is larger than in random orders of the configurations.
     fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
         let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, cluster) in self.clusters.iter().enumerate() {
             blocks.entry(*cluster).or_default().push(i);
         }
-        let mut blocks: Vec<Vec<usize>> = blocks.into_values().collect();
+        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
         let time_constant = match best.course {
             Course::WarmUp { time_constant } => time_constant,
             Course::Steady | Course::Wandering => RAMP,
         };
-        let mut random = ChaCha8Rng::seed_from_u64(0);
-        let n_orders = (ORDERED_POINTS / times.len().max(1)).clamp(FEWEST_ORDERS, ORDERS);
-        (0..n_orders).all(|_| {
-            if !self.watch.goes_on() {
-                return false;
-            }
-            blocks.shuffle(&mut random);
+        holds_in_random_orders(blocks, self.watch, |places| {
             let mut shuffled = vec![0.0; times.len()];
-            let places = blocks.iter().flatten();
-            places.zip(times).for_each(|(i, t)| shuffled[*i] = *t);
+            let pairs = places.iter().zip(times);
+            pairs.for_each(|(i, t)| shuffled[*i] = *t);
             let columns = shifts(self.roots, &shuffled, |t| done(t, time_constant));
             let other = problem.fitted(&columns).map_or(0.0, |gain| gain.gain);
             other <= best.gain.gain

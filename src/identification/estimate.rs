@@ -221,10 +221,7 @@ pub fn most_probable(
     let start = problem.coordinates(start);
     let mut found = Estimate::before(problem, &start, evidence.clone());
     let rows = Rows::new(problem, watch);
-    descend(&rows, &mut found, 0.0, &mut |_| match watch.goes_on() {
-        true => ControlFlow::Continue(()),
-        false => ControlFlow::Break(()),
-    });
+    descend(&rows, &mut found, 0.0, &mut |_| watch.flow());
     found.with_curve(problem).into_summary()
 }
 

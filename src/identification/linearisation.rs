@@ -137,7 +137,12 @@ pub fn scaled_jacobian_at(
 ) -> DMatrix<f64> {
     let per_point = 1.0 / (observations.len().max(1) as f64).sqrt();
     let shares: Vec<f64> = scale.iter().map(|s| s * per_point).collect();
-    if observations.iter().any(|o| o.n_rows(model) > 3) {
+    // the kernel below knows one weight a point
+    let is_directional = |o: &Observation| o.whitening.is_some();
+    if observations
+        .iter()
+        .any(|o| o.n_rows(model) > 3 || is_directional(o))
+    {
         let mut scaled = weighted_jacobian(model, parameters, observations, &Vector3::zeros());
         let columns = scaled.column_iter_mut().zip(&shares);
         columns.for_each(|(mut column, share)| column *= *share);

@@ -33,12 +33,8 @@ impl Misfit {
         }
         let poses: Vec<Observation> = poses
             .map(|(q_rad, target, weight)| Observation {
-                q_rad: q_rad.to_vec(),
-                position_mm: Vector3::zeros(),
-                target,
                 weight,
-                whitening: None,
-                rotation: None,
+                ..Observation::at(q_rad.to_vec(), Vector3::zeros(), target)
             })
             .collect();
         let mut of_held = weighted_jacobian(model, &self.held, &poses, &Vector3::zeros());
@@ -113,6 +109,7 @@ fn count(n_links: usize, n_gravity: usize) -> usize {
     n_gravity * n_links * (n_links + 1) / 2 + 2 * n_links
 }
 
+/// Displacement of the target per rad of each feature, in the measuring frame, mm.
 fn displacements(
     model: &KinematicModel,
     q_rad: &[f64],
@@ -120,34 +117,10 @@ fn displacements(
     gravity: &[Vector3<f64>],
     reach_mm: f64,
 ) -> Vec<Vector3<f64>> {
-    let mut chain: Vec<IsometryMatrix3<f64>> = Vec::with_capacity(q_rad.len());
-    let mut t_base_link = IsometryMatrix3::identity();
-    for (link, q) in model.links.iter().zip(q_rad) {
-        t_base_link *= t_previous_link(link, *q);
-        chain.push(t_base_link);
-    }
-    let tip = t_base_link.rotation * model.targets_mm[target] + t_base_link.translation.vector;
-    let origins: Vec<Vector3<f64>> = chain
-        .iter()
-        .map(|t| t.translation.vector)
-        .chain([tip])
-        .collect();
-    let mut displacements = Vec::with_capacity(count(q_rad.len(), gravity.len()));
-    for (joint, t_base_joint) in chain.iter().enumerate() {
-        let axis: Vector3<f64> = t_base_joint.rotation.matrix().column(2).into();
-        // the target's displacement per rad of this joint, in the measuring frame
-        let lever = model.t_instrument_base.rotation * axis.cross(&(tip - origins[joint]));
-        for g in gravity {
-            displacements.extend(
-                origins[joint + 1..]
-                    .iter()
-                    .map(|o| lever * (axis.dot(&(o - origins[joint]).cross(g)) / reach_mm)),
-            );
-        }
-        let (s, c) = libm::sincos(q_rad[joint]);
-        displacements.extend([lever * s, lever * c]);
-    }
-    displacements
+    let target_mm = &model.targets_mm[target];
+    of_joints(model, (q_rad, target_mm), gravity, reach_mm, |axis, arm| {
+        axis.cross(arm)
+    })
 }
 
 /// Rotation of the flange per rad of each feature, in the measuring frame, in the order of [`features`].
@@ -158,6 +131,20 @@ fn turns_of_joints(
     gravity: &[Vector3<f64>],
     reach_mm: f64,
 ) -> Vec<Vector3<f64>> {
+    of_joints(model, (q_rad, target_mm), gravity, reach_mm, |axis, _| {
+        *axis
+    })
+}
+
+/// The effect of each feature, in the measuring frame. `per_rad` has the effect of one rad of a joint in the base frame, from its axis and the vector
+/// from its origin to the target.
+fn of_joints(
+    model: &KinematicModel,
+    (q_rad, target_mm): (&[f64], &Vector3<f64>),
+    gravity: &[Vector3<f64>],
+    reach_mm: f64,
+    per_rad: impl Fn(&Vector3<f64>, &Vector3<f64>) -> Vector3<f64>,
+) -> Vec<Vector3<f64>> {
     let mut t_base_link = IsometryMatrix3::identity();
     let mut origins = Vec::with_capacity(q_rad.len() + 1);
     let mut axes = Vec::with_capacity(q_rad.len());
@@ -166,18 +153,20 @@ fn turns_of_joints(
         origins.push(t_base_link.translation.vector);
         axes.push(Vector3::from(t_base_link.rotation.matrix().column(2)));
     }
-    origins.push(t_base_link.rotation * target_mm + t_base_link.translation.vector);
-    let mut turns = Vec::with_capacity(count(q_rad.len(), gravity.len()));
+    let tip = t_base_link.rotation * target_mm + t_base_link.translation.vector;
+    origins.push(tip);
+    let mut effects = Vec::with_capacity(count(q_rad.len(), gravity.len()));
     for (joint, axis) in axes.iter().enumerate() {
-        let turn = model.t_instrument_base.rotation * axis;
+        let of_joint = per_rad(axis, &(tip - origins[joint]));
+        let effect = model.t_instrument_base.rotation * of_joint;
         for g in gravity {
             let moment = |o: &Vector3<f64>| axis.dot(&(o - origins[joint]).cross(g)) / reach_mm;
-            turns.extend(origins[joint + 1..].iter().map(|o| turn * moment(o)));
+            effects.extend(origins[joint + 1..].iter().map(|o| effect * moment(o)));
         }
         let (s, c) = libm::sincos(q_rad[joint]);
-        turns.extend([turn * s, turn * c]);
+        effects.extend([effect * s, effect * c]);
     }
-    turns
+    effects
 }
 
 /// The directions of gravity in the base frame: that of the mounting, or three axes if it is unknown.

@@ -27,6 +27,7 @@ pub mod pose_rows;
 pub mod priors;
 pub mod problem;
 pub mod quick_check;
+mod row_order;
 pub mod search_space;
 pub mod start;
 pub mod steps;
@@ -39,6 +40,7 @@ pub mod workspace;
 
 pub use choices::{Model, Preset};
 
+use crate::kinematics::model::USUAL_REACH_MM;
 use crate::kinematics::{Link, forward_kinematics, t_base_flange};
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
 
@@ -64,6 +66,16 @@ impl KinematicModel {
             links: links.to_vec(),
             targets_mm: vec![Vector3::zeros(); n_targets],
             target_rotations: vec![],
+        }
+    }
+
+    /// Length of the arm along its links, mm, but at least that of its longest target, for a robot whose lengths are all in its targets.
+    pub fn reach_mm(&self) -> f64 {
+        let of_links: f64 = self.links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
+        let of_targets = self.targets_mm.iter().map(Vector3::norm);
+        match of_targets.fold(of_links, f64::max) {
+            0.0 => USUAL_REACH_MM,
+            reach_mm => reach_mm,
         }
     }
 

@@ -6,6 +6,7 @@ use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, Quantity};
 use crate::identification::problem::{Problem, reach_mm};
 use crate::kinematics::Link;
+use crate::solvers::median::median;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -163,10 +164,5 @@ pub fn best_fitting(
 
 /// Median length of the residuals, mm; 0 without points.
 pub fn median_mm(model: &KinematicModel, observations: &[Observation]) -> f64 {
-    let mut lengths: Vec<f64> = residuals(model, observations)
-        .iter()
-        .map(Vector3::norm)
-        .collect();
-    lengths.sort_by(f64::total_cmp);
-    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+    median(residuals(model, observations).iter().map(Vector3::norm)).unwrap_or(0.0)
 }

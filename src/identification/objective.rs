@@ -26,6 +26,18 @@ pub struct Observation {
 }
 
 impl Observation {
+    /// A position of weight 1.
+    pub fn at(q_rad: Vec<f64>, position_mm: Vector3<f64>, target: usize) -> Self {
+        Self {
+            q_rad,
+            position_mm,
+            target,
+            weight: 1.0,
+            whitening: None,
+            rotation: None,
+        }
+    }
+
     /// The same observation without its rotation.
     pub fn position_alone(&self) -> Self {
         Self {

@@ -13,6 +13,7 @@ use crate::identification::parameters::{
 };
 use crate::identification::pose_rows::{TurnedBy, rotation_residual_rad};
 use crate::kinematics::{Link, PositionJacobian, placement_jacobian, position_jacobian};
+use crate::solvers::median::median;
 use nalgebra::{DMatrix, IsometryMatrix3, Rotation3, Vector3};
 use std::ops::Range;
 
@@ -141,15 +142,10 @@ pub fn reach_mm<'a>(
 ) -> f64 {
     let of_links: f64 = links.iter().map(|l| l.a_mm.abs() + l.d_mm.abs()).sum();
     let positions = observations.map(|o| o.position_mm);
-    let middle = Vector3::from_fn(|axis, _| median(positions.clone().map(|p| p[axis]).collect()));
-    let of_points = median(positions.map(|p| (p - middle).norm()).collect());
+    let along = |axis: usize| median(positions.clone().map(|p| p[axis]));
+    let middle = Vector3::from_fn(|axis, _| along(axis).unwrap_or(0.0));
+    let of_points = median(positions.clone().map(|p| (p - middle).norm())).unwrap_or(0.0);
     of_links.max(of_points).max(f64::MIN_POSITIVE)
-}
-
-/// Median of some values, the upper one of two; 0 without values.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// A variable with its own prior: links by their kind, base and targets flat.

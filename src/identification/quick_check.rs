@@ -18,7 +18,6 @@ use crate::identification::changes::{Causes, Estimate, FALSE_ALARMS, causes, usu
 use crate::identification::distributions::{f_tail, noncentrality};
 use crate::identification::objective::{Observation, residuals, weighted_jacobian};
 use crate::identification::parameters::{Parameter, Quantity, placement_parameters};
-use crate::kinematics::reach_mm;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Significance level: share of unchanged robots that the test calls changed.
@@ -159,7 +158,7 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
     let zero = |link: usize| [Parameter::Link(link, Quantity::ThetaOffset)];
     let target = |t: usize| [0, 1, 2].map(|axis| Parameter::Target(t, axis));
     let parameters = candidates(poses, &placement);
-    let reach_mm = reach_mm(&model.links);
+    let reach_mm = model.reach_mm();
     let scale: Vec<f64> = parameters
         .iter()
         .map(|p| usual_error(*p, reach_mm))
@@ -267,7 +266,7 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
         errors += known.features.features(model, here) * known.root.rows(p, known.root.nrows() - p);
     }
     let mut covariance = &errors * errors.transpose();
-    let finest_mm = FINEST * reach_mm(&model.links) / 3.0_f64.sqrt();
+    let finest_mm = FINEST * model.reach_mm() / 3.0_f64.sqrt();
     let shared_mm2 = known.configuration_std_mm * known.configuration_std_mm;
     for (i, configuration) in poses.configurations.iter().enumerate() {
         let std_mm = known

@@ -19,22 +19,15 @@ use crate::identification::distributions::f_tail;
 use crate::identification::drift::{Beside, beside_drift};
 use crate::identification::objective::Observation;
 use crate::identification::outliers::Linearised;
+use crate::identification::row_order::{design_effect, holds_in_random_orders};
 use crate::identification::whitening::Whitened;
 use crate::kinematics::t_base_flange;
 use crate::solvers::watch::Watch;
 use nalgebra::{Const, DMatrix, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
-use rand::seq::SliceRandom;
-use rand::{SeedableRng, rngs::ChaCha8Rng};
 
 /// Probability of reporting a step if there is none, over the whole order and all kinds. It is a fifth of the required value, because there are
 /// several rounds, and residuals are not quite normal.
 const FALSE_ALARMS: f64 = 0.002;
-/// Maximum number of random orders. The step must be larger than in every one of them.
-const ORDERS: usize = 199;
-/// Maximum of points times orders, so that a large set takes no longer than a small one; but at least [`FEWEST_ORDERS`].
-const ORDERED_POINTS: usize = 24_000;
-/// Minimum number of random orders.
-const FEWEST_ORDERS: usize = 39;
 /// Gains whose relative difference is smaller belong to the same points.
 const SAME_GAIN: f64 = 1e-9;
 /// A change is tried if the fit leaves at least this share of it visible; less is rounding.
@@ -358,15 +351,9 @@ impl Campaign<'_> {
         }
     }
 
-    /// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1.
     fn design_effect(&self) -> f64 {
-        let n_clusters = self.clusters.iter().map(|c| c + 1).max().unwrap_or(0);
-        let mut sums = vec![Vector3::zeros(); n_clusters];
-        for (place, point) in self.order.iter().enumerate() {
-            sums[self.clusters[*point]] += self.problem.residuals.fixed_rows::<3>(3 * place);
-        }
-        let of_sums: f64 = sums.iter().map(Vector3::norm_squared).sum();
-        (of_sums / self.problem.residuals.norm_squared()).max(1.0)
+        let clusters = self.order.iter().map(|point| self.clusters[*point]);
+        design_effect(&self.problem.residuals, clusters)
     }
 
     /// True if the step is significant in addition to a drift of the base.
@@ -419,15 +406,8 @@ impl Campaign<'_> {
             });
             order[block].push(place);
         }
-        let mut random = ChaCha8Rng::seed_from_u64(0);
-        let n_orders = (ORDERED_POINTS / self.order.len()).clamp(FEWEST_ORDERS, ORDERS);
         let alone = best.n_minor == 1;
-        (0..n_orders).all(|_| {
-            if !self.watch.goes_on() {
-                return false;
-            }
-            order.shuffle(&mut random);
-            let places: Vec<usize> = order.iter().flatten().copied().collect();
+        holds_in_random_orders(order, self.watch, |places| {
             let mut tried = Vec::new();
             match best.moved {
                 // for a single point only its position in the order is random, and any other point could be there
@@ -446,10 +426,10 @@ impl Campaign<'_> {
                         &mut tried,
                     );
                 }
-                Moved::AllTargets => self.changes_of_all_targets(&places, &mut tried),
+                Moved::AllTargets => self.changes_of_all_targets(places, &mut tried),
                 Moved::Base => self.changes(
                     best.moved,
-                    &places,
+                    places,
                     (FEWEST_BASE_POINTS, false),
                     |point| self.columns.base[point],
                     &mut tried,

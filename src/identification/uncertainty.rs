@@ -153,35 +153,15 @@ impl Uncertainty {
             .norm()
     }
 
-    /// Half-width of the interval that contains the target position with probability `confidence`, along each axis of the measuring frame, mm.
-    pub fn position_half_widths_mm(
-        &self,
-        model: &KinematicModel,
-        parameters: &[Parameter],
-        (q_rad, target): (&[f64], usize),
-        confidence: f64,
-    ) -> [f64; 3] {
-        let errors = self.position_errors_mm(model, parameters, q_rad, target);
-        let half = t_half_width(confidence, self.freedom);
-        [0, 1, 2].map(|axis| half * errors.row(axis).norm())
-    }
-
     /// Displacement of a target by each cause, mm: 3 × k, in the measuring frame.
-    fn position_errors_mm(
+    pub fn position_errors_mm(
         &self,
         model: &KinematicModel,
         parameters: &[Parameter],
         q_rad: &[f64],
         target: usize,
     ) -> DMatrix<f64> {
-        let here = [Observation {
-            q_rad: q_rad.to_vec(),
-            position_mm: Vector3::zeros(),
-            target,
-            weight: 1.0,
-            whitening: None,
-            rotation: None,
-        }];
+        let here = [Observation::at(q_rad.to_vec(), Vector3::zeros(), target)];
         let p = self.n_parameters;
         let jacobian = weighted_jacobian(model, parameters, &here, &Vector3::zeros());
         let mut errors = jacobian * self.root.rows(0, p);

@@ -74,7 +74,7 @@ pub fn random_configurations(robot: &Robot, n: usize, seed: u64) -> Vec<Vec<f64>
 }
 
 /// Limits, cut to half a turn to both sides of 0, or of their middle if 0 is outside.
-fn within_a_turn((low, high): (f64, f64)) -> (f64, f64) {
+pub fn within_a_turn((low, high): (f64, f64)) -> (f64, f64) {
     let middle = if low <= 0.0 && high >= 0.0 {
         0.0
     } else {
@@ -91,8 +91,8 @@ fn range(robot: &Robot, observations: &[Observation], joint: usize) -> (f64, f64
         .copied()
         .flatten()
         .filter(|_| robot.joint_map.is_none());
-    if let Some((low, high)) = limits {
-        return (low.max(-PI), high.min(PI));
+    if let Some(limits) = limits {
+        return within_a_turn(limits);
     }
     let values = observations.iter().map(|o| o.q_rad[joint]);
     let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), q| {
@@ -100,4 +100,17 @@ fn range(robot: &Robot, observations: &[Observation], joint: usize) -> (f64, f64
     });
     let middle = 0.5 * (low + high);
     (low.min(middle - FRAC_PI_2), high.max(middle + FRAC_PI_2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_range_stays_inside_limits_beyond_half_a_turn() {
+        let mut robot = Robot::from_links(vec![]);
+        robot.joint_limits_rad = vec![Some((3.5, 6.6)), Some((-9.0, 9.0))];
+        assert_eq!(range(&robot, &[], 0), (3.5, 6.6));
+        assert_eq!(range(&robot, &[], 1), (-PI, PI));
+    }
 }

@@ -4,8 +4,7 @@ use crate::measurement::conventions::{Decimal, Frame, Subset};
 use crate::measurement::csv_columns::{Column, parse_header};
 use crate::measurement::csv_issue::whole;
 use crate::measurement::csv_pose::{
-    MAX_QUATERNION_OFF, MAX_ROTATION_RAD, MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, PoseCells,
-    PoseColumn,
+    MAX_ROTATION_RAD, MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, PoseCells, PoseColumn,
 };
 use crate::measurement::csv_text::{decode, refuse_endless_rows};
 use crate::measurement::number_text;
@@ -267,7 +266,8 @@ fn fill_pose(
 ) -> Result<(), CellError> {
     let degree = std::f64::consts::PI / 180.0;
     let (factor, least, most) = match column {
-        PoseColumn::Quaternion(_) => (1.0, f64::NEG_INFINITY, 1.0 + MAX_QUATERNION_OFF),
+        // the length of the whole quaternion is checked, which says more than a limit of one component
+        PoseColumn::Quaternion(_) => (1.0, f64::NEG_INFINITY, f64::INFINITY),
         PoseColumn::Angle(_) => (degree, f64::NEG_INFINITY, MAX_ROTATION_RAD),
         PoseColumn::StdAxis(_) => (1.0, MIN_STD_MM, MAX_STD_MM),
         PoseColumn::Covariance(_) => (1.0, f64::NEG_INFINITY, MAX_STD_MM * MAX_STD_MM),

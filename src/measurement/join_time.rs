@@ -2,6 +2,7 @@
 
 use crate::measurement::column_meaning::key;
 use crate::measurement::column_names::{Key, TimeUnit};
+use crate::measurement::join_clock::{Standstill, found_offset, paired};
 use crate::measurement::join_options::{JoinError, JoinOptions, Pairs, error};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use nalgebra::Vector3;
@@ -13,12 +14,6 @@ const LOG_SPACING_S: f64 = 0.5;
 const MIN_STANDSTILL_ROWS: usize = 3;
 /// Largest tolerance that is chosen automatically, s. An instrument measures some seconds after the robot has stopped.
 const MAX_TOLERANCE_S: f64 = 5.0;
-/// Maximum number of positions with which clock differences are tried.
-const MAX_TRIED: usize = 200;
-/// Maximum number of clock differences that an error names.
-const MAX_OFFSETS_NAMED: usize = 20;
-/// Minimum number of pairs for finding the clock difference.
-const MIN_PAIRS: usize = 4;
 
 /// Positions of one posture are within this share of the points' extent. It is ten times the deviation of a robot that returns to a posture.
 pub(super) const MAX_APART: f64 = 1.0e-3;
@@ -44,14 +39,6 @@ pub(super) struct Clock {
     pub n_standstills: usize,
     /// If the instrument's file is a log: the rows that represent its standstills.
     pub instrument_rows: Option<BTreeSet<usize>>,
-}
-
-/// A standstill of the robot: its start, its end, and the row in the middle.
-#[derive(Clone, Copy, Debug)]
-struct Standstill {
-    from_s: f64,
-    to_s: f64,
-    row: usize,
 }
 
 /// Times of a column, s.
@@ -318,138 +305,6 @@ fn tolerance(standstills: &[Standstill]) -> f64 {
         .windows(2)
         .map(|pair| pair[1].from_s - pair[0].to_s);
     (gaps.fold(f64::INFINITY, f64::min) / 4.0).clamp(0.0, MAX_TOLERANCE_S)
-}
-
-/// For each time of the instrument, the nearest standstill, if it is within the tolerance.
-fn paired(
-    standstills: &[Standstill],
-    instrument_s: &[f64],
-    offset_s: f64,
-    tolerance_s: f64,
-) -> Vec<Option<usize>> {
-    let nearest = |time_s: &f64| {
-        let at_s = time_s + offset_s;
-        let after = standstills.partition_point(|standstill| standstill.from_s <= at_s);
-        let near = [
-            after.checked_sub(1),
-            Some(after).filter(|at| *at < standstills.len()),
-        ];
-        let gap = |at: usize| gap(&standstills[at], at_s).abs();
-        let best = near
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
-        (gap(best) <= tolerance_s).then_some(best)
-    };
-    instrument_s.iter().map(nearest).collect()
-}
-
-/// Distance of a time from a standstill, s: negative before it, 0 during it, positive after it.
-fn gap(standstill: &Standstill, at_s: f64) -> f64 {
-    (at_s - standstill.from_s).min(0.0) + (at_s - standstill.to_s).max(0.0)
-}
-
-fn found_offset(
-    standstills: &[Standstill],
-    instrument_s: &[f64],
-    tolerance_s: f64,
-) -> Result<f64, JoinError> {
-    let step = instrument_s.len().div_ceil(MAX_TRIED).max(1);
-    let tried: Vec<f64> = instrument_s.iter().copied().step_by(step).collect();
-    let anchors = [0, tried.len() / 2, tried.len().saturating_sub(1)];
-    let mut offsets: Vec<f64> = vec![0.0];
-    for anchor in anchors.iter().filter_map(|at| tried.get(*at)) {
-        for standstill in standstills {
-            let middle_s = (standstill.from_s + standstill.to_s) / 2.0;
-            offsets.push(middle_s - anchor);
-        }
-    }
-    let pairing = |offset_s: f64| paired(standstills, &tried, offset_s, tolerance_s);
-    let count = |pairs: &[Option<usize>]| pairs.iter().flatten().count();
-    let mut best: Vec<(f64, Vec<Option<usize>>)> = Vec::new();
-    let mut most = 0;
-    for offset_s in offsets {
-        let offset_s = centred(standstills, &tried, offset_s, tolerance_s);
-        let pairs = pairing(offset_s);
-        let n = count(&pairs);
-        if n > most {
-            (most, best) = (n, vec![]);
-        }
-        if n == most {
-            best.push((offset_s, pairs));
-        }
-    }
-    let possible = tried.len().min(standstills.len());
-    if most < MIN_PAIRS || 2 * most < possible {
-        let detail = format!(
-            "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
-             the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
-        );
-        return Err(error("join_unclear", detail));
-    }
-    // A clock difference of about zero is preferred to all others.
-    let as_they_are = best
-        .iter()
-        .find(|(offset_s, _)| offset_s.abs() <= tolerance_s);
-    let Some((offset_s, pairs)) = as_they_are.or(best.first()) else {
-        return Ok(0.0);
-    };
-    let contradicts = |other: &[Option<usize>]| {
-        let both = pairs.iter().zip(other).filter_map(|(a, b)| a.zip(*b));
-        both.into_iter().any(|(a, b)| a != b)
-    };
-    let is_clear = as_they_are.is_some() || !best.iter().any(|(_, other)| contradicts(other));
-    if is_clear {
-        return Ok(*offset_s);
-    }
-    let mut possible: Vec<(f64, usize)> = Vec::new();
-    for (offset_s, _) in &best {
-        let is_new = |(known_s, _): &(f64, usize)| (known_s - offset_s).abs() > tolerance_s;
-        if possible.iter().all(is_new) {
-            let pairs = paired(standstills, instrument_s, *offset_s, tolerance_s);
-            possible.push((*offset_s, count(&pairs)));
-        }
-    }
-    Err(several_offsets(possible))
-}
-
-/// The error for clock differences that fit equally well. None of them is recommended, as nothing in the files tells which is right.
-fn several_offsets(mut offsets: Vec<(f64, usize)>) -> JoinError {
-    offsets.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    let some = offsets.iter().take(MAX_OFFSETS_NAMED);
-    let named: Vec<String> = some
-        .map(|(offset_s, n)| format!("{offset_s:.3} s ({n} pairs)"))
-        .collect();
-    let more = match offsets.len() - named.len() {
-        0 => String::new(),
-        n => format!(" and {n} more"),
-    };
-    let detail = format!(
-        "the rows follow each other so evenly that several differences of the two clocks fit equally well: {}{more}. Read both clocks at one moment, and state the \
-         robot's minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\"}}}}",
-        named.join(", ")
-    );
-    error("two_readings", detail)
-}
-
-/// Refines a clock difference: subtracts the median gap of the pairs that it gives.
-fn centred(
-    standstills: &[Standstill],
-    instrument_s: &[f64],
-    offset_s: f64,
-    tolerance_s: f64,
-) -> f64 {
-    let pairs = paired(standstills, instrument_s, offset_s, tolerance_s);
-    let mut gaps: Vec<f64> = instrument_s
-        .iter()
-        .zip(&pairs)
-        .filter_map(|(time_s, pair)| Some(gap(&standstills[(*pair)?], time_s + offset_s)))
-        .collect();
-    if gaps.is_empty() {
-        return offset_s;
-    }
-    gaps.sort_by(f64::total_cmp);
-    offset_s - gaps[gaps.len() / 2]
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ mod csv_issue;
 pub mod csv_pose;
 mod csv_text;
 pub mod join;
+mod join_clock;
 mod join_labels;
 mod join_options;
 mod join_time;

@@ -123,7 +123,9 @@ impl<'a> Table<'a> {
             0 => 0,
             n => lines(text).nth(n - 1).map_or(text.len(), |line| line.end),
         };
-        let length_unit = stated_length_unit(&above[..header_line.unwrap_or(1) - 1]);
+        // a stated header may be below the lines in which one is searched
+        let n_above = (header_line.unwrap_or(1) - 1).min(above.len());
+        let length_unit = stated_length_unit(&above[..n_above]);
         Ok(Self {
             text: match separator {
                 Separator::Spaces => lines(&text[start..])

@@ -2,14 +2,14 @@
 
 use crate::measurement::column_mapping::{Mapping, Separator};
 use crate::measurement::column_meaning::{self, key};
-use crate::measurement::conventions::{Decimal, Frame};
+use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::Reading;
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::csv_pose::header_issues;
 use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
-use crate::measurement::set::{MeasurementSet, Point};
+use crate::measurement::set::Point;
 use crate::measurement::table::{Next, Table};
 use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table_numbers::decimal_mark;
@@ -162,22 +162,6 @@ fn resolved(table: &Table, options: &TableOptions) -> Columns {
             .collect();
     }
     columns
-}
-
-/// Reads a table that holds joint values and positions.
-///
-/// # Errors
-/// As [`read`].
-pub fn read_set(
-    source: Source,
-    frame: Frame,
-    options: &TableOptions,
-) -> Result<(MeasurementSet, Understood), TableError> {
-    let content = read(source, options)?;
-    Ok((
-        MeasurementSet::new(frame, content.points),
-        content.understood,
-    ))
 }
 
 /// Makes a preview of a table: its first rows and the meanings of its columns.

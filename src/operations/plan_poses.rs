@@ -173,15 +173,15 @@ fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
 /// The points of each station. The base may have been elsewhere in each.
 fn of_each_station(robot: &Robot, set: &MeasurementSet) -> Vec<Vec<Observation>> {
     let observation = |point: &Point| Observation {
-        q_rad: robot.q_model_rad(&point.q_rad),
-        position_mm: point.position_mm,
-        target: point.target,
-        weight: 1.0,
-        whitening: None,
         rotation: point.rotation.map(|rotation| MeasuredRotation {
             rotation,
             mm_per_rad: 1.0,
         }),
+        ..Observation::at(
+            robot.q_model_rad(&point.q_rad),
+            point.position_mm,
+            point.target,
+        )
     };
     let mut stations: BTreeMap<Option<&str>, Vec<Observation>> = BTreeMap::new();
     for point in &set.points {

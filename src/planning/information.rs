@@ -159,14 +159,7 @@ pub fn is_base(parameter: &Parameter) -> bool {
 }
 
 fn position(q_rad: &[f64]) -> Observation {
-    Observation {
-        q_rad: q_rad.to_vec(),
-        position_mm: Vector3::zeros(),
-        target: 0,
-        weight: 1.0,
-        whitening: None,
-        rotation: None,
-    }
+    Observation::at(q_rad.to_vec(), Vector3::zeros(), 0)
 }
 
 fn predicted_rotation(

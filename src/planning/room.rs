@@ -1,5 +1,6 @@
 //! The region in which the robot may move during the measurement.
 
+use crate::identification::workspace::within_a_turn;
 use crate::kinematics::Robot;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
@@ -129,9 +130,7 @@ fn meets(from: &Vector3<f64>, to: &Vector3<f64>, (low, high): &AlignedBox) -> bo
 /// The same draw, shifted towards the joint limits (arcsine distribution).
 pub fn towards_limits(robot: &Robot, q: Vec<f64>) -> Vec<f64> {
     let pushed = |(q, limits): (f64, &Option<(f64, f64)>)| {
-        let (low, high) = limits.map_or((-FRAC_PI_2, FRAC_PI_2), |(low, high)| {
-            (low.max(-PI), high.min(PI))
-        });
+        let (low, high) = limits.map_or((-FRAC_PI_2, FRAC_PI_2), within_a_turn);
         if low >= high {
             return q;
         }

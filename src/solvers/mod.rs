@@ -3,6 +3,7 @@
 pub mod bpnn;
 pub mod least_squares;
 pub mod loss;
+pub mod median;
 pub mod orthonormal;
 pub mod products;
 pub mod pso;

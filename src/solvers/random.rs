@@ -56,11 +56,6 @@ impl LaneRandom {
         Self { state }
     }
 
-    /// Generators with the given states, `state[word][lane]`. A lane must not be all zero, because it would stay zero.
-    pub fn from_state(state: [[u64; LANES]; 4]) -> Self {
-        Self { state }
-    }
-
     /// Fills `numbers` with draws from [0, 1): number i is from lane i mod 8. An incomplete last block of eight uses up a whole block.
     pub fn fill(&mut self, numbers: &mut [f64]) {
         fill(&mut self.state, numbers);

@@ -1,6 +1,7 @@
 //! Cancellation of long computations.
 
 use std::cell::Cell;
+use std::ops::ControlFlow;
 
 /// Asks between parts of a computation whether it should go on. After the first no, the answer stays no. Loops then end early, and their results are
 /// not valid: the caller has to check [`Watch::was_stopped`] before using them.
@@ -32,6 +33,14 @@ impl<'a> Watch<'a> {
             self.is_over.set(true);
         }
         !self.is_over.get()
+    }
+
+    /// As [`Self::goes_on`], for the monitor of a solver.
+    pub fn flow(&self) -> ControlFlow<()> {
+        match self.goes_on() {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        }
     }
 
     /// True if an answer was no; does not ask again.

@@ -11,6 +11,7 @@ use kincal::measurement::{Frame, MeasurementSet, Point};
 use kincal::wire::estimate::StoredEstimate;
 use kincal::wire::json;
 use kincal::wire::robot::RobotBody;
+use nalgebra::Vector3;
 use rand::RngExt;
 use std::ops::ControlFlow;
 
@@ -277,6 +278,20 @@ fn what_happened_to_the_papers_robot_between_its_sessions_is_told_apart() {
         // The difference of two linearisations that are 1 mm and 0.2° apart.
         assert!((found - planted).abs() < 2e-3, "{name}: {found}");
     }
+}
+
+#[test]
+fn an_arm_whose_lengths_are_all_in_its_tool_is_judged_by_its_tool() {
+    let wrist = Link {
+        a_mm: 0.0,
+        alpha_rad: 1.5,
+        d_mm: 0.0,
+        theta_offset_rad: 0.0,
+        beta_rad: 0.0,
+    };
+    let mut model = KinematicModel::nominal(&[wrist; 3], 1);
+    model.targets_mm[0] = Vector3::new(300.0, 0.0, 400.0);
+    assert_eq!(model.reach_mm(), 500.0);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use crate::data::{paper_robot, real_data};
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::report::{CalibrationReport, PointErrors, Warning};
 use kincal::calibration::request::VerifySource;
+use kincal::calibration::upload_checks::warnings as upload_warnings;
 use kincal::calibration::{
     CalibrationRequest, Error, HeldOut, Method, Model, RobustComparison, calibrate, check,
     check_verify, robust_comparison, verify,
@@ -378,6 +379,19 @@ fn both_ways(first: &MeasurementSet, second: &MeasurementSet) -> [([f64; 2], Vec
         assert_eq!(verify.n_points, second.points.len());
         ([verify.before.rms_mm, verify.after.rms_mm], report.warnings)
     })
+}
+
+#[test]
+fn two_narrow_clouds_do_not_become_wide_because_their_stations_are_far_apart() {
+    let (_, mut narrow) = two_sessions(8, |_| ());
+    let n = narrow.points.len();
+    for (row, point) in narrow.points.iter_mut().enumerate() {
+        let frame_mm = if row < n / 2 { 0.0 } else { 3000.0 };
+        point.station = Some(if row < n / 2 { "door" } else { "window" }.into());
+        point.position_mm = Vector3::new(frame_mm + 50.0 * (row % 2) as f64, 0.0, 0.0);
+    }
+    let warnings = upload_warnings(&paper_robot(), &narrow);
+    assert!(warnings.iter().any(|w| w.code == "poses_not_spread"));
 }
 
 #[test]

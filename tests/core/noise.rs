@@ -8,6 +8,7 @@ use kincal::calibration::request::Loss;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::linearisation::scaled_jacobian_at;
 use kincal::identification::objective::{Observation, cost, weighted_jacobian, weighted_residuals};
 use kincal::identification::parameters::complete_parameters;
 use kincal::identification::problem::Problem;
@@ -101,6 +102,18 @@ fn the_cost_is_the_squared_mahalanobis_length_of_every_residual() {
         let size = scaled.column(j).norm();
         assert!(off.norm() <= ROUNDING * size, "{:?}", parameters[j]);
     }
+}
+
+#[test]
+fn the_rank_is_that_of_the_whitened_rows() {
+    let Measured { truth, set, .. } = measured(&nominal(), Instrument::Tracker, 0.0, 3);
+    let points = observations(&set);
+    let parameters = complete_parameters(6, 1);
+    let ones = vec![1.0; parameters.len()];
+    let scaled = scaled_jacobian_at(&truth, &parameters, &ones, &points);
+    let plain = weighted_jacobian(&truth, &parameters, &points, &Vector3::zeros());
+    let expected = plain / (points.len() as f64).sqrt();
+    assert!((scaled - &expected).norm() < ROUNDING * expected.norm());
 }
 
 /// What a stated noise has to gain at least: without it the error is as many times larger.

@@ -5,7 +5,8 @@ use crate::simulation::{Campaign, Normal, measure, poses, robot_of_the_priors, t
 use kincal::calibration::report::ParameterOutcome;
 use kincal::calibration::request::{Loss, ParameterChoice, ParameterPrior};
 use kincal::calibration::{
-    CalibrationReport, CalibrationRequest, Error, Method, Model, Preset, calibrate, prior_faults,
+    CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate,
+    prior_faults,
 };
 use kincal::identification::parameters::complete_parameters;
 use std::ops::ControlFlow;
@@ -273,6 +274,32 @@ fn every_method_and_loss_keeps_the_bounds_and_finds_the_same() {
         (of(&report, "a_5").delta - of(&best, "a_5").delta).abs()
             < 2.0 * of(&best, "a_5").std_uncertainty.unwrap()
     );
+}
+
+/// Heartbeats of a job until the first stage of this name ends.
+fn heartbeats(request: &CalibrationRequest, until: &str) -> usize {
+    let mut n = 0;
+    let mut monitor = |event: Event<'_>| match event {
+        Event::StageEnded(name) if name == until => ControlFlow::Break(()),
+        Event::Heartbeat => {
+            n += 1;
+            ControlFlow::Continue(())
+        }
+        _ => ControlFlow::Continue(()),
+    };
+    assert_eq!(calibrate(request, &mut monitor), Err(Error::Cancelled));
+    n
+}
+
+#[test]
+fn priors_and_robust_losses_hear_a_cancel_during_their_first_fits() {
+    let without = heartbeats(&request("first.csv", vec![]), "screening");
+    let with = request("first.csv", vec![prior("d_2", 0.05)]);
+    assert!(heartbeats(&with, "screening") > without + 2);
+    let mut robust = request("first.csv", vec![]);
+    robust.options.loss = Some(Loss::Tukey);
+    let before = heartbeats(&robust, "screening");
+    assert!(heartbeats(&robust, "least_squares") > before + 2);
 }
 
 #[test]

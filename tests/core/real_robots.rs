@@ -4,7 +4,9 @@
 use crate::data::{real_data, robot};
 use crate::simulation::Normal;
 use kincal::calibration::request::VerifySource;
-use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate, is_anew, verify};
+use kincal::calibration::{
+    CalibrationReport, CalibrationRequest, Method, calibrate, is_anew, verify,
+};
 use kincal::identification::KinematicModel;
 use kincal::identification::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
@@ -91,6 +93,12 @@ fn measured_robots_are_identified_at_least_as_well_as_scipy_does() {
             "{name}: {:?}",
             report.warnings
         );
+        let of_swarm = run(&CalibrationRequest {
+            method: Method::Pso,
+            refine: Some(true),
+            ..CalibrationRequest::new(robot.clone(), set.clone())
+        });
+        assert!(verify_rms(&of_swarm) <= limit_mm, "{name}, swarm");
         let mut sum = 0.0;
         for seed in 0..8 {
             let mut split_set = set.clone();

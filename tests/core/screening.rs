@@ -746,6 +746,29 @@ fn a_set_that_rests_on_a_station_of_few_points_is_refused() {
 }
 
 #[test]
+fn a_swarm_that_auto_may_choose_has_the_limit_of_a_swarm() {
+    let (robot, _, set, _) = campaign(61, CAMPAIGN);
+    let many = (0..30).flat_map(|_| set.points.clone()).collect();
+    let mut request = CalibrationRequest::new(robot, MeasurementSet::new(set.frame, many));
+    request.options.n_particles = Some(1_000_000);
+    request.options.n_iterations = Some(500);
+    request.method = Method::LeastSquares;
+    assert_eq!(check(&request), Ok(()));
+    request.method = Method::Auto;
+    let refused = check(&request).unwrap_err();
+    assert!(
+        matches!(
+            refused,
+            Error::Unusable {
+                code: "too_much_work",
+                ..
+            }
+        ),
+        "{refused:?}"
+    );
+}
+
+#[test]
 fn joints_that_were_never_mastered_are_found_with_no_guess_of_base_and_target() {
     for seed in 80..86 {
         let (robot, mut truth, mut set, mut random) = campaign(seed, CAMPAIGN);

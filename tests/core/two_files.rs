@@ -188,6 +188,17 @@ fn what_cannot_be_joined_says_what_to_state() {
         detail.contains("{\"join\": {\"clock_offset_s\": \"SECONDS\"}}"),
         "{detail}"
     );
+    // a long file that is as even: the differences are counted, not all kept
+    let long: String = (0..5000)
+        .map(|i| row(&format!("R{i}"), f64::from(i), f64::from(i % 90)))
+        .collect();
+    let rows: String = (0..200)
+        .map(|i| format!("{},{i},2,3\n", 9000.0 + f64::from(i)))
+        .collect();
+    let instrument_file = format!("time [s],x_mm,y_mm,z_mm\n{rows}");
+    let (code, detail) = refusal(&robot(&long), &instrument_file, "");
+    assert_eq!(code, "two_readings", "{detail}");
+    assert!(detail.contains(" and at least 181 more"), "{detail}");
     // with as many rows on both sides there is one reading only
     let all = read(
         &form(robot(&even).as_bytes(), instrument(12).as_bytes()),

@@ -2,6 +2,7 @@
 //! knows of.
 
 use kincal::identification::KinematicModel;
+use kincal::identification::distributions::t_half_width;
 use kincal::identification::parameters::{
     Parameter, Quantity, apply, complete_parameters, is_parallel,
 };
@@ -349,11 +350,12 @@ pub fn tool_intervals_held(
         complete_parameters(nominal.links.len(), truth.targets_mm.len()),
         found(report),
     );
+    let half = t_half_width(0.95, uncertainty.freedom);
     let held = |q: &Vec<f64>| {
-        let half_widths = uncertainty.position_half_widths_mm(&found, &parameters, (q, 0), 0.95);
+        let errors = uncertainty.position_errors_mm(&found, &parameters, q, 0);
         let missed = position_with_sag(truth, q, 0, sag_rad) - found.position(q, 0);
         (0..3)
-            .filter(|axis| missed[*axis].abs() <= half_widths[*axis])
+            .filter(|axis| missed[*axis].abs() <= half * errors.row(*axis).norm())
             .count()
     };
     (3 * poses.len(), poses.iter().map(held).sum())

@@ -228,11 +228,14 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
 
 /// Limits the product of particles, iterations and points. Each of them also has a limit of its own.
 fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error> {
-    // Least squares needs tens of evaluations. bpnn_pso runs three swarms, two of them for the comparison.
+    // Least squares needs tens of evaluations. bpnn_pso runs three swarms, two of them for the comparison. Auto may choose either of the two; for
+    // poses it never does.
     let n_swarms = match request.method {
-        Method::Auto | Method::LeastSquares => return Ok(()),
+        Method::LeastSquares => return Ok(()),
+        Method::Auto if request.set.has_poses() => return Ok(()),
         Method::Pso => 1,
-        Method::BpnnPso => 3,
+        Method::Auto if request.network.is_none() => 1,
+        Method::Auto | Method::BpnnPso => 3,
     };
     let pso = settings(request).pso;
     let work = [pso.n_particles, pso.n_iterations + 1, n_points]
@@ -241,7 +244,7 @@ fn check_work(request: &CalibrationRequest, n_points: usize) -> Result<(), Error
     if work > MAX_POINT_EVALUATIONS {
         let detail = format!(
             "{} particles × {} iterations × {n_points} points × {n_swarms} swarms are {work:.1e} evaluations; at most {MAX_POINT_EVALUATIONS:.0e} \
-             are allowed: take fewer particles or iterations, or identify from fewer points",
+             are allowed: take fewer particles or iterations, identify from fewer points, or choose method least_squares",
             pso.n_particles,
             pso.n_iterations,
             work = work as f64,

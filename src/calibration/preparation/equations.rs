@@ -75,13 +75,9 @@ pub fn generic_jacobian(
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut angle = || random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
     let mut observations: Vec<Observation> = (0..n_poses)
-        .map(|i| Observation {
-            q_rad: (0..robot.links.len()).map(|_| angle()).collect(),
-            position_mm: Vector3::zeros(),
-            target: i % n_targets.max(1),
-            weight: 1.0,
-            whitening: None,
-            rotation: None,
+        .map(|i| {
+            let q_rad = (0..robot.links.len()).map(|_| angle()).collect();
+            Observation::at(q_rad, Vector3::zeros(), i % n_targets.max(1))
         })
         .collect();
     let mut model = KinematicModel::nominal(&robot.links, n_targets.max(1));

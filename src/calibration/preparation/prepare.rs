@@ -62,7 +62,7 @@ impl<'a> Problem<'a> {
             least_sigma_mm: None,
         };
         weigh(&mut problem, watch);
-        problem.priors = stated_priors(&problem)?;
+        problem.priors = stated_priors(&problem, watch)?;
         Ok(problem)
     }
 }

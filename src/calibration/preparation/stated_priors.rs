@@ -18,7 +18,7 @@ use crate::identification::parameters::Parameter;
 use crate::identification::priors::{Prior, Priors};
 use crate::identification::uncertainty::Uncertainty;
 use crate::solvers::least_squares::Iteration;
-use std::ops::ControlFlow;
+use crate::solvers::watch::Watch;
 
 /// Significance level: the points contradict the priors if such a loss of fit has a smaller probability by chance.
 const CONTRADICTED: f64 = 1e-4;
@@ -157,8 +157,11 @@ fn from_unit(parameter: &Parameter, value: f64) -> f64 {
 /// The request's priors in the form that the fit uses.
 ///
 /// # Errors
-/// The first of [`prior_faults`].
-pub fn stated_priors(problem: &Problem<'_>) -> Result<Option<StatedPriors>, Error> {
+/// The first of [`prior_faults`], [`Error::Cancelled`] when the watch stops.
+pub fn stated_priors(
+    problem: &Problem<'_>,
+    watch: &Watch<'_>,
+) -> Result<Option<StatedPriors>, Error> {
     let request = problem.request;
     if request.priors.is_empty() {
         return Ok(None);
@@ -201,12 +204,15 @@ pub fn stated_priors(problem: &Problem<'_>) -> Result<Option<StatedPriors>, Erro
     )
     .model;
     let mut rows = problem.rows(&trusted, &[]);
-    let mut go_on = |_: Iteration| ControlFlow::Continue(());
+    let mut go_on = |_: Iteration| watch.flow();
     let alone = estimate(&rows, &rows.coordinates(&start), 0.0, &mut go_on);
     for prior in &priors.all {
         rows.state(prior.parameter, prior.mean, prior.std);
     }
     let with = estimate(&rows, &alone.x, 0.0, &mut go_on);
+    if watch.was_stopped() {
+        return Err(Error::Cancelled);
+    }
     priors.scale_mm = with.evidence.sigma_mm;
     Ok(Some(StatedPriors {
         priors,

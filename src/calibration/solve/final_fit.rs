@@ -186,7 +186,7 @@ impl<'a> Problem<'a> {
             priors: None,
             least_sigma_mm: self.least_sigma_mm,
         };
-        problem.priors = stated_priors(&problem)?;
+        problem.priors = stated_priors(&problem, watch)?;
         Ok(problem.decomposed_with_tool_of(model))
     }
 }

@@ -32,10 +32,6 @@ pub struct Determined {
     pub data_share: Vec<f64>,
 }
 
-fn go_on(_: Iteration) -> ControlFlow<()> {
-    ControlFlow::Continue(())
-}
-
 impl Problem<'_> {
     /// The estimate from the identify points, from a start model.
     pub fn fit(
@@ -51,15 +47,17 @@ impl Problem<'_> {
     }
 
     /// The estimate with the request's loss. Noise and prior widths come from the points without outliers, which would distort both.
+    /// The result is not valid if the watch stopped.
     pub fn robust_fit(
         &self,
         start: &KinematicModel,
+        watch: &Watch<'_>,
         monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
     ) -> FitSummary {
         let (points, trusted) = (&self.identify, self.trusted());
         let alone = self.within_bounds(start, &mut |held, start| {
             let rows = self.rows(&trusted, held);
-            estimate(&rows, &rows.coordinates(start), 0.0, &mut go_on).into_summary()
+            estimate(&rows, &rows.coordinates(start), 0.0, &mut |_| watch.flow()).into_summary()
         });
         let rows = self.rows(&trusted, &[]);
         let (evidence, _) = evidence_at(&rows, &alone.model);
@@ -68,13 +66,17 @@ impl Problem<'_> {
                 self.within_bounds(start, &mut |held, start| {
                     let mut evidence = evidence.clone();
                     held.iter().for_each(|(j, _)| evidence.widths[*j] = HELD);
-                    most_probable(&self.rows(points, held), start, &evidence, &Watch::nobody())
+                    most_probable(&self.rows(points, held), start, &evidence, watch)
                 })
             },
             prior_cost_mm2: &|model| prior_cost_mm2(&rows, model, &evidence),
         };
         let (start, loss) = (&alone.model, self.loss);
-        robust_fit(start, &of_points, points, &trusted, loss, monitor)
+        let mut tell = |i: Iteration| match watch.was_stopped() {
+            true => ControlFlow::Break(()),
+            false => monitor(i),
+        };
+        robust_fit(start, &of_points, points, &trusted, loss, &mut tell)
     }
 
     /// A fit inside the bounds that the request states. `fit_with` fits with some parameters held (by index, with their deviations from nominal). If

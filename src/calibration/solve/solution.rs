@@ -5,7 +5,9 @@ use crate::calibration::problem::Problem;
 use crate::calibration::{Error, Event, Monitor};
 use crate::identification::KinematicModel;
 use crate::identification::search_space::SearchSpace;
+use crate::solvers::watch::Watch;
 use crate::solvers::{least_squares, pso};
+use std::cell::RefCell;
 
 /// A method's answer.
 pub struct Found {
@@ -32,18 +34,21 @@ pub fn least_squares_from(
     monitor: &mut Monitor<'_>,
 ) -> Result<Found, Error> {
     let stop_at = stop_at_cost_mm2.unwrap_or(0.0);
-    let mut watch = |i: least_squares::Iteration| {
-        monitor(Event::Iteration {
+    let monitor = RefCell::new(monitor);
+    let mut tell = |i: least_squares::Iteration| {
+        monitor.borrow_mut()(Event::Iteration {
             iteration: i.iteration,
             n_iterations: i.max_iterations,
             best_cost_mm2: i.cost,
         })
     };
+    let ask = || monitor.borrow_mut()(Event::Heartbeat).is_continue();
+    let watch = Watch::new(&ask);
     let fit = match problem.loss {
-        PointLoss::Squares => problem.fit(start, stop_at, &mut watch),
-        PointLoss::Bounded { .. } => problem.robust_fit(start, &mut watch),
+        PointLoss::Squares => problem.fit(start, stop_at, &mut tell),
+        PointLoss::Bounded { .. } => problem.robust_fit(start, &watch, &mut tell),
     };
-    if fit.termination == least_squares::Termination::Stopped {
+    if fit.termination == least_squares::Termination::Stopped || watch.was_stopped() {
         return Err(Error::Cancelled);
     }
     Ok(Found {

@@ -27,21 +27,25 @@ pub fn still_joints(set: &MeasurementSet) -> Vec<(usize, f64)> {
         .collect()
 }
 
-/// If the points have a small spread: their rms distance from their centre and the arm's reach, both in mm.
+/// If the points have a small spread: their rms distance from the centre of their station's points and the arm's reach, both in mm. Each station has
+/// a frame of its own, so the distance between the points of two stations shows nothing of the robot.
 pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)> {
     let lengths = robot
         .links
         .iter()
         .map(|l| (l.a_mm * l.a_mm + l.d_mm * l.d_mm).sqrt());
     let reach_mm: f64 = lengths.sum();
-    let n = set.points.len() as f64;
-    let sum: Vector3<f64> = set.points.iter().map(|p| p.position_mm).sum();
-    let centre = sum / n;
-    let squares = set
-        .points
-        .iter()
-        .map(|p| (p.position_mm - centre).norm_squared());
-    let spread_mm = (squares.sum::<f64>() / n).sqrt();
+    let mut stations: BTreeMap<Option<&str>, Vec<Vector3<f64>>> = BTreeMap::new();
+    for point in &set.points {
+        let of_station = stations.entry(point.station.as_deref()).or_default();
+        of_station.push(point.position_mm);
+    }
+    let squares = stations.values().map(|positions_mm| {
+        let centre = positions_mm.iter().sum::<Vector3<f64>>() / positions_mm.len() as f64;
+        let away = positions_mm.iter().map(|p| (p - centre).norm_squared());
+        away.sum::<f64>()
+    });
+    let spread_mm = (squares.sum::<f64>() / set.points.len() as f64).sqrt();
     (spread_mm < SMALL_CLOUD * reach_mm).then_some((spread_mm, reach_mm))
 }
 

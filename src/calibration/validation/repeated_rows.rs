@@ -24,6 +24,7 @@ use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{MeasurementSet, Point};
+use crate::solvers::median::median;
 use nalgebra::{Point3, Rotation3, Vector3};
 use std::borrow::Cow;
 use std::cell::OnceCell;
@@ -210,7 +211,7 @@ impl<'a> Later<'a> {
         }
         Alike {
             earlier,
-            median_mm: median(pairs.iter().map(|pair| pair.difference_mm.norm())),
+            median_mm: median(pairs.iter().map(|pair| pair.difference_mm.norm())).unwrap_or(0.0),
             pairs,
             r_later_earlier,
         }
@@ -239,7 +240,7 @@ impl<'a> Later<'a> {
         let after = of_pairs(&|pair| residual(after, &self.set.points[pair.row]));
         // noise that was added to a copy is among the residuals of one of the fits
         let exceeds = |residuals: &[Vector3<f64>]| {
-            alike.median_mm > FAR * median(residuals.iter().map(Vector3::norm))
+            alike.median_mm > FAR * median(residuals.iter().map(Vector3::norm)).unwrap_or(0.0)
         };
         let is_far = exceeds(&after);
         if !is_far && !runs_against(after, -1.0) {
@@ -269,13 +270,6 @@ fn positions_follow_readings(pairs: &[Pair]) -> bool {
         .collect();
     let (slope, standard_error) = regression(&vectors);
     slope >= FOLLOWS && slope >= SIGNIFICANT * standard_error
-}
-
-/// The median; 0 of nothing.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The vectors, with lengths limited to [`CLIPPED`] times the median.

@@ -3,6 +3,8 @@
 //! A point that is off by centimetres is off for every robot, and by chance slightly more for one of them. In the rms it would outweigh all other
 //! points. Points that both robots miss by far are therefore left out. A point that only one robot misses counts.
 
+use crate::solvers::median::median;
+
 /// A point is an outlier if each robot misses it by more than this multiple of that robot's median error. For isotropic noise this is one point in
 /// ten thousand.
 const OUTLYING: f64 = 3.0;
@@ -84,7 +86,8 @@ pub fn after_errors_mm(points: &[[f64; 3]]) -> Vec<Option<f64>> {
 
 /// True for each point that both robots miss by far and that does not count.
 fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
-    let medians_mm = [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])));
+    let medians_mm =
+        [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])).unwrap_or(f64::INFINITY));
     let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
     // a faulty measurement is equally wrong for both robots; a point at which their own errors differ counts
     let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
@@ -98,15 +101,6 @@ fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
         true => outliers,
         false => vec![false; points.len()],
     }
-}
-
-fn median(errors_mm: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = errors_mm.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted
-        .get(sorted.len() / 2)
-        .copied()
-        .unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

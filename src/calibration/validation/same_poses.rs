@@ -251,14 +251,8 @@ pub fn position(
 
 pub fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
     let step = set.points.len().div_ceil(MAX_FITTED).max(1);
-    let observation = |p: &Point| Observation {
-        q_rad: robot.q_model_rad(&p.q_rad),
-        position_mm: p.position_mm,
-        target: p.target,
-        weight: 1.0,
-        whitening: None,
-        rotation: None,
-    };
+    let observation =
+        |p: &Point| Observation::at(robot.q_model_rad(&p.q_rad), p.position_mm, p.target);
     set.points.iter().step_by(step).map(observation).collect()
 }
 

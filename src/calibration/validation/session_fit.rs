@@ -14,6 +14,7 @@ use crate::identification::parameters::complete_parameters;
 use crate::identification::problem::Problem;
 use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
+use crate::solvers::median::median;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
@@ -260,13 +261,7 @@ pub fn far_run(
 
 /// rms of normal errors with the median of `errors_mm`.
 fn typical_mm(errors_mm: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = errors_mm.collect();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted
-        .get(sorted.len() / 2)
-        .copied()
-        .unwrap_or(f64::INFINITY);
-    RMS_OVER_MEDIAN * median
+    RMS_OVER_MEDIAN * median(errors_mm).unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

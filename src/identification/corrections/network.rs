@@ -7,7 +7,7 @@ use super::fit::{Fitted, Setting};
 use super::folds::{Evidence, Folds, Unseen};
 use crate::identification::objective::Observation;
 use crate::kinematics::ResidualNetwork;
-use crate::solvers::bpnn::{self, Activation, Network};
+use crate::solvers::bpnn::{self, Network};
 use nalgebra::{DVector, Vector3};
 
 /// Number of hidden neurons. With more than ten, unseen points of measured robots gain nothing.
@@ -294,7 +294,6 @@ fn remembered(earlier: &ResidualNetwork, scales: &ResidualNetwork) -> Option<Net
             .iter()
             .map(|t| t * earlier.scale_mm / scales.scale_mm)
             .collect(),
-        output_activation: Activation::Identity,
     };
     // w·(q − c)/h − t at the old scales equals w'·(q − c')/h' − t' at the new scales
     for k in 0..HIDDEN {

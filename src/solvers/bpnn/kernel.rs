@@ -1,7 +1,7 @@
 //! Forward pass and back-propagation over all samples. Lanes contain samples. Every sum has a fixed order, so that the results do not depend on the
 //! CPU or on the width of its registers, to the last bit.
 
-use super::network::{Activation, Network};
+use super::network::Network;
 use super::tanh::tanh;
 use multiversion::multiversion;
 
@@ -136,9 +136,6 @@ fn forward(network: &Network, inputs: &Samples, pass: &mut Pass) {
         &pass.hidden,
         &mut pass.outputs,
     );
-    if network.output_activation == Activation::Tanh {
-        activate(&mut pass.outputs.values);
-    }
 }
 
 /// Σ_j w_ij x_j − T_i for all samples, weights row-major.
@@ -211,11 +208,6 @@ fn output_deltas(network: &Network, targets: &Samples, pass: &mut Pass) -> f64 {
                 let error = (answer[lane] - target[lane]) * used[lane];
                 squares[lane] = error.mul_add(error, squares[lane]);
                 delta[lane] = 2.0 * share * error;
-            }
-            if network.output_activation == Activation::Tanh {
-                for lane in 0..LANES {
-                    delta[lane] *= (-answer[lane]).mul_add(answer[lane], 1.0);
-                }
             }
         }
     }

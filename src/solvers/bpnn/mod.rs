@@ -1,6 +1,7 @@
 //! A network with one hidden layer, trained by back-propagation [Gao 2018, section 3.2].
 //!
-//! Each neuron is P = f(Σ w_ij x_j − T_j) [Gao 2018, eq. 12], f = tanh in the hidden layer. Inputs and targets are already scaled (positions by the
+//! Each neuron is P = f(Σ w_ij x_j − T_j) [Gao 2018, eq. 12], f = tanh in the hidden layer and f(x) = x in the output layer: answers may lie outside ±1, because the
+//! targets are scaled by a search box that the swarm may leave. Inputs and targets are already scaled (positions by the
 //! half width of their search box), with one row per sample.
 
 mod kernel;
@@ -9,7 +10,7 @@ mod size;
 mod tanh;
 mod training;
 
-pub use network::{Activation, Network};
+pub use network::Network;
 pub use size::{Candidate, SizeChoice, choose_size_and_train, hidden_size_candidates};
 pub use training::{
     Termination, TrainingSummary, error_and_gradient, initial_network, mean_squared_error, train,
@@ -42,33 +43,6 @@ impl Network {
     }
 }
 
-/// How the gradient changes the weights. The paper says "trained by back-propagation" and no more.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum UpdateRule {
-    /// iRprop⁻ [Igel, Hüsken 2000: Improving the Rprop learning algorithm]: every weight has its own step. The step grows by 1.2 while the sign of
-    /// its gradient stays the same, and halves when the sign changes.
-    Rprop {
-        /// First step of every weight.
-        initial_step: f64,
-        /// Longest step.
-        largest_step: f64,
-    },
-    /// Adam [Kingma, Ba 2015: Adam, a method for stochastic optimization], β₁ = 0.9, β₂ = 0.999, with a rate that falls linearly to zero over the
-    /// epochs. It is the most accurate rule here. With equal targets it can go too far: hidden neurons saturate, every answer is the target to the
-    /// last bit, and a swarm that is moved there cannot move on.
-    Adam {
-        /// First learning rate.
-        learning_rate: f64,
-    },
-    /// The gradient with momentum, Δw <- momentum · Δw − rate · gradient: textbook back-propagation.
-    Momentum {
-        /// Learning rate.
-        learning_rate: f64,
-        /// Share of the last change that is added to the next.
-        momentum: f64,
-    },
-}
-
 /// Options of the training, and of the choice of the size by [`choose_size_and_train`]. The paper prints none of these numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
@@ -76,11 +50,6 @@ pub struct Options {
     pub n_epochs: usize,
     /// Training stops when the mean squared error is at or below this: 0, so only if every answer is exact.
     pub target_error: f64,
-    /// Update rule: iRprop⁻ from steps of 0.01 to at most 1. It needs no learning rate, so it works equally well for answers inside the search box
-    /// and far outside. With equal targets it comes close without collapsing onto the target.
-    pub update_rule: UpdateRule,
-    /// f of the output neurons: the identity, see [`Activation`].
-    pub output_activation: Activation,
     /// λ: λ·Σ w² over the weights, without thresholds, is added to the error: 0. A prior of width one for the weights corresponds to λ equal to the
     /// noise variance divided by samples × outputs.
     pub weight_decay: f64,
@@ -99,11 +68,6 @@ impl Default for Options {
         Self {
             n_epochs: 10_000,
             target_error: 0.0,
-            update_rule: UpdateRule::Rprop {
-                initial_step: 0.01,
-                largest_step: 1.0,
-            },
-            output_activation: Activation::Identity,
             weight_decay: 0.0,
             seed: 0,
             validation_fraction: 0.2,

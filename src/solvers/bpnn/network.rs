@@ -1,14 +1,5 @@
 //! A network with one hidden layer.
 
-/// f of the output neurons.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activation {
-    /// f(x) = x: answers may lie outside ±1. Our default: targets are scaled by a search box that the swarm may leave.
-    Identity,
-    /// f(x) = tanh x: [Gao 2018, eq. 12] to the letter, the same f on every neuron.
-    Tanh,
-}
-
 /// A trained or untrained network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {
@@ -26,6 +17,4 @@ pub struct Network {
     pub output_weights: Vec<f64>,
     /// Thresholds T of the output layer.
     pub output_thresholds: Vec<f64>,
-    /// f of the output neurons.
-    pub output_activation: Activation,
 }

@@ -1,7 +1,7 @@
 //! Back-propagation training over all samples at once.
 
 use super::kernel::{Gradient, Pass, Samples};
-use super::{Network, Options, UpdateRule};
+use super::{Network, Options};
 use crate::solvers::random::{chacha8, unit_interval};
 use multiversion::multiversion;
 use rand::Rng;
@@ -53,7 +53,6 @@ pub fn initial_network(
         hidden_thresholds: draw(n_hidden, n_inputs),
         output_weights: draw(n_outputs * n_hidden, n_hidden),
         output_thresholds: draw(n_outputs, n_hidden),
-        output_activation: options.output_activation,
     }
 }
 
@@ -146,7 +145,7 @@ pub fn train_from(
         Samples::from_rows(inputs, n_inputs),
         Samples::from_rows(targets, n_outputs),
     );
-    let mut memories = Memories::new(&network, options.update_rule);
+    let mut memories = Memories::new(&network);
     let mut convergence = Vec::with_capacity(options.n_epochs.min(100_000) + 1);
     let mut best = (f64::INFINITY, network.clone());
     let termination = loop {
@@ -166,7 +165,7 @@ pub fn train_from(
         if convergence.len() > options.n_epochs {
             break Termination::EpochLimit;
         }
-        memories.update(&mut network, &gradient, convergence.len(), options);
+        memories.update(&mut network, &gradient);
     };
     let summary = TrainingSummary {
         n_epochs: convergence.len() - 1,
@@ -193,24 +192,24 @@ fn decay(network: &Network, gradient: &mut Gradient, lambda: f64) -> f64 {
     lambda * sum
 }
 
-/// Memory of an update rule for each weight: step and last gradient for Rprop, two means for Adam, the last change for momentum.
+/// First step of every weight.
+const INITIAL_STEP: f64 = 0.01;
+/// Longest step of a weight.
+const LARGEST_STEP: f64 = 1.0;
+
+/// Memory of the update of each weight.
 struct Memory {
-    first: Vec<f64>,
-    second: Vec<f64>,
+    steps: Vec<f64>,
+    last_gradient: Vec<f64>,
 }
 
 struct Memories([Memory; 4]);
 
 impl Memories {
-    fn new(network: &Network, rule: UpdateRule) -> Self {
-        let first = if let UpdateRule::Rprop { initial_step, .. } = rule {
-            initial_step
-        } else {
-            0.0
-        };
+    fn new(network: &Network) -> Self {
         let of = |weights: &[f64]| Memory {
-            first: vec![first; weights.len()],
-            second: vec![0.0; weights.len()],
+            steps: vec![INITIAL_STEP; weights.len()],
+            last_gradient: vec![0.0; weights.len()],
         };
         Self(
             [
@@ -223,67 +222,33 @@ impl Memories {
         )
     }
 
-    fn update(
-        &mut self,
-        network: &mut Network,
-        gradient: &Gradient,
-        epoch: usize,
-        options: &Options,
-    ) {
+    fn update(&mut self, network: &mut Network, gradient: &Gradient) {
         let [a, b, c, d] = &mut self.0;
-        for (weights, gradient, memory) in [
-            (&mut network.hidden_weights, &gradient.hidden_weights, a),
-            (
-                &mut network.hidden_thresholds,
-                &gradient.hidden_thresholds,
-                b,
-            ),
-            (&mut network.output_weights, &gradient.output_weights, c),
-            (
-                &mut network.output_thresholds,
-                &gradient.output_thresholds,
-                d,
-            ),
-        ] {
-            match options.update_rule {
-                UpdateRule::Rprop { largest_step, .. } => {
-                    rprop(weights, gradient, memory, largest_step)
-                }
-                UpdateRule::Adam { learning_rate } => {
-                    let left = 1.0 - (epoch - 1) as f64 / options.n_epochs as f64;
-                    adam(weights, gradient, memory, learning_rate * left, epoch);
-                }
-                UpdateRule::Momentum {
-                    learning_rate,
-                    momentum,
-                } => momentum_step(weights, gradient, memory, learning_rate, momentum),
-            }
-        }
+        rprop(&mut network.hidden_weights, &gradient.hidden_weights, a);
+        rprop(
+            &mut network.hidden_thresholds,
+            &gradient.hidden_thresholds,
+            b,
+        );
+        rprop(&mut network.output_weights, &gradient.output_weights, c);
+        rprop(
+            &mut network.output_thresholds,
+            &gradient.output_thresholds,
+            d,
+        );
     }
 }
 
+/// iRprop⁻ [Igel, Hüsken 2000: Improving the Rprop learning algorithm]: every weight has its own step. The step grows by 1.2 while the sign of its
+/// gradient stays the same, and halves when the sign changes; the weight is then not changed for one epoch. The rule needs no learning rate, so it works
+/// equally well for answers inside the search box and far outside. With equal targets it comes close without collapsing onto the target.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn momentum_step(
-    weights: &mut [f64],
-    gradient: &[f64],
-    memory: &mut Memory,
-    learning_rate: f64,
-    momentum: f64,
-) {
-    for ((weight, gradient), change) in weights.iter_mut().zip(gradient).zip(&mut memory.first) {
-        *change = momentum.mul_add(*change, -learning_rate * gradient);
-        *weight += *change;
-    }
-}
-
-/// iRprop⁻: a weight whose gradient changed sign is not changed for one epoch.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, largest_step: f64) {
+fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory) {
     let n = weights.len();
     let (gradient, steps, last) = (
         &gradient[..n],
-        &mut memory.first[..n],
-        &mut memory.second[..n],
+        &mut memory.steps[..n],
+        &mut memory.last_gradient[..n],
     );
     for i in 0..n {
         let agreement = gradient[i] * last[i];
@@ -294,7 +259,7 @@ fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, largest_ste
         } else {
             1.0
         };
-        steps[i] = (steps[i] * factor).min(largest_step);
+        steps[i] = (steps[i] * factor).min(LARGEST_STEP);
         let followed = if agreement < 0.0 { 0.0 } else { gradient[i] };
         let direction = if followed > 0.0 {
             1.0
@@ -305,32 +270,5 @@ fn rprop(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, largest_ste
         };
         weights[i] -= direction * steps[i];
         last[i] = followed;
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2+fma"))]
-fn adam(weights: &mut [f64], gradient: &[f64], memory: &mut Memory, rate: f64, epoch: usize) {
-    const BETA_1: f64 = 0.9;
-    const BETA_2: f64 = 0.999;
-    let n = weights.len();
-    let epoch = epoch as f64;
-    let (bias_1, bias_2) = (
-        1.0 - libm::pow(BETA_1, epoch),
-        1.0 - libm::pow(BETA_2, epoch),
-    );
-    let (gradient, means, squares) = (
-        &gradient[..n],
-        &mut memory.first[..n],
-        &mut memory.second[..n],
-    );
-    for i in 0..n {
-        means[i] = BETA_1.mul_add(means[i], (1.0 - BETA_1) * gradient[i]);
-        squares[i] = BETA_2.mul_add(squares[i], (1.0 - BETA_2) * gradient[i] * gradient[i]);
-        let spread = (squares[i] / bias_2).sqrt();
-        weights[i] -= if spread > 0.0 {
-            rate * (means[i] / bias_1) / spread
-        } else {
-            0.0
-        };
     }
 }

@@ -9,12 +9,8 @@
 //! along them; and each damping λ costs only a sum over the singular values. An undamped step is the shortest solution by back-substitution, which is
 //! the same if the rank is clear.
 
-mod covariance;
 mod directions;
 mod linear_model;
-mod minimum_norm;
-
-pub use covariance::{Covariance, covariance};
 
 use super::qr::{dot, squares};
 use linear_model::{LinearModel, Step};

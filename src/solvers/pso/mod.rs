@@ -16,7 +16,7 @@
 mod options;
 mod swarm;
 
-pub use options::{Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox};
+pub use options::{Cost, Options, Positions, RandomNumbers, SearchBox};
 
 use super::random::LaneRandom;
 use std::ops::ControlFlow;
@@ -84,11 +84,6 @@ pub type Monitor<'a> = dyn FnMut(Iteration) -> ControlFlow<()> + 'a;
 /// # Panics
 /// When centre and half width differ in length.
 pub fn initial_positions(search_box: &SearchBox, options: &Options) -> Positions {
-    draw_initial(search_box, options).0
-}
-
-/// First positions, and the random generator, from which the first velocities are drawn next.
-fn draw_initial(search_box: &SearchBox, options: &Options) -> (Positions, LaneRandom) {
     let SearchBox { centre, half_width } = search_box;
     assert_eq!(
         centre.len(),
@@ -104,7 +99,7 @@ fn draw_initial(search_box: &SearchBox, options: &Options) -> (Positions, LaneRa
             *x = half_width[j].mul_add(2.0 * *x - 1.0, centre[j]);
         }
     }
-    (positions, random)
+    positions
 }
 
 /// Searches for the minimum of `cost`.
@@ -122,8 +117,8 @@ pub fn minimize(
         options.n_particles > 0 && !search_box.centre.is_empty(),
         "a swarm needs particles and coordinates"
     );
-    let (initial_positions, mut random) = draw_initial(search_box, options);
-    let mut swarm = Swarm::new(&initial_positions, search_box, options, &mut random);
+    let initial_positions = initial_positions(search_box, options);
+    let mut swarm = Swarm::new(&initial_positions);
     let mut random = LaneRandom::new(options.seed, STREAM_UPDATE);
     let mut convergence = Vec::with_capacity(options.n_iterations + 1);
     let mut iteration = 0;
@@ -150,7 +145,7 @@ pub fn minimize(
         if iteration == options.n_iterations {
             break Termination::IterationLimit;
         }
-        swarm.update(search_box, options, &mut random);
+        swarm.update(options, &mut random);
         iteration += 1;
     };
     Summary {

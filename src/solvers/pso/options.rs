@@ -62,7 +62,7 @@ impl Positions {
     }
 }
 
-/// The box in which the first positions are drawn, uniformly: centre ± half width. [`Options::boundary`] states whether the swarm may leave it.
+/// The box in which the first positions are drawn, uniformly: centre ± half width. The swarm may leave it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SearchBox {
     /// Centre, one value per coordinate.
@@ -80,31 +80,8 @@ pub enum RandomNumbers {
     PerParticle,
 }
 
-/// First velocities.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum InitialVelocity {
-    /// All zero.
-    Zero,
-    /// Uniform within ± `fraction` of the half width.
-    Uniform {
-        /// Fraction of the half width.
-        fraction: f64,
-    },
-}
-
-/// What happens to a particle that would leave the box.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Boundary {
-    /// Nothing: the box only says where the swarm starts.
-    None,
-    /// The coordinate is set to the wall and its velocity to zero. If the answer is at a corner of the box, this looks like very fast convergence,
-    /// which is an artefact.
-    Clamp,
-    /// The coordinate is mirrored at the wall and its velocity reversed. A particle that overshoots by more than the whole box ends at the wall.
-    Reflect,
-}
-
-/// Options of the search. The default is the closest reading of the paper.
+/// Options of the search. The default is the closest reading of the paper. The paper prints neither first velocities nor a limit of velocities or
+/// positions: first velocities are zero, and nothing is limited.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Number of particles n: 200 [Gao 2018, section 3.1].
@@ -119,12 +96,6 @@ pub struct Options {
     pub social: f64,
     /// How r1 and r2 are drawn: per coordinate (not printed in the paper).
     pub random_numbers: RandomNumbers,
-    /// First velocities: zero (not printed).
-    pub initial_velocity: InitialVelocity,
-    /// Behaviour at the walls of the box: none (not printed).
-    pub boundary: Boundary,
-    /// Largest velocity per coordinate, as a fraction of the half width: no limit (not printed).
-    pub velocity_limit: Option<f64>,
     /// Stops as soon as the best cost is at or below this: never (not printed).
     pub stop_at_cost: Option<f64>,
     /// Seed of all random numbers: 0.
@@ -140,9 +111,6 @@ impl Default for Options {
             cognitive: 0.5,
             social: 1.25,
             random_numbers: RandomNumbers::PerCoordinate,
-            initial_velocity: InitialVelocity::Zero,
-            boundary: Boundary::None,
-            velocity_limit: None,
             stop_at_cost: None,
             seed: 0,
         }

@@ -1,9 +1,7 @@
 //! The moving swarm: update [Gao 2018, eq. 9, 10], evaluation, and storing of the best. Nothing here allocates after `new`, and every inner loop runs
 //! over particles, which are contiguous in memory.
 
-use super::options::{
-    Boundary, Cost, InitialVelocity, Options, Positions, RandomNumbers, SearchBox,
-};
+use super::options::{Cost, Options, Positions, RandomNumbers};
 use crate::solvers::random::{LANES, LaneRandom};
 use multiversion::multiversion;
 
@@ -26,25 +24,15 @@ struct Coordinate {
     cognitive: f64,
     social: f64,
     swarm_best: f64,
-    /// Largest speed; +∞ without a limit.
-    largest_speed: f64,
-    boundary: Boundary,
-    lowest: f64,
-    highest: f64,
 }
 
 impl Swarm {
-    /// A swarm at the given positions; `random` draws its first velocities.
-    pub fn new(
-        positions: &Positions,
-        search_box: &SearchBox,
-        options: &Options,
-        random: &mut LaneRandom,
-    ) -> Self {
+    /// A swarm at rest at the given positions.
+    pub fn new(positions: &Positions) -> Self {
         let n = positions.n_particles;
         Self {
             positions: positions.clone(),
-            velocities: initial_velocities(search_box, options, random),
+            velocities: Positions::zeros(n, positions.n_coordinates),
             costs: vec![f64::INFINITY; n],
             own_best_positions: positions.clone(),
             own_best_costs: vec![f64::INFINITY; n],
@@ -74,7 +62,7 @@ impl Swarm {
     }
 
     /// Moves all particles once [Gao 2018, eq. 9, 10].
-    pub fn update(&mut self, search_box: &SearchBox, options: &Options, random: &mut LaneRandom) {
+    pub fn update(&mut self, options: &Options, random: &mut LaneRandom) {
         if options.random_numbers == RandomNumbers::PerParticle {
             random.fill(&mut self.random_numbers);
         }
@@ -88,12 +76,6 @@ impl Swarm {
                 cognitive: options.cognitive,
                 social: options.social,
                 swarm_best: self.best_position[j],
-                largest_speed: options
-                    .velocity_limit
-                    .map_or(f64::INFINITY, |limit| limit * search_box.half_width[j]),
-                boundary: options.boundary,
-                lowest: search_box.centre[j] - search_box.half_width[j],
-                highest: search_box.centre[j] + search_box.half_width[j],
             };
             let own_best = self.own_best_positions.coordinate(j);
             move_coordinate(
@@ -106,24 +88,6 @@ impl Swarm {
             );
         }
     }
-}
-
-fn initial_velocities(
-    search_box: &SearchBox,
-    options: &Options,
-    random: &mut LaneRandom,
-) -> Positions {
-    let mut velocities = Positions::zeros(options.n_particles, search_box.centre.len());
-    if let InitialVelocity::Uniform { fraction } = options.initial_velocity {
-        for (j, half_width) in search_box.half_width.iter().enumerate() {
-            let v = velocities.coordinate_mut(j);
-            random.fill(v);
-            for v in v {
-                *v = fraction * half_width * (2.0 * *v - 1.0);
-            }
-        }
-    }
-    velocities
 }
 
 /// Sets costs that are not finite to +∞, stores cost and coordinates of the particles that improved, and returns the index of the first cheapest
@@ -174,74 +138,18 @@ fn move_coordinate(
     x: &mut [f64],
     v: &mut [f64],
 ) {
-    if coordinate.largest_speed < f64::INFINITY {
-        step::<true>(coordinate, r1, r2, own_best, x, v);
-    } else {
-        step::<false>(coordinate, r1, r2, own_best, x, v);
-    }
-    match coordinate.boundary {
-        Boundary::None => {}
-        Boundary::Clamp => clamp(coordinate.lowest, coordinate.highest, x, v),
-        Boundary::Reflect => reflect(coordinate.lowest, coordinate.highest, x, v),
-    }
-}
-
-#[inline(always)]
-fn step<const LIMITED: bool>(
-    coordinate: &Coordinate,
-    r1: &[f64],
-    r2: &[f64],
-    own_best: &[f64],
-    x: &mut [f64],
-    v: &mut [f64],
-) {
     let Coordinate {
         inertia_weight,
         cognitive,
         social,
         swarm_best,
-        largest_speed,
-        ..
     } = *coordinate;
     let n = x.len();
     let (r1, r2, own_best, x, v) = (&r1[..n], &r2[..n], &own_best[..n], &mut x[..n], &mut v[..n]);
     for i in 0..n {
         let inertia = inertia_weight * v[i];
         let towards_swarm = (social * r2[i]).mul_add(swarm_best - x[i], inertia);
-        let velocity = (cognitive * r1[i]).mul_add(own_best[i] - x[i], towards_swarm);
-        v[i] = if LIMITED {
-            velocity.max(-largest_speed).min(largest_speed)
-        } else {
-            velocity
-        };
+        v[i] = (cognitive * r1[i]).mul_add(own_best[i] - x[i], towards_swarm);
         x[i] += v[i];
-    }
-}
-
-/// Moves coordinates that are outside to the wall and sets their velocity to zero.
-#[inline(always)]
-fn clamp(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
-    for (x, v) in x.iter_mut().zip(v) {
-        let inside = x.max(lowest).min(highest);
-        *v = if *x == inside { *v } else { 0.0 };
-        *x = inside;
-    }
-}
-
-/// Mirrors coordinates that are outside at the wall that they crossed.
-#[inline(always)]
-fn reflect(lowest: f64, highest: f64, x: &mut [f64], v: &mut [f64]) {
-    for (x, v) in x.iter_mut().zip(v) {
-        let below = *x < lowest;
-        let above = *x > highest;
-        let mirrored = if below {
-            lowest + (lowest - *x)
-        } else if above {
-            highest - (*x - highest)
-        } else {
-            *x
-        };
-        *v = if below || above { -*v } else { *v };
-        *x = mirrored.max(lowest).min(highest);
     }
 }

@@ -89,30 +89,16 @@ fn networks_keep_their_bits() {
         (0..50).map(row).collect()
     };
     let (inputs, targets) = (rows(6), rows(3));
-    let mut weights = Vec::new();
-    for update_rule in [
-        bpnn::Options::default().update_rule,
-        bpnn::UpdateRule::Adam {
-            learning_rate: 0.01,
-        },
-        bpnn::UpdateRule::Momentum {
-            learning_rate: 0.1,
-            momentum: 0.9,
-        },
-    ] {
-        let options = bpnn::Options {
-            update_rule,
-            n_epochs: 100,
-            n_trial_epochs: 20,
-            seed: 5,
-            ..bpnn::Options::default()
-        };
-        let (network, choice) = bpnn::choose_size_and_train(&inputs, &targets, &options);
-        weights.extend(network.hidden_weights);
-        weights.extend(network.output_weights);
-        weights.push(choice.validation_error);
-    }
-    assert_eq!(fingerprint(&weights), NETWORKS);
+    let options = bpnn::Options {
+        n_epochs: 100,
+        n_trial_epochs: 20,
+        seed: 5,
+        ..bpnn::Options::default()
+    };
+    let (network, choice) = bpnn::choose_size_and_train(&inputs, &targets, &options);
+    let weights = network.hidden_weights.iter().chain(&network.output_weights);
+    let numbers = weights.chain([&choice.validation_error]);
+    assert_eq!(fingerprint(numbers), NETWORKS);
 }
 
 const RANDOM: u64 = 2_947_509_739_510_288_248;

@@ -1,5 +1,5 @@
 //! The nonlinear problems of the NIST Statistical Reference Datasets: models with their derivatives, data, certified
-//! parameters, standard deviations and residual sums of squares.
+//! parameters and residual sums of squares.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,7 +8,6 @@ pub struct Problem {
     pub name: String,
     pub starts: [Vec<f64>; 2],
     pub certified: Vec<f64>,
-    pub deviations: Vec<f64>,
     pub certified_rss: f64,
     pub data: Vec<(f64, f64)>,
 }
@@ -42,7 +41,6 @@ fn problem(text: &str) -> Problem {
         name: text.lines().next().expect("a name").to_owned(),
         starts: [field("start1"), field("start2")],
         certified: field("certified"),
-        deviations: field("deviation"),
         certified_rss: field("rss")[0],
         data: data
             .filter(|pair| !pair.is_empty())
@@ -72,10 +70,6 @@ impl Problem {
                 }
             }
         }
-    }
-
-    pub fn degrees_of_freedom(&self) -> f64 {
-        (self.data.len() - self.certified.len()) as f64
     }
 }
 

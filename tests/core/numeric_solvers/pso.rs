@@ -1,8 +1,8 @@
 //! The swarm, compared with known minima and with a textbook swarm; and the promises of its summary.
 
 use kincal::solvers::pso::{
-    Boundary, InitialVelocity, Iteration, Options, Positions, RandomNumbers, SearchBox, Summary,
-    Termination, initial_positions, minimize,
+    Iteration, Options, Positions, RandomNumbers, SearchBox, Summary, Termination,
+    initial_positions, minimize,
 };
 use kincal::solvers::random::LaneRandom;
 use std::ops::ControlFlow;
@@ -68,16 +68,8 @@ fn the_defaults_are_the_papers() {
         (0.9, 0.5, 1.25)
     );
     assert_eq!(
-        (options.random_numbers, options.initial_velocity),
-        (RandomNumbers::PerCoordinate, InitialVelocity::Zero)
-    );
-    assert_eq!(
-        (
-            options.boundary,
-            options.velocity_limit,
-            options.stop_at_cost
-        ),
-        (Boundary::None, None, None)
+        (options.random_numbers, options.stop_at_cost),
+        (RandomNumbers::PerCoordinate, None)
     );
 }
 
@@ -370,110 +362,6 @@ fn costs_that_are_not_finite_never_win() {
     assert_eq!(nowhere.best_cost, f64::INFINITY);
     assert!(nowhere.best_position.iter().all(|x| x.is_finite()));
     assert_eq!(nowhere.termination, Termination::IterationLimit);
-}
-
-/// Largest distance of an evaluated position from the centre, in half widths.
-fn farthest(boundary: Boundary) -> f64 {
-    let mut farthest = 0.0_f64;
-    let mut cost = |positions: &Positions, costs: &mut [f64]| {
-        farthest = positions
-            .values
-            .iter()
-            .fold(farthest, |farthest, x| farthest.max((x - 3.0).abs() / 2.0));
-        batch(sphere)(positions, costs);
-    };
-    let options = Options {
-        n_iterations: 100,
-        boundary,
-        seed: 2,
-        ..Options::default()
-    };
-    let summary = minimize(&mut cost, &cube(4, 3.0, 2.0), &options, None, &mut go_on);
-    assert!(summary.best_position.iter().all(|x| x.is_finite()));
-    farthest
-}
-
-#[test]
-fn a_boundary_keeps_every_evaluated_position_in_the_box_and_none_does_not() {
-    assert!(farthest(Boundary::Clamp) <= 1.0);
-    assert!(farthest(Boundary::Reflect) <= 1.0);
-    assert!(
-        farthest(Boundary::None) > 1.0,
-        "the minimum at 0 lies outside 3 ± 2"
-    );
-}
-
-#[test]
-fn a_clamped_swarm_ends_at_the_wall_nearest_to_the_minimum() {
-    let options = Options {
-        boundary: Boundary::Clamp,
-        ..convergent()
-    };
-    let summary = run(sphere, &cube(3, 3.0, 2.0), &options);
-    assert_eq!(summary.best_position, [1.0; 3]);
-}
-
-#[test]
-fn no_step_is_longer_than_the_velocity_limit() {
-    const LIMIT: f64 = 0.05;
-    let mut last: Option<Vec<f64>> = None;
-    let mut longest = 0.0_f64;
-    let mut cost = |positions: &Positions, costs: &mut [f64]| {
-        if let Some(last) = &last {
-            longest = positions
-                .values
-                .iter()
-                .zip(last)
-                .fold(longest, |longest, (now, then)| {
-                    longest.max((now - then).abs())
-                });
-        }
-        last = Some(positions.values.clone());
-        batch(sphere)(positions, costs);
-    };
-    let options = Options {
-        n_iterations: 40,
-        velocity_limit: Some(LIMIT),
-        ..Options::default()
-    };
-    minimize(&mut cost, &cube(4, 0.0, 2.0), &options, None, &mut go_on);
-    // The difference of two positions of order 2 is rounded at 2⁻⁵².
-    let rounding = 1e-15;
-    assert!(longest <= LIMIT * 2.0 + rounding, "{longest}");
-    assert!(
-        longest > 0.9 * LIMIT * 2.0,
-        "the limit was never reached: {longest}"
-    );
-}
-
-#[test]
-fn first_velocities_carry_the_first_swarm_on() {
-    // Without attraction the particles keep their first velocity: x1 - x0 = v, within the configured fraction.
-    let options = Options {
-        n_iterations: 1,
-        inertia_weight: 1.0,
-        cognitive: 0.0,
-        social: 0.0,
-        initial_velocity: InitialVelocity::Uniform { fraction: 0.25 },
-        ..Options::default()
-    };
-    let mut evaluated = Vec::new();
-    let mut cost = |positions: &Positions, costs: &mut [f64]| {
-        evaluated.push(positions.clone());
-        costs.fill(0.0);
-    };
-    minimize(&mut cost, &cube(3, 0.0, 2.0), &options, None, &mut go_on);
-    let steps: Vec<f64> = evaluated[1]
-        .values
-        .iter()
-        .zip(&evaluated[0].values)
-        .map(|(a, b)| (a - b).abs())
-        .collect();
-    let longest = steps.iter().copied().fold(0.0, f64::max);
-    assert!(
-        longest <= 0.5 + 1e-15 && longest > 0.45,
-        "600 draws within ± 0.5: {longest}"
-    );
 }
 
 #[test]

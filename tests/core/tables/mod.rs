@@ -372,6 +372,22 @@ fn what_was_understood_is_told() {
 }
 
 #[test]
+fn a_header_below_the_lines_that_are_searched_is_read_if_it_is_stated() {
+    let rows = "1,2,3,4,5,6,7,8,9\n".repeat(3);
+    let text = format!("{}{}\n{rows}", "note\n".repeat(64), own_header().join(","));
+    let (set, _) = read(text.as_bytes(), "\"header_row\": 65").unwrap();
+    assert_eq!(set.points.len(), 3);
+}
+
+#[test]
+fn a_quaternion_of_another_length_is_named_as_such() {
+    let header = own_header().join(",");
+    let text = format!("{header},quat_w,quat_x,quat_y,quat_z\n1,2,3,4,5,6,7,8,9,2,0,0,0\n");
+    let error = read(text.as_bytes(), "").unwrap_err();
+    assert_eq!(error.issues[0].code, "quaternion_not_normalised");
+}
+
+#[test]
 fn a_bad_cell_is_named_with_its_line() {
     let text = Written::default().text();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();

@@ -90,14 +90,9 @@ pub(super) fn observations(robot: &Robot, points: &[Point]) -> Vec<Observation> 
     n_of_target.retain(|_, n| *n > 1);
     let seen: Vec<usize> = n_of_target.into_keys().collect();
     let observation = |p: &&Point| {
-        Some(Observation {
-            q_rad: robot.q_model_rad(&p.q_rad),
-            position_mm: p.position_mm,
-            target: seen.binary_search(&p.target).ok()?,
-            weight: 1.0,
-            whitening: None,
-            rotation: None,
-        })
+        let target = seen.binary_search(&p.target).ok()?;
+        let q_rad = robot.q_model_rad(&p.q_rad);
+        Some(Observation::at(q_rad, p.position_mm, target))
     };
     some.iter().filter_map(observation).collect()
 }
