@@ -18,7 +18,7 @@ use std::collections::BTreeSet;
 use utoipa::ToSchema;
 
 /// Mean, standard deviation, root mean square and maximum of the 3-D position errors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = ErrorsReport)]
 pub struct Errors {
     /// Mean, mm.
@@ -32,7 +32,7 @@ pub struct Errors {
 }
 
 /// Errors of one subset of the points.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = SubsetReport)]
 pub struct SubsetErrors {
     /// Number of points in the subset.
@@ -232,7 +232,7 @@ impl ErrorModel {
 }
 
 /// Identifiability: which parameters the data determine.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = IdentifiabilityReport)]
 pub struct Identifiability {
     /// Number of free parameters.
@@ -297,8 +297,8 @@ impl FlangeRotation {
     }
 }
 
-/// The outcome of one calibration.
-#[derive(Clone, Debug, PartialEq)]
+/// The outcome of one calibration. The default has identified nothing, as a verification.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrationReport {
     /// The method that ran (never `Auto`).
     pub method: Method,
