@@ -2,15 +2,13 @@
 
 use crate::calibration::report::{MethodComparison, PointErrors};
 use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
-use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
-    ComparisonReport, Convergence, CorrectionReport, Evidence as VerifyEvidence, PointReport,
-    Report, ToolUncertaintyReport,
+    ComparisonReport, Convergence, Evidence, PointReport, Report, ToolUncertaintyReport,
 };
 
 /// Facts about a run that the core does not know.
@@ -25,7 +23,7 @@ pub struct RunContext<'a> {
     /// Wall time of each compared method, in the order of `comparison`, ms.
     pub comparison_ms: Vec<f64>,
     /// Strength of the verification.
-    pub evidence: VerifyEvidence,
+    pub evidence: Evidence,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
     /// The warning that the uploader of the points overrode a suspicion with `insist`.
@@ -90,10 +88,7 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
             .enumerate()
             .map(|(i, c)| comparison(c, run.comparison_ms.get(i)))
             .collect(),
-        corrections: core
-            .corrections
-            .as_ref()
-            .map(|tried| tried.iter().map(Into::into).collect()),
+        corrections: core.corrections.clone(),
         repeatability: core.repeatability.clone(),
         changed: core.changes.as_ref().map(|changes| changes.all.clone()),
         pooled: core.pooled.clone(),
@@ -188,20 +183,6 @@ impl From<&PointErrors> for PointReport {
             before_rotation_deg: p.rotation_rad.map(|both| to_degrees(both[0])),
             after_rotation_deg: p.rotation_rad.map(|both| to_degrees(both[1])),
             outlier: p.is_outlier,
-        }
-    }
-}
-
-impl From<&Evidence> for CorrectionReport {
-    fn from(e: &Evidence) -> Self {
-        Self {
-            kind: e.kind.clone(),
-            kept: e.kept,
-            dropped_because: e.is_vetoed.then(|| "worse_on_verify_points".into()),
-            cross_validated_rms_mm_before: e.before_mm,
-            cross_validated_rms_mm_after: e.after_mm,
-            gain_mm2: e.gain_mm2,
-            standard_error_mm2: e.standard_error_mm2,
         }
     }
 }

@@ -6,6 +6,7 @@ pub use crate::calibration::report::{
     ParameterOutcome as ParameterReport, PriorOutcome as PriorReport,
     Repeatability as RepeatabilityReport, SubsetErrors as SubsetReport,
 };
+pub use crate::identification::corrections::Evidence as CorrectionReport;
 use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
@@ -186,30 +187,6 @@ pub struct ComparisonReport {
     /// Errors on the verify subset; null if there is none.
     #[schema(required)]
     pub verify_after: Option<ErrorsReport>,
-}
-
-/// A correction that was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct CorrectionReport {
-    /// `stiffness_2_3` (the two joints with the largest gravity load), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
-    /// `joint_harmonics` or `residual_network`. They are tried in this order, each in addition to those that were kept before. `all_together` is
-    /// tried last.
-    pub kind: String,
-    /// True if the correction is used. This requires that the gain exceeds its standard error (twice its standard error for `all_together`), and that
-    /// the errors on the verify points do not increase.
-    pub kept: bool,
-    /// Why the correction was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all
-    /// corrections than with the link parameters only. Absent otherwise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub dropped_because: Option<String>,
-    /// Cross-validated rms error without the correction, mm.
-    pub cross_validated_rms_mm_before: f64,
-    /// Cross-validated rms error with the correction, mm.
-    pub cross_validated_rms_mm_after: f64,
-    /// Gain: mean over configurations of the squared error without the correction minus the squared error with it, mm².
-    pub gain_mm2: f64,
-    /// Standard error of the gain, mm².
-    pub standard_error_mm2: f64,
 }
 
 /// Strength of the verification.
