@@ -82,9 +82,9 @@ fn scored(case: &Case) -> [f64; 4] {
         let rotation = verify.rotation.unwrap();
         return [
             verify.before.rms_mm,
-            rotation.before.rms_rad.to_degrees(),
+            rotation.before.rms_deg,
             verify.after.rms_mm,
-            rotation.after.rms_rad.to_degrees(),
+            rotation.after.rms_deg,
         ];
     }
     let is_fitted = |p: &Point| p.subset == Some(Subset::Identify);
@@ -116,13 +116,8 @@ fn scored(case: &Case) -> [f64; 4] {
         let predicted = model.rotation(&p.q_rad, 0).unwrap();
         rotation_log(&(predicted.inverse() * p.rotation.unwrap())).norm_squared()
     });
-    let before = report.identify.rotation.unwrap().before.rms_rad;
-    [
-        report.identify.before.rms_mm,
-        before.to_degrees(),
-        mm,
-        rad.to_degrees(),
-    ]
+    let before = report.identify.rotation.unwrap().before.rms_deg;
+    [report.identify.before.rms_mm, before, mm, rad.to_degrees()]
 }
 
 fn row(line: &str) -> (String, [f64; 2]) {
@@ -304,9 +299,9 @@ fn crosswise() {
         println!(
             "{from} identified, {to} verified | {:.4} | {:.4} | {:.4} | {:.4} | - | -",
             verify.before.rms_mm,
-            rotation.before.rms_rad.to_degrees(),
+            rotation.before.rms_deg,
             verify.after.rms_mm,
-            rotation.after.rms_rad.to_degrees(),
+            rotation.after.rms_deg,
         );
     }
 }

@@ -1,74 +1,88 @@
 //! Result of a quick check as plain data.
 
 use crate::calibration::method::{After, CheckVerdict};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
-/// The smallest change of one kind that the poses can detect, in the unit of the wire (mm or deg).
-#[derive(Clone, Debug, PartialEq)]
+/// The smallest change of one parameter that a check detects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = DetectableReport)]
 pub struct DetectableChange {
-    /// `theta_offset_3`, `base`, `target_0`.
+    /// The parameter: a joint zero (`theta_offset_3`), or a shift of `base` or `target_0` in the direction that is hardest to detect.
     pub name: String,
     /// `deg` or `mm`.
-    pub unit: &'static str,
-    /// Change that is detected with the stated power; `None` if these poses do not show it.
+    pub unit: String,
+    /// Size of the change; null if these poses cannot show it, because base and targets are fitted again or because the target lies almost on the
+    /// joint's axis.
+    #[schema(required)]
     pub change: Option<f64>,
-    /// Displacement of the target by that change at these poses, rms, mm.
+    /// rms displacement of the target by this change at these poses, mm.
+    #[schema(required)]
     pub tool_mm: Option<f64>,
 }
 
-/// The cause that explains the points best, in the unit of the wire (mm or deg).
-#[derive(Clone, Debug, PartialEq)]
+/// A possible cause of the change.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = CauseReport)]
 pub struct LikeliestCause {
-    /// The parameter; several names joined by "or" if the poses cannot tell them apart.
+    /// The parameter. Several names joined by "or" if the poses cannot tell these parameters apart.
     pub name: String,
     /// `deg` or `mm`.
-    pub unit: &'static str,
-    /// New value minus old value.
+    pub unit: String,
+    /// Change: current value − value in the parameter set.
     pub delta: f64,
-    /// |delta| in units of its standard deviation.
+    /// |delta| divided by its standard uncertainty.
     pub sigmas: f64,
 }
 
-/// The test of a quick check.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The statistical test of a quick check. The errors of the points are whitened with the covariance that follows from the uncertainty and the noise
+/// of the parameter set. The part that a new placement of base and targets can absorb is removed. The sum of squares divided by `n_combinations` is
+/// compared with Fisher's F distribution.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = CheckTestReport)]
 pub struct CheckTest {
     /// Sum of squares of the whitened errors.
     pub statistic: f64,
-    /// Number of equations minus the fitted numbers of base and targets.
+    /// Number of equations minus the number of parameters of base and targets, which are fitted again.
     pub n_combinations: usize,
-    /// Degrees of freedom of the noise.
+    /// Degrees of freedom of the noise estimate, which comes from the session of the parameter set.
     pub freedom: f64,
-    /// Probability that an unchanged robot gives at least this statistic.
+    /// p-value: probability that an unchanged robot gives at least this statistic.
     pub probability: f64,
-    /// Expected error of a point from the set's own uncertainty and noise, rms, mm.
+    /// Expected 3-D rms error of a point for an unchanged robot, mm.
     pub expected_rms_mm: f64,
 }
 
-/// Whether the released set still holds.
-#[derive(Clone, Debug, PartialEq)]
+/// Result of a quick check: whether the released parameter set is still valid for the robot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = CheckReport)]
 pub struct QuickCheck {
-    /// The verdict.
+    /// The verdict. `changed` puts the robot into the state `check_robot`. `cannot_tell` is evidence neither for nor against a change.
     pub verdict: CheckVerdict,
-    /// Why, in one sentence.
+    /// Reason for the verdict, in one sentence.
     pub reason: String,
-    /// What happened to the robot before the check, if stated.
+    /// What happened to the robot before the check, as stated in the request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after: Option<After>,
-    /// Configurations that were measured.
+    /// Number of measured configurations.
     pub n_configurations: usize,
-    /// False-alarm rate: share of unchanged robots that are called changed.
+    /// Significance level of the test: share of unchanged robots for which it reports a change.
     pub level: f64,
-    /// Probability with which the stated changes are detected.
+    /// Power of the test: probability of detecting a change of the size stated in `detectable`.
     pub power: f64,
-    /// Error of the released set on these points, rms, mm.
+    /// rms error of the parameter set on the measured points, mm.
     pub rms_mm: f64,
-    /// Error of the released set on the points held out at its identification, rms, mm.
+    /// rms error of the parameter set on the points that were held out when it was identified, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verified_rms_mm: Option<f64>,
-    /// The test; `None` if it cannot be made.
+    /// The statistical test; null if there are too few data for it.
+    #[schema(required)]
     pub test: Option<CheckTest>,
-    /// Smallest detectable changes; empty without a test.
+    /// The smallest single changes that the test detects with probability `power`; empty without a test.
     pub detectable: Vec<DetectableChange>,
-    /// Possible causes if the robot has changed, the likeliest first.
+    /// Possible causes of the change, the likeliest first; empty unless the verdict is `changed`.
     pub likeliest: Vec<LikeliestCause>,
-    /// What to measure next.
+    /// Recommended next measurement.
     pub next: String,
 }
 

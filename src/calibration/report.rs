@@ -1,4 +1,5 @@
-//! Result of a calibration as plain data. `wire::report` converts it to JSON.
+//! Result of a calibration as plain data. Its parts are those of the report of the API: they derive its JSON and its schema, so their documentation is
+//! that of `openapi.yaml`. `wire::report` joins them to the report of a job.
 
 use crate::calibration::quick_check::QuickCheck;
 use crate::calibration::reference::ScaleAtReach;
@@ -12,58 +13,68 @@ use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Link;
 use crate::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use utoipa::ToSchema;
 
-/// Mean, standard deviation (population), root mean square and largest of the 3-D position errors, mm.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Mean, standard deviation, root mean square and maximum of the 3-D position errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ErrorsReport)]
 pub struct Errors {
-    /// Mean of |residual|, mm.
+    /// Mean, mm.
     pub mean_mm: f64,
-    /// Population standard deviation of |residual|, mm.
+    /// Population standard deviation, mm.
     pub std_mm: f64,
-    /// Root mean square of |residual|, mm.
+    /// Root mean square, mm.
     pub rms_mm: f64,
-    /// Largest |residual|, mm.
+    /// Largest, mm.
     pub max_mm: f64,
 }
 
-/// Errors of one subset before (nominal) and after (identified).
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Errors of one subset of the points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = SubsetReport)]
 pub struct SubsetErrors {
-    /// Points in the subset.
+    /// Number of points in the subset.
     pub n_points: usize,
     /// Errors of the nominal robot.
     pub before: Errors,
-    /// Errors of the identified robot.
+    /// Errors of the robot with the identified links, without corrections.
     pub after: Errors,
-    /// Errors with corrections, if they were searched; the same as `after` if none was kept.
+    /// Errors of the robot with the identified links and corrections. Equal to `after` if no correction is used; absent if the job did not search for
+    /// corrections.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<Errors>,
-    /// Rotation errors of both robots; `None` if only positions were measured.
+    /// Rotation errors of the poses; absent if only positions were measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<RotationErrorsOfBoth>,
 }
 
-/// Rotation errors of the poses of one subset.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Rotation errors: angles between measured and predicted orientations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RotationReport)]
 pub struct RotationErrorsOfBoth {
-    /// Poses in the subset.
+    /// Number of poses in the subset.
     pub n_poses: usize,
-    /// Rotation errors of the nominal robot.
+    /// Errors of the nominal robot.
     pub before: RotationErrors,
-    /// Rotation errors of the identified robot.
+    /// Errors of the robot with the identified links, without corrections.
     pub after: RotationErrors,
-    /// Rotation errors of the identified robot with corrections, if some were kept.
+    /// Errors of the identified robot with corrections; absent if no correction is used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected: Option<RotationErrors>,
 }
 
-/// Angles between measured and predicted targets, rad.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Mean, root mean square and maximum of the angles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RotationErrorsReport)]
 pub struct RotationErrors {
-    /// Mean.
-    pub mean_rad: f64,
-    /// Root mean square.
-    pub rms_rad: f64,
-    /// Largest.
-    pub max_rad: f64,
+    /// Mean, degrees.
+    pub mean_deg: f64,
+    /// Root mean square, degrees.
+    pub rms_deg: f64,
+    /// Largest, degrees.
+    pub max_deg: f64,
 }
 
 impl SubsetErrors {
@@ -75,14 +86,15 @@ impl SubsetErrors {
     }
 }
 
-/// The delivered fit to all points.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The delivered parameters, compared with those that were verified.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = FinalFitReport)]
 pub struct FinalErrors {
-    /// Points that it was fitted to.
+    /// Number of points to which the delivered parameters were fitted.
     pub n_points: usize,
-    /// Root mean square of the |residual| of the links alone on these points, mm.
+    /// Root mean square error of these points with the link parameters only, mm.
     pub rms_mm: f64,
-    /// Mean distance between the tool of the delivered fit and that of the verified fit, at 200 configurations over the workspace, mm.
+    /// Mean distance between the tool positions with the delivered and with the verified parameters, at 200 configurations over the workspace, mm.
     pub moved_mm: f64,
 }
 
@@ -132,59 +144,74 @@ pub fn counted_errors_mm(points: &[PointErrors]) -> Vec<[f64; 3]> {
     counted.map(PointErrors::errors_mm).collect()
 }
 
-/// One parameter's outcome, in the unit of the wire (mm or deg).
-#[derive(Clone, Debug, PartialEq)]
+/// Result for one parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ParameterReport)]
 pub struct ParameterOutcome {
-    /// `a_1`, `theta_offset_3`, `base_x`, `target_0_z`, ….
+    /// `a_1`, `theta_offset_3`, `base_x`, ….
     pub name: String,
-    /// 1-based link, for link parameters.
+    /// For link parameters: number of the link, 1-based.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub link: Option<usize>,
     /// `mm` or `deg`.
-    pub unit: &'static str,
-    /// Nominal (for base and targets: the initial estimate).
+    pub unit: String,
+    /// Nominal value; for base and targets the first estimate.
     pub nominal: f64,
-    /// Identified.
+    /// Identified value.
     pub identified: f64,
     /// identified − nominal.
     pub delta: f64,
-    /// One standard deviation, if it can be stated.
+    /// One standard deviation; null if it cannot be computed.
+    #[schema(required)]
     pub std_uncertainty: Option<f64>,
-    /// The interval that contains the true value with 95 % probability, in the same unit, if it can be stated.
+    /// Interval that contains the true value with 95 % probability, in the same unit; null if it cannot be computed.
+    #[schema(required)]
     pub interval_95: Option<[f64; 2]>,
-    /// 1 − posterior variance / prior variance: the share of the information that comes from the points; 0 to 1.
-    pub data_share: f64,
-    /// True if `data_share` is at least one half.
+    /// Share of the knowledge about the parameter that comes from the data: 1 − posterior variance / prior variance. Absent in reports of older
+    /// versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub data_share: Option<f64>,
+    /// True if `data_share` is at least half.
     pub identifiable: bool,
-    /// Its stated prior, with the outcome.
+    /// The prior that the request gave for this parameter, and its influence on the result.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<PriorOutcome>,
 }
 
-/// A prior and its outcome, in the unit of the wire (mm or deg).
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A prior as it was used, in the parameter's unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = PriorReport)]
 pub struct PriorOutcome {
     /// Expected value.
     pub mean: f64,
     /// One standard deviation.
     pub std: f64,
     /// Smallest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
     /// Largest value allowed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
-    /// Share of the information that comes from the prior: posterior variance over prior variance. `None` if no uncertainty can be stated.
+    /// Share of the information about the parameter that comes from its prior, 0 to 1; null if no uncertainty can be computed.
+    #[schema(required)]
     pub share: Option<f64>,
     /// `min` or `max` if the fit ended at that bound.
-    pub at_bound: Option<&'static str>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_bound: Option<String>,
 }
 
-/// How the points scatter about the model ([`crate::identification::uncertainty`]).
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Scatter of the points about the model, one standard deviation each.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ErrorModelReport)]
 pub struct ErrorModel {
-    /// White noise of one coordinate of a point of weight 1, one standard deviation, mm.
+    /// White noise of one coordinate, mm.
     pub noise_std_mm: f64,
-    /// Error that all points of one configuration share, one standard deviation, mm; 0 if it is not significant.
+    /// Error that is common to all points of one configuration, mm; 0 if it cannot be distinguished from noise.
     pub configuration_std_mm: f64,
-    /// Misfit of the model: random rotation of the joints that varies with their values and with gravity, rad; 0 if it is not significant.
-    pub misfit_std_rad: f64,
+    /// Misfit: error that the model cannot describe, expressed as a rotation of each joint that depends on its value and on gravity, degrees. 0 if it
+    /// cannot be distinguished from noise.
+    pub misfit_std_deg: f64,
 }
 
 impl ErrorModel {
@@ -199,28 +226,31 @@ impl ErrorModel {
         Self {
             noise_std_mm,
             configuration_std_mm,
-            misfit_std_rad,
+            misfit_std_deg: misfit_std_rad.to_degrees(),
         }
     }
 }
 
-/// What the data determine.
-#[derive(Clone, Debug, PartialEq)]
+/// Identifiability: which parameters the data determine.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = IdentifiabilityReport)]
 pub struct Identifiability {
-    /// Free parameters.
+    /// Number of free parameters.
     pub n_parameters: usize,
-    /// Rank of the scaled identification Jacobian.
+    /// Rank of the scaled identification Jacobian: number of parameter combinations that the points determine, without priors.
     pub rank: usize,
-    /// Rank at generic poses. Positions cannot determine more.
-    pub model_rank: usize,
-    /// Number of combinations that priors determine and the data do not; `None` without priors.
+    /// Number of parameter combinations that only priors determine; absent without priors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_by_priors: Option<usize>,
-    /// Largest over smallest observable singular value of the scaled Jacobian.
-    pub condition_number: f64,
-    /// Unobservable combinations, each as the names of its parameters.
+    /// Condition number: ratio of the largest to the smallest singular value of the combinations that the points determine; null if it exceeds the
+    /// range of a float.
+    #[schema(required)]
+    pub condition_number: Option<f64>,
+    /// Parameter combinations that the data do not determine. Each is a list of parameter names.
     pub unidentifiable: Vec<Vec<String>>,
-    /// O1 = (σ1 … σr)^(1/r) / sqrt(N), of the scaled Jacobian.
-    pub observability_index_o1: f64,
+    /// Observability index O1 of the scaled Jacobian; null if it exceeds the range of a float.
+    #[schema(required)]
+    pub observability_index_o1: Option<f64>,
 }
 
 /// Another method on the same points. The service measures its duration from the start and end of its stage.
@@ -267,8 +297,8 @@ impl FlangeRotation {
     }
 }
 
-/// The outcome of one calibration.
-#[derive(Clone, Debug, PartialEq)]
+/// The outcome of one calibration. The default has identified nothing, as a verification.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrationReport {
     /// The method that ran (never `Auto`).
     pub method: Method,
@@ -321,6 +351,8 @@ pub struct CalibrationReport {
     pub flange_rotation: Option<FlangeRotation>,
     /// What the data determine.
     pub identifiability: Identifiability,
+    /// Rank of the identification Jacobian at generic poses. Positions cannot determine more.
+    pub model_rank: usize,
     /// Other methods on the same points.
     pub comparison: Vec<MethodComparison>,
     /// Warnings.
@@ -349,31 +381,36 @@ pub struct CalibrationReport {
     pub network: Option<TrainedNetwork>,
 }
 
-/// Sessions that were fitted together, and the comparison of the two least similar sessions.
-#[derive(Clone, Debug, PartialEq)]
+/// Sessions that were fitted together, and the comparison of the two sessions that differ most.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = PooledReport)]
 pub struct PooledSessions {
-    /// Each session, in the order of the request.
+    /// Each session, in the order of `measurement_set_ids`.
     pub sessions: Vec<PooledSession>,
-    /// dᵀ·V⁻¹·d of the robot's own parameters, for these two sessions.
+    /// Test statistic of the two sessions that differ most: squared difference, normalised by its covariance.
     pub chi_square: f64,
-    /// Number of parameter combinations that both sessions determine.
+    /// Number of parameter combinations that both of these sessions determine.
     pub n_combinations: usize,
-    /// Probability that an unchanged robot gives at least this value.
+    /// p-value: probability that sessions of an unchanged robot differ at least as much.
     pub probability: f64,
 }
 
-/// One session of several.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// One of the sessions that were fitted together.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = PooledSessionReport)]
 pub struct PooledSession {
-    /// Its first row among the rows of all sessions, from 0.
+    /// Its first row in the report, 0-based. The rows of the report are numbered continuously over all sets.
     pub first_row: usize,
     /// Number of its points.
     pub n_points: usize,
-    /// Noise that its points are weighed by, for a coordinate of a point of weight 1, mm; `None` if all sessions count alike.
+    /// Noise of one coordinate in this session, mm. Its points are weighted with it. Absent if all sessions have the same weight.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_std_mm: Option<f64>,
-    /// Root mean square error of the links alone on its identify points, mm.
+    /// Root mean square error of its identify points with the link parameters only, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identify_rms_mm: Option<f64>,
-    /// Root mean square error of the links alone on its verify points, mm.
+    /// Root mean square error of its verify points with the link parameters only, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verify_rms_mm: Option<f64>,
 }
 
@@ -408,33 +445,43 @@ impl CalibrationReport {
     }
 }
 
-/// ISO 9283 figures of a set's revisited poses.
-#[derive(Clone, Debug, PartialEq)]
+/// Repeatability by ISO 9283, from poses that were measured several times (joint values equal within 0.05°, same target, without outliers). The
+/// standard requires 30 visits. With few visits RP is too small, but `std_mm` is still correct.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RepeatabilityReport)]
 pub struct Repeatability {
-    /// RP over all poses together, mm.
+    /// Number of poses that were visited more than once.
+    pub n_poses: usize,
+    /// Number of points at these poses.
+    pub n_points: usize,
+    /// Pose repeatability RP of all poses together, mm: mean + 3 standard deviations of the distance from the pose's barycentre.
     pub rp_mm: f64,
-    /// Standard deviation of one coordinate about its pose's barycentre, mm.
+    /// Standard deviation of one coordinate about the pose's barycentre, mm.
     pub std_mm: f64,
-    /// Every pose, in order of its first row.
+    /// The results for each of these poses.
     pub poses: Vec<PoseRepeatability>,
 }
 
-/// One revisited pose of one target.
-#[derive(Clone, Debug, PartialEq)]
+/// One revisited pose.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = PoseRepeatabilityReport)]
 pub struct PoseRepeatability {
     /// Its configuration.
     pub configuration: String,
     /// Its target.
     pub target: usize,
-    /// Its rows.
+    /// Number of visits.
+    pub n: usize,
+    /// Data rows of the visits, 0-based.
     pub rows: Vec<usize>,
-    /// RP, mm.
+    /// RP of this pose, mm.
     pub rp_mm: f64,
-    /// AP: distance from the barycentre to the position of the nominal robot, mm.
+    /// Pose accuracy AP of the nominal robot, mm: distance between the barycentre and the position that the nominal robot predicts.
     pub ap_before_mm: f64,
-    /// AP of the identified links, mm.
+    /// AP of the robot with the identified links, mm.
     pub ap_after_mm: f64,
-    /// AP of the links with corrections, mm, if there are any.
+    /// AP of the robot with links and corrections, mm; absent if no correction is used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ap_corrected_mm: Option<f64>,
 }
 
@@ -466,14 +513,15 @@ pub struct Changes {
     pub probability: f64,
 }
 
-/// One change, in the unit of the wire (mm or deg).
-#[derive(Clone, Debug, PartialEq)]
+/// A parameter that changed since the previous session.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = ChangeReport)]
 pub struct NamedChange {
-    /// Its name; `d_2 or d_3` if positions cannot tell them apart.
+    /// The parameter. Several names joined by "or" if positions cannot tell these parameters apart.
     pub name: String,
-    /// Size of the change, for the first name.
+    /// Change, mm or degrees: current value − earlier value.
     pub delta: f64,
-    /// |delta| in units of its standard deviation.
+    /// |delta| divided by its standard uncertainty.
     pub sigmas: f64,
 }
 

@@ -5,13 +5,16 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// Which parameters exist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema, ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Model {
     /// The paper's: four per link, base known, target on the flange axis.
     Paper,
     /// Base pose, targets, and all five numbers of every link; priors settle what positions cannot tell apart.
+    #[default]
     Complete,
 }
 

@@ -319,7 +319,9 @@ fn residual_network_file(core: &CalibrationReport) -> Result<Option<StoredNetwor
             .identify
             .corrected
             .map_or(0.0, |errors| square(errors.rms_mm)),
-        validation_error: evidence.map_or(0.0, |evidence| square(evidence.after_mm)),
+        validation_error: evidence.map_or(0.0, |evidence| {
+            square(evidence.cross_validated_rms_mm_after)
+        }),
     };
     safetensors::write_residual(network, origin)
         .map(Some)

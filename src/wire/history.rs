@@ -93,7 +93,7 @@ impl From<&Changes> for SessionTest {
             chi_square: changes.chi_square,
             n_combinations: changes.n_combinations,
             probability: changes.probability,
-            changed: changes.all.iter().map(ChangeReport::from).collect(),
+            changed: changes.all.clone(),
         }
     }
 }

@@ -1,23 +1,14 @@
 //! Converts the core's report to the report of the API, and computes the hash of the result.
 
-use crate::calibration::report::NamedChange;
-use crate::calibration::report::{
-    ErrorModel, Errors, FinalErrors, MethodComparison, ParameterOutcome, PointErrors,
-    PoseRepeatability, PriorOutcome, Repeatability, RotationErrors, RotationErrorsOfBoth,
-    SubsetErrors,
-};
+use crate::calibration::report::{MethodComparison, PointErrors};
 use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
-use crate::identification::corrections::Evidence;
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::{
-    ChangeReport, ComparisonReport, Convergence, CorrectionReport, ErrorModelReport, ErrorsReport,
-    Evidence as VerifyEvidence, FinalFitReport, IdentifiabilityReport, ParameterReport,
-    PointReport, PoseRepeatabilityReport, PriorReport, RepeatabilityReport, Report,
-    RotationErrorsReport, RotationReport, SubsetReport, ToolUncertaintyReport,
+    ComparisonReport, Convergence, Evidence, PointReport, Report, ToolUncertaintyReport,
 };
 
 /// Facts about a run that the core does not know.
@@ -32,7 +23,7 @@ pub struct RunContext<'a> {
     /// Wall time of each compared method, in the order of `comparison`, ms.
     pub comparison_ms: Vec<f64>,
     /// Strength of the verification.
-    pub evidence: VerifyEvidence,
+    pub evidence: Evidence,
     /// SHA-256 of the trained network's tensors.
     pub network_sha256: Option<&'a str>,
     /// The warning that the uploader of the points overrode a suspicion with `insist`.
@@ -71,12 +62,12 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         n_evaluations: core.n_evaluations,
         duration_ms: run.duration_ms,
         cost_mm2: core.cost_mm2,
-        identify: (&core.identify).into(),
-        verify: core.verify.as_ref().map(Into::into),
-        verify_without_outliers: core.verify_without_outliers.as_ref().map(Into::into),
-        final_fit: core.final_fit.map(Into::into),
+        identify: core.identify,
+        verify: core.verify,
+        verify_without_outliers: core.verify_without_outliers,
+        final_fit: core.final_fit,
         per_point: core.per_point.iter().map(Into::into).collect(),
-        parameters: core.parameters.iter().map(Into::into).collect(),
+        parameters: core.parameters.clone(),
         reference: core.instrument_scale.map(Into::into),
         tool_uncertainty_mm: core
             .tool_uncertainty
@@ -89,32 +80,19 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         last_joint_zero_std_deg: core
             .flange_rotation
             .map(|found| to_degrees(found.last_joint_zero_rad)),
-        error_model: core.error_model.map(Into::into),
-        identifiability: IdentifiabilityReport {
-            n_parameters: core.identifiability.n_parameters,
-            rank: core.identifiability.rank,
-            n_by_priors: core.identifiability.n_by_priors,
-            condition_number: finite(core.identifiability.condition_number),
-            unidentifiable: core.identifiability.unidentifiable.clone(),
-            observability_index_o1: finite(core.identifiability.observability_index_o1),
-        },
+        error_model: core.error_model,
+        identifiability: core.identifiability.clone(),
         comparison: core
             .comparison
             .iter()
             .enumerate()
             .map(|(i, c)| comparison(c, run.comparison_ms.get(i)))
             .collect(),
-        corrections: core
-            .corrections
-            .as_ref()
-            .map(|tried| tried.iter().map(Into::into).collect()),
-        repeatability: core.repeatability.as_ref().map(Into::into),
-        changed: core
-            .changes
-            .as_ref()
-            .map(|changes| changes.all.iter().map(Into::into).collect()),
-        pooled: core.pooled.as_ref().map(Into::into),
-        check: core.quick_check.as_ref().map(Into::into),
+        corrections: core.corrections.clone(),
+        repeatability: core.repeatability.clone(),
+        changed: core.changes.as_ref().map(|changes| changes.all.clone()),
+        pooled: core.pooled.clone(),
+        check: core.quick_check.clone(),
         evidence: run.evidence,
         warnings: run
             .insisted
@@ -189,64 +167,6 @@ pub fn convergence(core: &CalibrationReport) -> Convergence {
     }
 }
 
-fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
-}
-
-impl From<FinalErrors> for FinalFitReport {
-    fn from(core: FinalErrors) -> Self {
-        Self {
-            n_points: core.n_points,
-            rms_mm: core.rms_mm,
-            moved_mm: core.moved_mm,
-        }
-    }
-}
-
-impl From<&Errors> for ErrorsReport {
-    fn from(e: &Errors) -> Self {
-        Self {
-            mean_mm: e.mean_mm,
-            std_mm: e.std_mm,
-            rms_mm: e.rms_mm,
-            max_mm: e.max_mm,
-        }
-    }
-}
-
-impl From<&SubsetErrors> for SubsetReport {
-    fn from(s: &SubsetErrors) -> Self {
-        Self {
-            n_points: s.n_points,
-            before: (&s.before).into(),
-            after: (&s.after).into(),
-            corrected: s.corrected.as_ref().map(Into::into),
-            rotation: s.rotation.map(Into::into),
-        }
-    }
-}
-
-impl From<RotationErrorsOfBoth> for RotationReport {
-    fn from(r: RotationErrorsOfBoth) -> Self {
-        Self {
-            n_poses: r.n_poses,
-            before: r.before.into(),
-            after: r.after.into(),
-            corrected: r.corrected.map(Into::into),
-        }
-    }
-}
-
-impl From<RotationErrors> for RotationErrorsReport {
-    fn from(e: RotationErrors) -> Self {
-        Self {
-            mean_deg: to_degrees(e.mean_rad),
-            rms_deg: to_degrees(e.rms_rad),
-            max_deg: to_degrees(e.max_rad),
-        }
-    }
-}
-
 impl From<&PointErrors> for PointReport {
     fn from(p: &PointErrors) -> Self {
         Self {
@@ -267,100 +187,11 @@ impl From<&PointErrors> for PointReport {
     }
 }
 
-impl From<&ParameterOutcome> for ParameterReport {
-    fn from(p: &ParameterOutcome) -> Self {
-        Self {
-            name: p.name.clone(),
-            link: p.link,
-            unit: p.unit.into(),
-            nominal: p.nominal,
-            identified: p.identified,
-            delta: p.delta,
-            std_uncertainty: p.std_uncertainty.and_then(finite),
-            interval_95: p
-                .interval_95
-                .filter(|[low, high]| low.is_finite() && high.is_finite()),
-            data_share: Some(p.data_share),
-            identifiable: p.identifiable,
-            prior: p.prior.as_ref().map(Into::into),
-        }
-    }
-}
-
-impl From<&Repeatability> for RepeatabilityReport {
-    fn from(r: &Repeatability) -> Self {
-        let pose = |p: &PoseRepeatability| PoseRepeatabilityReport {
-            configuration: p.configuration.clone(),
-            target: p.target,
-            n: p.rows.len(),
-            rows: p.rows.clone(),
-            rp_mm: p.rp_mm,
-            ap_before_mm: p.ap_before_mm,
-            ap_after_mm: p.ap_after_mm,
-            ap_corrected_mm: p.ap_corrected_mm,
-        };
-        Self {
-            n_poses: r.poses.len(),
-            n_points: r.poses.iter().map(|p| p.rows.len()).sum(),
-            rp_mm: r.rp_mm,
-            std_mm: r.std_mm,
-            poses: r.poses.iter().map(pose).collect(),
-        }
-    }
-}
-
-impl From<&Evidence> for CorrectionReport {
-    fn from(e: &Evidence) -> Self {
-        Self {
-            kind: e.kind.clone(),
-            kept: e.kept,
-            dropped_because: e.is_vetoed.then(|| "worse_on_verify_points".into()),
-            cross_validated_rms_mm_before: e.before_mm,
-            cross_validated_rms_mm_after: e.after_mm,
-            gain_mm2: e.gain_mm2,
-            standard_error_mm2: e.standard_error_mm2,
-        }
-    }
-}
-
-impl From<&PriorOutcome> for PriorReport {
-    fn from(p: &PriorOutcome) -> Self {
-        Self {
-            mean: p.mean,
-            std: p.std,
-            min: p.min,
-            max: p.max,
-            share: p.share.and_then(finite),
-            at_bound: p.at_bound.map(Into::into),
-        }
-    }
-}
-
-impl From<&NamedChange> for ChangeReport {
-    fn from(c: &NamedChange) -> Self {
-        Self {
-            name: c.name.clone(),
-            delta: c.delta,
-            sigmas: c.sigmas,
-        }
-    }
-}
-
 impl From<ToolUncertainty> for ToolUncertaintyReport {
     fn from(t: ToolUncertainty) -> Self {
         Self {
             mean: t.mean_mm,
             max: t.max_mm,
-        }
-    }
-}
-
-impl From<ErrorModel> for ErrorModelReport {
-    fn from(e: ErrorModel) -> Self {
-        Self {
-            noise_std_mm: e.noise_std_mm,
-            configuration_std_mm: e.configuration_std_mm,
-            misfit_std_deg: to_degrees(e.misfit_std_rad),
         }
     }
 }
@@ -372,6 +203,6 @@ fn comparison(c: &MethodComparison, duration_ms: Option<&f64>) -> ComparisonRepo
         n_evaluations: c.n_evaluations,
         duration_ms: duration_ms.copied().unwrap_or(0.0),
         cost_mm2: c.cost_mm2,
-        verify_after: c.verify_after.as_ref().map(Into::into),
+        verify_after: c.verify_after,
     }
 }

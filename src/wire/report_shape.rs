@@ -1,5 +1,12 @@
-//! JSON types of a report.
+//! JSON types of a report. Parts that are alike in the core are the core's types, under the names of their schemas.
 
+pub use crate::calibration::report::{
+    ErrorModel as ErrorModelReport, Errors as ErrorsReport, FinalErrors as FinalFitReport,
+    Identifiability as IdentifiabilityReport, NamedChange as ChangeReport,
+    ParameterOutcome as ParameterReport, PriorOutcome as PriorReport,
+    Repeatability as RepeatabilityReport, SubsetErrors as SubsetReport,
+};
+pub use crate::identification::corrections::Evidence as CorrectionReport;
 use crate::wire::check::CheckReport;
 use crate::wire::job::{Method, Model, Preset};
 use crate::wire::measurement::{Subset, Warning};
@@ -113,73 +120,6 @@ pub struct Report {
     pub result_sha256: String,
 }
 
-/// Mean, standard deviation, root mean square and maximum of the 3-D position errors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ErrorsReport {
-    /// Mean, mm.
-    pub mean_mm: f64,
-    /// Population standard deviation, mm.
-    pub std_mm: f64,
-    /// Root mean square, mm.
-    pub rms_mm: f64,
-    /// Largest, mm.
-    pub max_mm: f64,
-}
-
-/// Errors of one subset of the points.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct SubsetReport {
-    /// Number of points in the subset.
-    pub n_points: usize,
-    /// Errors of the nominal robot.
-    pub before: ErrorsReport,
-    /// Errors of the robot with the identified links, without corrections.
-    pub after: ErrorsReport,
-    /// Errors of the robot with the identified links and corrections. Equal to `after` if no correction is used; absent if the job did not search for
-    /// corrections.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub corrected: Option<ErrorsReport>,
-    /// Rotation errors of the poses; absent if only positions were measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rotation: Option<RotationReport>,
-}
-
-/// Rotation errors: angles between measured and predicted orientations.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RotationReport {
-    /// Number of poses in the subset.
-    pub n_poses: usize,
-    /// Errors of the nominal robot.
-    pub before: RotationErrorsReport,
-    /// Errors of the robot with the identified links, without corrections.
-    pub after: RotationErrorsReport,
-    /// Errors of the identified robot with corrections; absent if no correction is used.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub corrected: Option<RotationErrorsReport>,
-}
-
-/// Mean, root mean square and maximum of the angles.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RotationErrorsReport {
-    /// Mean, degrees.
-    pub mean_deg: f64,
-    /// Root mean square, degrees.
-    pub rms_deg: f64,
-    /// Largest, degrees.
-    pub max_deg: f64,
-}
-
-/// The delivered parameters, compared with those that were verified.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct FinalFitReport {
-    /// Number of points to which the delivered parameters were fitted.
-    pub n_points: usize,
-    /// Root mean square error of these points with the link parameters only, mm.
-    pub rms_mm: f64,
-    /// Mean distance between the tool positions with the delivered and with the verified parameters, at 200 configurations over the workspace, mm.
-    pub moved_mm: f64,
-}
-
 /// The errors of one point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PointReport {
@@ -220,61 +160,6 @@ pub struct PointReport {
     pub outlier: bool,
 }
 
-/// Result for one parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ParameterReport {
-    /// `a_1`, `theta_offset_3`, `base_x`, ….
-    pub name: String,
-    /// For link parameters: number of the link, 1-based.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub link: Option<usize>,
-    /// `mm` or `deg`.
-    pub unit: String,
-    /// Nominal value; for base and targets the first estimate.
-    pub nominal: f64,
-    /// Identified value.
-    pub identified: f64,
-    /// identified − nominal.
-    pub delta: f64,
-    /// One standard deviation; null if it cannot be computed.
-    #[schema(required)]
-    pub std_uncertainty: Option<f64>,
-    /// Interval that contains the true value with 95 % probability, in the same unit; null if it cannot be computed.
-    #[schema(required)]
-    pub interval_95: Option<[f64; 2]>,
-    /// Share of the knowledge about the parameter that comes from the data: 1 − posterior variance / prior variance. Absent in reports of older
-    /// versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0, maximum = 1)]
-    pub data_share: Option<f64>,
-    /// True if `data_share` is at least half.
-    pub identifiable: bool,
-    /// The prior that the request gave for this parameter, and its influence on the result.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub prior: Option<PriorReport>,
-}
-
-/// A prior as it was used, in the parameter's unit.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PriorReport {
-    /// Expected value.
-    pub mean: f64,
-    /// One standard deviation.
-    pub std: f64,
-    /// Smallest value allowed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub min: Option<f64>,
-    /// Largest value allowed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub max: Option<f64>,
-    /// Share of the information about the parameter that comes from its prior, 0 to 1; null if no uncertainty can be computed.
-    #[schema(required)]
-    pub share: Option<f64>,
-    /// `min` or `max` if the fit ended at that bound.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub at_bound: Option<String>,
-}
-
 /// One standard deviation of the tool's 3-D position with the link parameters only, at random configurations within the joint limits. A joint without
 /// limits covers its measured range, at least half a turn. The uncertainty includes noise, combinations of parameters that the data do not determine,
 /// and misfit of the model.
@@ -284,39 +169,6 @@ pub struct ToolUncertaintyReport {
     pub mean: f64,
     /// Largest, mm.
     pub max: f64,
-}
-
-/// Scatter of the points about the model, one standard deviation each.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ErrorModelReport {
-    /// White noise of one coordinate, mm.
-    pub noise_std_mm: f64,
-    /// Error that is common to all points of one configuration, mm; 0 if it cannot be distinguished from noise.
-    pub configuration_std_mm: f64,
-    /// Misfit: error that the model cannot describe, expressed as a rotation of each joint that depends on its value and on gravity, degrees. 0 if it
-    /// cannot be distinguished from noise.
-    pub misfit_std_deg: f64,
-}
-
-/// Identifiability: which parameters the data determine.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct IdentifiabilityReport {
-    /// Number of free parameters.
-    pub n_parameters: usize,
-    /// Rank of the scaled identification Jacobian: number of parameter combinations that the points determine, without priors.
-    pub rank: usize,
-    /// Number of parameter combinations that only priors determine; absent without priors.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub n_by_priors: Option<usize>,
-    /// Condition number: ratio of the largest to the smallest singular value of the combinations that the points determine; null if it exceeds the
-    /// range of a float.
-    #[schema(required)]
-    pub condition_number: Option<f64>,
-    /// Parameter combinations that the data do not determine. Each is a list of parameter names.
-    pub unidentifiable: Vec<Vec<String>>,
-    /// Observability index O1 of the scaled Jacobian; null if it exceeds the range of a float.
-    #[schema(required)]
-    pub observability_index_o1: Option<f64>,
 }
 
 /// Result of another method on the same points.
@@ -335,79 +187,6 @@ pub struct ComparisonReport {
     /// Errors on the verify subset; null if there is none.
     #[schema(required)]
     pub verify_after: Option<ErrorsReport>,
-}
-
-/// A correction that was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct CorrectionReport {
-    /// `stiffness_2_3` (the two joints with the largest gravity load), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
-    /// `joint_harmonics` or `residual_network`. They are tried in this order, each in addition to those that were kept before. `all_together` is
-    /// tried last.
-    pub kind: String,
-    /// True if the correction is used. This requires that the gain exceeds its standard error (twice its standard error for `all_together`), and that
-    /// the errors on the verify points do not increase.
-    pub kept: bool,
-    /// Why the correction was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all
-    /// corrections than with the link parameters only. Absent otherwise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub dropped_because: Option<String>,
-    /// Cross-validated rms error without the correction, mm.
-    pub cross_validated_rms_mm_before: f64,
-    /// Cross-validated rms error with the correction, mm.
-    pub cross_validated_rms_mm_after: f64,
-    /// Gain: mean over configurations of the squared error without the correction minus the squared error with it, mm².
-    pub gain_mm2: f64,
-    /// Standard error of the gain, mm².
-    pub standard_error_mm2: f64,
-}
-
-/// Repeatability by ISO 9283, from poses that were measured several times (joint values equal within 0.05°, same target, without outliers). The
-/// standard requires 30 visits. With few visits RP is too small, but `std_mm` is still correct.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RepeatabilityReport {
-    /// Number of poses that were visited more than once.
-    pub n_poses: usize,
-    /// Number of points at these poses.
-    pub n_points: usize,
-    /// Pose repeatability RP of all poses together, mm: mean + 3 standard deviations of the distance from the pose's barycentre.
-    pub rp_mm: f64,
-    /// Standard deviation of one coordinate about the pose's barycentre, mm.
-    pub std_mm: f64,
-    /// The results for each of these poses.
-    pub poses: Vec<PoseRepeatabilityReport>,
-}
-
-/// One revisited pose.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PoseRepeatabilityReport {
-    /// Its configuration.
-    pub configuration: String,
-    /// Its target.
-    pub target: usize,
-    /// Number of visits.
-    pub n: usize,
-    /// Data rows of the visits, 0-based.
-    pub rows: Vec<usize>,
-    /// RP of this pose, mm.
-    pub rp_mm: f64,
-    /// Pose accuracy AP of the nominal robot, mm: distance between the barycentre and the position that the nominal robot predicts.
-    pub ap_before_mm: f64,
-    /// AP of the robot with the identified links, mm.
-    pub ap_after_mm: f64,
-    /// AP of the robot with links and corrections, mm; absent if no correction is used.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ap_corrected_mm: Option<f64>,
-}
-
-/// A parameter that changed since the previous session.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ChangeReport {
-    /// The parameter. Several names joined by "or" if positions cannot tell these parameters apart.
-    pub name: String,
-    /// Change, mm or degrees: current value − earlier value.
-    pub delta: f64,
-    /// |delta| divided by its standard uncertainty.
-    pub sigmas: f64,
 }
 
 /// Strength of the verification.

@@ -1,10 +1,8 @@
 //! Jobs with several sessions: checks of the request, and the part of the report about each session.
 
-use crate::calibration::report;
+pub use crate::calibration::report::PooledSessions as PooledReport;
 use crate::measurement::sessions::MAX_SESSIONS;
 use crate::wire::issue::{Checker, Invalid};
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Refuses a request with no measurement set, with the same set twice, or with too few or too many sets. `one` is `measurement_set_id`, `several` are
 /// `measurement_set_ids`.
@@ -43,58 +41,4 @@ pub fn check(one: Option<&String>, several: Option<&[String]>) -> Result<(), Inv
         }
     }
     checker.finish("invalid_job")
-}
-
-/// Sessions that were fitted together, and the comparison of the two sessions that differ most.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PooledReport {
-    /// Each session, in the order of `measurement_set_ids`.
-    pub sessions: Vec<PooledSessionReport>,
-    /// Test statistic of the two sessions that differ most: squared difference, normalised by its covariance.
-    pub chi_square: f64,
-    /// Number of parameter combinations that both of these sessions determine.
-    pub n_combinations: usize,
-    /// p-value: probability that sessions of an unchanged robot differ at least as much.
-    pub probability: f64,
-}
-
-/// One of the sessions that were fitted together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PooledSessionReport {
-    /// Its first row in the report, 0-based. The rows of the report are numbered continuously over all sets.
-    pub first_row: usize,
-    /// Number of its points.
-    pub n_points: usize,
-    /// Noise of one coordinate in this session, mm. Its points are weighted with it. Absent if all sessions have the same weight.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub noise_std_mm: Option<f64>,
-    /// Root mean square error of its identify points with the link parameters only, mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub identify_rms_mm: Option<f64>,
-    /// Root mean square error of its verify points with the link parameters only, mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub verify_rms_mm: Option<f64>,
-}
-
-impl From<&report::PooledSessions> for PooledReport {
-    fn from(core: &report::PooledSessions) -> Self {
-        Self {
-            sessions: core.sessions.iter().map(Into::into).collect(),
-            chi_square: core.chi_square,
-            n_combinations: core.n_combinations,
-            probability: core.probability,
-        }
-    }
-}
-
-impl From<&report::PooledSession> for PooledSessionReport {
-    fn from(core: &report::PooledSession) -> Self {
-        Self {
-            first_row: core.first_row,
-            n_points: core.n_points,
-            noise_std_mm: core.noise_std_mm,
-            identify_rms_mm: core.identify_rms_mm,
-            verify_rms_mm: core.verify_rms_mm,
-        }
-    }
 }

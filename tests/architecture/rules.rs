@@ -91,6 +91,9 @@ const CORE_STD_FORBIDDEN: &[&str] = &["env", "fs", "io", "net", "os", "process",
 /// call returns and change no bit. Everything else in the core stays on the thread that called it.
 const CORE_STD_ALLOWED: (&str, &str) = ("identification::parallel", "thread");
 
+const SHAPES: &str =
+    "the JSON shapes are wire's, except for parts of the report and enums of the contract";
+
 const PRINTING_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
 
 /// Names whose order or numbers differ from run to run or from version to version.
@@ -133,7 +136,7 @@ pub enum Rule {
     Unseeded,
     /// The core uses a float function that differs between platforms.
     PlatformFloat,
-    /// The core derives or implements `Serialize`.
+    /// The core derives or implements `Serialize` outside of the files of the report and of the contract's enums.
     CoreSerialize,
     /// SQL outside of `store`.
     SqlOutsideStore,
@@ -309,7 +312,7 @@ fn check_crate(
         return Some((
             Rule::CoreSerialize,
             used.line,
-            format!("`{written}`: the JSON shapes are wire's"),
+            format!("`{written}`: {SHAPES}"),
         ));
     }
     if core && !CORE_CRATES.contains(&root) {
@@ -355,7 +358,7 @@ fn check_core_tokens(tokens: &[Token]) -> Vec<(Rule, usize, String)> {
             found.push((
                 Rule::CoreSerialize,
                 token.line,
-                format!("`{name}`: the JSON shapes are wire's"),
+                format!("`{name}`: {SHAPES}"),
             ));
         }
         if PLATFORM_FLOAT_METHODS.contains(&name) && is_float_method(tokens, i) {

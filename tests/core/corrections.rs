@@ -320,7 +320,7 @@ fn the_points_to_verify_and_nobody_else_have_a_veto_over_all_corrections() {
         let set = misleading_groups(seed);
         let report = run(&CalibrationRequest::new(paper_robot(), set.clone()));
         let tried = report.corrections.as_ref().unwrap();
-        assert!(tried.last().unwrap().is_vetoed && tried.iter().all(|e| !e.kept));
+        assert!(tried.last().unwrap().dropped_because.is_some() && tried.iter().all(|e| !e.kept));
         assert!(report.corrected.is_none());
         assert_eq!(
             report.verify.unwrap().corrected,
@@ -473,7 +473,9 @@ fn the_same_request_gives_the_same_bits_and_sessions_are_left_out_whole() {
     let sessions = run(&CalibrationRequest::new(paper_robot(), set));
     assert_eq!(sessions.links, first.links);
     assert!(kept(&sessions).contains(&"stiffness_2_3"));
-    let rms = |report: &CalibrationReport| report.corrections.as_ref().unwrap()[0].before_mm;
+    let rms = |report: &CalibrationReport| {
+        report.corrections.as_ref().unwrap()[0].cross_validated_rms_mm_before
+    };
     assert!(
         (rms(&sessions) - rms(&first)).abs() > 1e-6,
         "other points are left out together"

@@ -687,7 +687,7 @@ fn what_is_said_of_parameters_that_cannot_be_told_apart_holds_of_their_values() 
     let generic = measured(&|_| ());
     assert!(!is_told(&generic) && !generic.identifiability.unidentifiable.is_empty());
     let report = measured(&|q| q[3] = 0.3);
-    assert!(is_told(&report) && report.identifiability.rank < report.identifiability.model_rank);
+    assert!(is_told(&report) && report.identifiability.rank < report.model_rank);
     let groups = &report.identifiability.unidentifiable;
     let change = |name: &String| {
         let mut all = report.parameters.iter();

@@ -156,10 +156,7 @@ fn one_target_shows_27_combinations_three_show_33_and_poses_30() {
         nominal.clone(),
         measured(&truth, 60, TRACKED, &mut random),
     ));
-    assert_eq!(
-        (poses.identifiability.rank, poses.identifiability.model_rank),
-        (30, 30)
-    );
+    assert_eq!((poses.identifiability.rank, poses.model_rank), (30, 30));
     let positions = |n_targets: usize, random: &mut Normal| {
         let mut truth = true_robot(&nominal, n_targets, random);
         truth.targets_mm = [
@@ -184,10 +181,7 @@ fn one_target_shows_27_combinations_three_show_33_and_poses_30() {
             .collect();
         let set = MeasurementSet::new(Frame::Instrument, points);
         let report = run(&CalibrationRequest::new(nominal.clone(), set));
-        (
-            report.identifiability.rank,
-            report.identifiability.model_rank,
-        )
+        (report.identifiability.rank, report.model_rank)
     };
     assert_eq!(positions(1, &mut random), (27, 27));
     assert_eq!(positions(3, &mut random), (33, 33));
@@ -225,17 +219,17 @@ fn a_measured_robot_is_identified_from_poses_by_the_halves_of_its_file() {
         println!(
             "{file}: links {:.4} mm {:.4}°, with corrections {:.4} mm {:.4}°",
             verify.after.rms_mm,
-            rotation.after.rms_rad.to_degrees(),
+            rotation.after.rms_deg,
             corrected.rms_mm,
-            corrected_rotation.rms_rad.to_degrees()
+            corrected_rotation.rms_deg
         );
         assert!(corrected.rms_mm < 0.95 * verify.after.rms_mm, "{file}");
         assert!(
-            corrected_rotation.rms_rad <= rotation.after.rms_rad,
+            corrected_rotation.rms_deg <= rotation.after.rms_deg,
             "{file}"
         );
         assert!(verify.after.rms_mm <= most_mm, "{}", verify.after.rms_mm);
-        let rms_deg = rotation.after.rms_rad.to_degrees();
+        let rms_deg = rotation.after.rms_deg;
         assert!(rms_deg <= most_deg, "{rms_deg}");
     }
 }

@@ -359,7 +359,7 @@ fn corrections_are_judged_on_sessions_that_were_not_fitted() {
         .for_each(|p| p.session = None);
     let unseen_mm = |request: &CalibrationRequest| {
         let report = run(request).unwrap();
-        report.corrections.unwrap()[0].before_mm
+        report.corrections.unwrap()[0].cross_validated_rms_mm_before
     };
     let (by_session, by_configuration) = (unseen_mm(&together), unseen_mm(&unlabelled));
     println!(

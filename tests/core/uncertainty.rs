@@ -127,7 +127,7 @@ fn with_white_noise_the_stated_intervals_hold_the_truth_in_93_to_97_of_100_cases
     assert!((93.0..=97.0).contains(&held), "{held} %");
     // A part that does not exist is kept in at most one of twenty cases: 80 · 0.05 plus three standard deviations.
     assert!(
-        n_runs_with(&runs, |e| e.misfit_std_rad) <= 10
+        n_runs_with(&runs, |e| e.misfit_std_deg) <= 10
             && n_runs_with(&runs, |e| e.configuration_std_mm) == 0
     );
     let noise = runs
@@ -185,7 +185,7 @@ fn sag_that_no_model_knows_is_noticed_and_widens_the_intervals() {
         sag_rad: 5e-4,
         ..Campaign::PLAIN
     });
-    assert_eq!(n_runs_with(&runs, |e| e.misfit_std_rad), ROBOTS as usize);
+    assert_eq!(n_runs_with(&runs, |e| e.misfit_std_deg), ROBOTS as usize);
     let held = coverage(&runs);
     println!("{held:.2} % held");
     // What the posterior says of the links' error counts as one standard deviation, though it is known: intervals are rather too wide.
@@ -283,7 +283,7 @@ fn a_file_that_stands_twice_in_the_upload_says_no_more_than_once() {
             ControlFlow::Continue(())
         })
         .unwrap();
-        assert!(report.error_model.unwrap().misfit_std_rad == 0.0);
+        assert!(report.error_model.unwrap().misfit_std_deg == 0.0);
         report
             .parameters
             .iter()

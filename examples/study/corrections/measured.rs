@@ -23,7 +23,12 @@ fn row(name: &str, split: &str, request: &CalibrationRequest) -> (f64, f64) {
         for e in report.corrections.iter().flatten() {
             println!(
                 "    {} {} {:.4} {:.4} gain {:.5} se {:.5}",
-                e.kind, e.kept, e.before_mm, e.after_mm, e.gain_mm2, e.standard_error_mm2
+                e.kind,
+                e.kept,
+                e.cross_validated_rms_mm_before,
+                e.cross_validated_rms_mm_after,
+                e.gain_mm2,
+                e.standard_error_mm2
             );
         }
     }

@@ -6,6 +6,7 @@ use crate::calibration::outcome::parameters::{identifiability, parameters};
 use crate::calibration::outcome::stated_uncertainty::{
     estimated, nothing_left, stated, why_it_says_nothing, why_not_stated, with_found_misfit,
 };
+use crate::calibration::preparation::equations::model_rank;
 use crate::calibration::preparation::observe::observe_verify_set;
 use crate::calibration::preparation::stated_priors;
 use crate::calibration::problem::Problem;
@@ -392,6 +393,11 @@ pub fn report(
             .then(|| flange_rotation(delivered_problem, delivered_model, &of_both))
             .flatten(),
         identifiability,
+        model_rank: model_rank(
+            &request.robot,
+            &delivered_problem.parameters,
+            delivered_problem.screening.targets.len(),
+        ),
         comparison: answer.comparison,
         warnings: vec![],
         links: as_delivered.links,

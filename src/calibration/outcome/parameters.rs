@@ -1,6 +1,5 @@
 //! The parameters of a report: values, uncertainties, and how far the points determine them.
 
-use crate::calibration::preparation::equations::model_rank;
 use crate::calibration::preparation::stated_priors;
 use crate::calibration::problem::Problem;
 use crate::calibration::problem::value_of;
@@ -53,13 +52,13 @@ pub fn parameters(
             } else {
                 None
             },
-            unit: if parameter.is_angle() { "deg" } else { "mm" },
+            unit: if parameter.is_angle() { "deg" } else { "mm" }.into(),
             nominal: to_wire(nominal),
             identified: to_wire(identified),
             delta: to_wire(identified - nominal),
             std_uncertainty: known.map(|u| to_wire(u.std(i))),
             interval_95: known.map(interval),
-            data_share: data_share[i].clamp(0.0, 1.0),
+            data_share: Some(data_share[i].clamp(0.0, 1.0)),
             identifiable: identifiable[i],
             prior: stated_priors::outcome_of(problem, model, i, uncertainty),
         }
@@ -110,27 +109,23 @@ pub fn identifiability(problem: &Problem<'_>) -> Identifiability {
             .map(|i| problem.screening.targets.name(&problem.parameters[i]))
             .collect()
     };
+    let finite = |value: f64| Some(value).filter(|value| value.is_finite());
     Identifiability {
         n_parameters: problem.parameters.len(),
         rank: problem.decomposition.rank(),
-        model_rank: model_rank(
-            &problem.request.robot,
-            &problem.parameters,
-            problem.screening.targets.len(),
-        ),
         n_by_priors: problem.priors.as_ref().map(|known| {
             let (with, _) = problem
                 .decomposition
                 .directions_with_priors(&known.priors.stds());
             with.ncols() - problem.decomposition.rank()
         }),
-        condition_number: problem.decomposition.condition_number(),
+        condition_number: finite(problem.decomposition.condition_number()),
         unidentifiable: problem
             .decomposition
             .unseen_groups()
             .into_iter()
             .map(names)
             .collect(),
-        observability_index_o1: problem.decomposition.observability_index_o1(),
+        observability_index_o1: finite(problem.decomposition.observability_index_o1()),
     }
 }

@@ -256,7 +256,7 @@ pub fn outcome_of(
         min: bound(prior.min),
         max: bound(prior.max),
         share: uncertainty.filter(|_| at_bound.is_none()).map(share),
-        at_bound,
+        at_bound: at_bound.map(Into::into),
     })
 }
 

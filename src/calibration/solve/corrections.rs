@@ -266,7 +266,7 @@ pub fn veto(
     }
     let drop = |tried: Evidence| Evidence {
         kept: false,
-        is_vetoed: tried.kept,
+        dropped_because: tried.kept.then(|| "worse_on_verify_points".into()),
         ..tried
     };
     let found = Found {

@@ -111,9 +111,11 @@ fn of_angles(
     let statistics = |angles: &[f64]| {
         let n = angles.len() as f64;
         (!angles.is_empty()).then(|| RotationErrors {
-            mean_rad: angles.iter().sum::<f64>() / n,
-            rms_rad: (angles.iter().map(|a| a * a).sum::<f64>() / n).sqrt(),
-            max_rad: angles.iter().fold(0.0, |m, a| m.max(*a)),
+            mean_deg: (angles.iter().sum::<f64>() / n).to_degrees(),
+            rms_deg: (angles.iter().map(|a| a * a).sum::<f64>() / n)
+                .sqrt()
+                .to_degrees(),
+            max_deg: angles.iter().fold(0.0f64, |m, a| m.max(*a)).to_degrees(),
         })
     };
     Some(RotationErrorsOfBoth {

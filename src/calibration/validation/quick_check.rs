@@ -334,13 +334,13 @@ fn judged(
 fn detectable(checked: &Checked) -> Vec<DetectableChange> {
     let of_joint = |(joint, found): (usize, &Detectable)| DetectableChange {
         name: Parameter::Link(joint, Quantity::ThetaOffset).name(),
-        unit: "deg",
+        unit: "deg".into(),
         change: found.change.map(f64::to_degrees),
         tool_mm: found.tool_mm,
     };
     let shift = |name: String, found: &Detectable| DetectableChange {
         name,
-        unit: "mm",
+        unit: "mm".into(),
         change: found.change,
         tool_mm: found.tool_mm,
     };
@@ -373,7 +373,7 @@ fn named(change: &Change) -> LikeliestCause {
     let names: Vec<String> = change.parameters.iter().map(Parameter::name).collect();
     LikeliestCause {
         name: names.join(" or "),
-        unit: if is_angle { "deg" } else { "mm" },
+        unit: if is_angle { "deg" } else { "mm" }.into(),
         delta: if is_angle {
             change.delta.to_degrees()
         } else {

@@ -66,6 +66,7 @@ pub fn repeatability(
         PoseRepeatability {
             configuration: problem.observed.configurations[rows[0]].clone(),
             target: problem.observed.targets[rows[0]],
+            n: rows.len(),
             rows: rows.clone(),
             rp_mm: visits.rp_mm(),
             ap_before_mm: off(measured_mm, &|q| problem.nominal.position(q, target)),
@@ -75,6 +76,8 @@ pub fn repeatability(
     };
     let poses = groups.iter().zip(&visits).map(pose).collect();
     Some(Repeatability {
+        n_poses: groups.len(),
+        n_points: groups.iter().map(Vec::len).sum(),
         rp_mm: pooled_rp_mm(&visits),
         std_mm: pooled_std_mm(&visits),
         poses,

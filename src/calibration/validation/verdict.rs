@@ -291,13 +291,13 @@ pub fn warnings(
     }
     let unseen = &report.identifiability.unidentifiable;
     // combinations that no pose can show belong to the complete model and are not a fault of these points
-    if report.identifiability.rank < report.identifiability.model_rank {
+    if report.identifiability.rank < report.model_rank {
         let groups: Vec<String> = unseen.iter().map(|group| group.join(" with ")).collect();
         let detail = format!(
             "the measured poses show {} combinations of parameters, and other poses of this robot {}. These cannot be told apart or seen from the measured \
              positions, and the value of a single one says nothing by itself: {}",
             report.identifiability.rank,
-            report.identifiability.model_rank,
+            report.model_rank,
             groups.join("; ")
         );
         warnings.push(warning("unidentifiable_parameters", detail));

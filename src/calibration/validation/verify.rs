@@ -3,8 +3,7 @@
 
 use crate::calibration::preparation::observe::observe_to_verify;
 use crate::calibration::report::{
-    BASE_NOT_CHECKED, CalibrationReport, Errors, Identifiability, SubsetErrors, Warning,
-    counted_errors_mm,
+    BASE_NOT_CHECKED, CalibrationReport, Identifiability, SubsetErrors, Warning, counted_errors_mm,
 };
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::{stage, watched};
@@ -213,12 +212,6 @@ fn report(
         held_out: request.held_out,
         refused_as: request.refused_as.clone(),
     };
-    let none = Errors {
-        mean_mm: 0.0,
-        std_mm: 0.0,
-        rms_mm: 0.0,
-        max_mm: 0.0,
-    };
     CalibrationReport {
         method: request.method,
         method_reason: verdict.in_words(),
@@ -226,40 +219,16 @@ fn report(
         preset: request.preset,
         seed: request.seed,
         termination: "verified",
-        n_iterations: 0,
-        n_evaluations: 0,
         cost_mm2: cost(&scored.after.model, &scored.after.observed.all),
-        convergence_mm2: vec![],
-        identify: SubsetErrors {
-            n_points: 0,
-            before: none,
-            after: none,
-            corrected: None,
-            rotation: None,
-        },
         verify: Some(verify),
         verify_without_outliers: verify_without(&per_point, &scored.outliers),
-        final_fit: None,
         per_point,
-        parameters: vec![],
-        tool_uncertainty: None,
         instrument_scale: request.scale_at_reach(),
-        error_model: None,
-        uncertainty: None,
-        estimate: None,
-        uncertainty_absent_because: None,
-        changes: None,
-        flange_rotation: None,
+        // without equations, O1 is 0
         identifiability: Identifiability {
-            n_parameters: 0,
-            rank: 0,
-            model_rank: 0,
-            n_by_priors: None,
-            condition_number: f64::INFINITY,
-            unidentifiable: vec![],
-            observability_index_o1: 0.0,
+            observability_index_o1: Some(0.0),
+            ..Identifiability::default()
         },
-        comparison: vec![],
         warnings: warnings(request, &verdict, &scored, &verify),
         links: scored.after.model.links,
         t_instrument_base: scored.after.model.t_instrument_base,
@@ -267,11 +236,7 @@ fn report(
         targets_mm: scored.after.model.targets_mm,
         target_rotations: scored.after.model.target_rotations,
         corrected: scored.corrected.and_then(|placed| placed.robot.corrected),
-        corrections: None,
-        repeatability: None,
-        pooled: None,
-        quick_check: None,
-        network: None,
+        ..CalibrationReport::default()
     }
 }
 

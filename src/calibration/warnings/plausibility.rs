@@ -174,7 +174,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     let told = report
         .parameters
         .iter()
-        .filter(|p| p.data_share < SCALE_SHARE);
+        .filter(|p| p.data_share < Some(SCALE_SHARE));
     let unseen: BTreeSet<&str> = told.map(|p| p.name.as_str()).collect();
     let of_instrument = report.instrument_scale;
     if let Some(scale) = common_scale(&report.links, nominal, &unseen) {

@@ -2,7 +2,9 @@
 
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// Number of parts of the cross-validation.
 const FOLDS: usize = 5;
@@ -10,23 +12,28 @@ const FOLDS: usize = 5;
 /// Number of divisions into parts. A configuration's error is averaged over them, because with few configurations a single division depends on luck.
 const DIVISIONS: u64 = 5;
 
-/// Result of trying a correction.
-#[derive(Clone, Debug, PartialEq)]
+/// A correction that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = CorrectionReport)]
 pub struct Evidence {
-    /// `stiffness_2_3` (the two joints that gravity loads most), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
-    /// `joint_harmonics`, `residual_network`, and `all_together` at the end if something was kept.
+    /// `stiffness_2_3` (the two joints with the largest gravity load), `stiffness_all`, `base_compliance`, `link_masses`, `link_centres`,
+    /// `joint_harmonics` or `residual_network`. They are tried in this order, each in addition to those that were kept before. `all_together` is
+    /// tried last.
     pub kind: String,
-    /// True if it won the cross-validation, and the verify points did not veto it.
+    /// True if the correction is used. This requires that the gain exceeds its standard error (twice its standard error for `all_together`), and that
+    /// the errors on the verify points do not increase.
     pub kept: bool,
-    /// True if it won, but all corrections were dropped, because the robot with corrections was further from the verify points than its links alone.
-    pub is_vetoed: bool,
-    /// Root mean square error of unseen points without this correction, mm.
-    pub before_mm: f64,
-    /// Root mean square error of unseen points with this correction, mm.
-    pub after_mm: f64,
-    /// Mean gain in squared error over configurations, mm².
+    /// Why the correction was dropped in spite of its gain: `worse_on_verify_points` if the errors on the verify points are larger with all
+    /// corrections than with the link parameters only. Absent otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dropped_because: Option<String>,
+    /// Cross-validated rms error without the correction, mm.
+    pub cross_validated_rms_mm_before: f64,
+    /// Cross-validated rms error with the correction, mm.
+    pub cross_validated_rms_mm_after: f64,
+    /// Gain: mean over configurations of the squared error without the correction minus the squared error with it, mm².
     pub gain_mm2: f64,
-    /// Standard error of the mean gain, mm².
+    /// Standard error of the gain, mm².
     pub standard_error_mm2: f64,
 }
 
@@ -61,9 +68,9 @@ impl Unseen {
         Evidence {
             kind: kind.into(),
             kept,
-            is_vetoed: false,
-            before_mm: self.rms_mm(),
-            after_mm: with.rms_mm(),
+            dropped_because: None,
+            cross_validated_rms_mm_before: self.rms_mm(),
+            cross_validated_rms_mm_after: with.rms_mm(),
             gain_mm2,
             standard_error_mm2,
         }
