@@ -182,7 +182,7 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
     })?;
     let set = match arguments.set_options.inverse_poses {
         true => measurement::inverted(set)
-            .map_err(|invalid| Usage(cannot_be_used(path, &[], &invalid.issues)))?,
+            .map_err(|invalid| Usage(cannot_be_used(path, &invalid.issues)))?,
         false => set,
     };
     for line in reading.iter().flat_map(understood_in_words) {
