@@ -8,6 +8,7 @@ use super::usage::Usage;
 use crate::wire::named_frame::{FixturePointBody, WorkFrameBody, WorkFrameReference};
 use crate::wire::tool::ToolBody;
 use anyhow::Context;
+use nalgebra::{Matrix3, Rotation3};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -163,9 +164,27 @@ fn show(list: &ListArguments, kind: &str) -> anyhow::Result<()> {
 fn keep(kept: &Named, kind: &str, body: &impl Serialize) -> anyhow::Result<()> {
     let below = named(kind, &kept.name)?;
     let answer = kept.robot.send(reqwest::Method::PUT, &below, body)?;
-    kept.robot
-        .output
-        .print(&answer, || in_words(std::slice::from_ref(&answer)))
+    kept.robot.output.print(&answer, || {
+        in_words(std::slice::from_ref(&answer)) + &of_points(&answer)
+    })
+}
+
+/// The residual of each measured point, and the doubts about them.
+fn of_points(item: &Value) -> String {
+    let residuals = item["residuals_mm"].as_array().into_iter().flatten();
+    let residuals: Vec<String> = residuals
+        .filter_map(Value::as_f64)
+        .map(|mm| format!("{mm:.3}"))
+        .collect();
+    let mut text = match residuals.is_empty() {
+        true => String::new(),
+        false => format!("\nresidual of each point, mm: {}", residuals.join(" ")),
+    };
+    for warning in item["warnings"].as_array().into_iter().flatten() {
+        let detail = warning["detail"].as_str().unwrap_or_default();
+        text += &format!("\nwarning: {detail}");
+    }
+    text
 }
 
 /// A table: name, origin, and how well measured points agree.
@@ -192,7 +211,8 @@ fn in_words(items: &[Value]) -> String {
             .as_f64()
             .map_or("".into(), |mm| format!("{mm:.3}"));
         let name = item["name"].as_str().unwrap_or_default().to_owned();
-        vec![name, frame.to_owned(), mm(0), mm(1), mm(2), rms]
+        let turned = turned_in_words(&t["rotation"]);
+        vec![name, frame.to_owned(), mm(0), mm(1), mm(2), turned, rms]
     };
     let names = [
         "name",
@@ -200,9 +220,25 @@ fn in_words(items: &[Value]) -> String {
         "x mm",
         "y mm",
         "z mm",
+        "turned by",
         "rms of points mm",
     ];
     text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
+}
+
+/// A rotation matrix as its angle and axis.
+fn turned_in_words(rotation: &Value) -> String {
+    let rotation = Matrix3::from_fn(|row, column| rotation[row][column].as_f64().unwrap_or(0.0));
+    match Rotation3::from_matrix_unchecked(rotation).axis_angle() {
+        Some((axis, rad)) => format!(
+            "{:.3}° about {:.3} {:.3} {:.3}",
+            rad.to_degrees(),
+            axis.x,
+            axis.y,
+            axis.z
+        ),
+        None => "0°".into(),
+    }
 }
 
 /// Points of a fixture from a CSV file.

@@ -88,7 +88,12 @@ impl Program {
         let joints = &targets.joints;
         let is_rad = joints.first().is_some_and(|joint| joint.is_rad);
         let names: Vec<String> = joints.iter().map(|joint| joint.name.clone()).collect();
-        let mut notes = vec![format!("corrected columns: {}", names.join(", "))];
+        let of_poses = match (targets.position, targets.quaternion) {
+            (Some(_), Some(_)) => ", and the position and quaternion of each target",
+            (Some(_), None) => ", and the position of each target",
+            (None, _) => "",
+        };
+        let mut notes = vec![format!("corrected columns: {}{of_poses}", names.join(", "))];
         if !targets.other_poses.is_empty() {
             notes.push(format!(
                 "warning (poses_left): columns {} stay as they are: they are the pose of the joint values before the correction",

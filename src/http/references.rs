@@ -8,6 +8,7 @@ use crate::http::named_documents::DocumentAnswer;
 use crate::http::{App, Error, access, named_documents};
 use crate::store::named_documents::NamedDocumentKind;
 use crate::store::{self, NamedDocumentRow};
+use crate::wire::Invalid;
 use crate::wire::page::Page;
 use crate::wire::reference::{PPM, ReferenceAnswer, ReferenceBody, SetReference};
 use crate::wire::time::rfc3339;
@@ -78,7 +79,16 @@ pub async fn get(
 
 /// The reference that an upload names, in its newest version.
 pub async fn named(app: &App, robot_id: &str, name: &str) -> Result<SetReference, Error> {
-    let row = named_documents::newest(app, robot_id, NamedDocumentKind::Reference, name).await?;
+    let row = named_documents::newest(app, robot_id, NamedDocumentKind::Reference, name).await;
+    let row = row.map_err(|error| match error {
+        Error::NotFound(_) => {
+            let detail = format!(
+                "the robot has no reference {name:?}: store its lengths first (POST …/references, kincal references add), or leave it out"
+            );
+            Invalid::at("/reference", "unknown_reference", detail).into()
+        }
+        other => other,
+    })?;
     Ok(SetReference {
         id: row.id,
         name: row.name,

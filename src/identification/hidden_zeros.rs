@@ -16,7 +16,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 
 /// A zero is hidden if the session shows less than this share of what it does over the region: the tool is then off by more than five times what the
 /// session shows.
-const SHOWN: f64 = 0.2;
+pub const SHOWN: f64 = 0.2;
 /// A joint with a smaller range moves little, rad (60°). Its range is extended to a quarter turn to both sides of its middle.
 const SMALL_RANGE_RAD: f64 = FRAC_PI_3;
 /// The placement takes up a zero everywhere if less than this share of it is left over the region: that of the first and last joint.

@@ -2,7 +2,7 @@
 
 use crate::calibration::report::{SHOWS_LITTLE, Warning};
 use crate::identification::KinematicModel;
-use crate::identification::hidden_zeros::hidden_zeros;
+use crate::identification::hidden_zeros::{SHOWN, hidden_zeros};
 use crate::identification::objective::Observation;
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
@@ -60,7 +60,8 @@ pub fn shows_little(
     let mut reasons = Vec::new();
     if let Some((spread_mm, reach_mm)) = narrow_cloud_mm(robot, set) {
         reasons.push(format!(
-            "its points lie within {spread_mm:.0} mm (rms) of their centre, and the arm reaches {reach_mm:.0} mm"
+            "its points lie within {spread_mm:.0} mm (rms) of their centre; {:.0} mm are needed, a tenth of the arm's {reach_mm:.0} mm",
+            SMALL_CLOUD * reach_mm
         ));
     }
     let last = robot.links.len().saturating_sub(1);
@@ -89,8 +90,10 @@ pub fn shows_little(
         .collect();
     if !hidden.is_empty() {
         reasons.push(format!(
-            "base and reflector are placed on these points, which then show little of what the zeros of these joints do around them: {}",
-            hidden.join(", ")
+            "base and reflector are placed on these points, which then show too little of what the zeros of these joints do around them: {} ({:.0} % are needed: turn the last joints by 60° and more, \
+             at poses that are turned against each other)",
+            hidden.join(", "),
+            100.0 * SHOWN
         ));
     }
     (!reasons.is_empty()).then(|| Warning {

@@ -140,7 +140,7 @@ async fn what_is_no_reference_is_refused_with_its_place() {
     let points = csv(&rows("first.csv"));
     app.post(&upload, "text/csv", points)
         .await
-        .problem(404, "not_found");
+        .problem(422, "unknown_reference");
     app.get(&format!("{path}/ref_0"))
         .await
         .problem(404, "not_found");
