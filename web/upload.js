@@ -5,7 +5,7 @@ import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./col
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, plain, when } from "./format.js";
-import { jobOptions } from "./job_options.js";
+import { jobForm } from "./job_form.js";
 import { posesOf } from "./poses.js";
 import { SUSPICIONS } from "./words.js";
 
@@ -224,80 +224,4 @@ function faults(errors, text) {
   ];
   const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
   return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];
-}
-
-function choice(id, label, options) {
-  const select = el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
-  return [select, el("div", {}, el("label", { for: id }, label), select)];
-}
-
-/** What a job may do, where the robot has parameters to verify. */
-const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"], ["check", "Quick check: do the robot's parameters still hold? (five to ten poses)"]];
-
-/** What may have happened before a quick check. */
-const AFTER = [["", "nothing in particular"], ["collision", "a collision"], ["mastering", "joints were mastered anew"], ["motor", "a motor was exchanged"]];
-
-/** Whether a set is large enough only for a verification. */
-const onlyVerifies = (set) => set.warnings.some((remark) => remark.code === "under_determined");
-
-/** Parameter sets that can be verified: the active one first, then the newest. Withdrawn sets are left out. */
-function verifiable(parameterSets) {
-  const usable = parameterSets.filter((set) => set.status !== "withdrawn");
-  return [...usable.filter((set) => set.status === "released"), ...usable.filter((set) => set.status !== "released")];
-}
-
-let forms = 0;
-
-/** The job that is posted with a set. Whoever came to verify finds that chosen, with the parameters to score and the newest other session. */
-function jobForm(robot, sets, { parameterSets, hasNetwork, verifying }) {
-  forms += 1;
-  const n = forms;
-  const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
-  const [method, methodField] = choice(`job-method-${n}`, "Method", [
-    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm from the network"]] : []]);
-  const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
-    ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
-  const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
-  const candidates = verifiable(parameterSets);
-  const other = verifying && sets.find((s) => s.id !== verifying.identified.id);
-  if (other) set.value = other.id;
-  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to score", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
-  const [after, afterField] = choice(`job-after-${n}`, "What happened before", AFTER);
-  const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
-    KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
-  if (verifying && candidates.some((p) => p.id === verifying.set.id)) scored.value = verifying.set.id;
-  const options = jobOptions(robot);
-  const out = el("div", {});
-  const button = el("button.primary", { type: "submit" });
-  const kind = () => kinds.querySelector("input:checked").value;
-  const shape = () => {
-    const verifies = kind() !== "identify";
-    for (const field of [methodField, verifyField, presetField, options.node]) field.hidden = verifies;
-    scoredField.hidden = !verifies;
-    afterField.hidden = kind() !== "check";
-    fill(button, { verify: "Start verification", check: "Start check" }[kind()] ?? "Start calibration");
-  };
-  const preselect = () => {
-    const chosen = sets.find((s) => s.id === set.value);
-    kinds.querySelector(`[value=${candidates.length > 0 && (verifying || onlyVerifies(chosen)) ? "verify" : "identify"}]`).checked = true;
-    shape();
-  };
-  set.addEventListener("change", preselect);
-  kinds.addEventListener("change", shape);
-  preselect();
-  const submit = async (event) => {
-    event.preventDefault();
-    button.disabled = true;
-    const request = kind() !== "identify" ? { kind: kind(), measurement_set_id: set.value, parameter_set_id: scored.value, ...kind() === "check" && after.value ? { after: after.value } : {} }
-      : options.add({ measurement_set_id: set.value, method: method.value, preset: preset.value });
-    if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
-    try {
-      const job = await post(`/v1/robots/${robot.id}/jobs`, request);
-      location.hash = `#/jobs/${job.id}`;
-    } catch (error) {
-      fill(out, problem(error));
-      button.disabled = false;
-    }
-  };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField, afterField), options.node, out, button);
 }

@@ -54,6 +54,7 @@ const ASSETS: &[Asset] = assets! {
     "format.js": JAVASCRIPT,
     "history.js": JAVASCRIPT,
     "job.js": JAVASCRIPT,
+    "job_form.js": JAVASCRIPT,
     "job_options.js": JAVASCRIPT,
     "jobs.js": JAVASCRIPT,
     "kinematics.js": JAVASCRIPT,
