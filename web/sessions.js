@@ -22,6 +22,12 @@ export const nPoints = (sets) => sets.reduce((sum, set) => sum + set.n_points, 0
 /** Names and points of the sets, in words. */
 export const setsInWords = (sets) => sets.map((set) => `${set.name ?? "a set without a name"} (${count(set.n_points)} points)`).join(", ");
 
+/** The sets of a job in a list: the name of the first, and how many sessions more. */
+export function setsOfJob(job) {
+  const more = setIds(job).length - 1;
+  return [job.measurement_set_name ?? "without a name", more > 0 && el("small.quiet", {}, `and ${more} ${more === 1 ? "session" : "sessions"} more, fitted together`)];
+}
+
 /** What each session has, and the test whether they are one robot; nothing for a job of one set. */
 export function sessionsCard({ pooled }, sets) {
   if (!pooled) return [];
