@@ -54,7 +54,7 @@ export function resultPoints({ report, job, sets, other, robot, parameterSet, na
     }));
     const poseAt = (i) => (isFound(i) ? base : found.get(session(i)) || null);
     const areAll = waiting.every((i) => poseAt(i));
-    fill(caption, captionOf(set, robot, areAll ? "placed" : "unknown"));
+    fill(caption, captionOf(set, robot, !areAll ? "unknown" : sets.length > 1 ? "several" : "placed"));
     if (areAll) cell?.place?.(pointsOfReport(report, poseAt));
   };
   const read = (one) => rowsOfSet(one, robot.links.length, signal).catch(() => ({}));
@@ -91,6 +91,7 @@ function placedBy(group, points, joints, robot, targets) {
 const PLACED = {
   found: "Positions are brought into the robot's base frame by the base that was found.",
   placed: "Positions are brought into the robot's base frame by the place of the instrument in this session.",
+  several: "Positions are brought into the robot's base frame by the place of the instrument in each session.",
   waiting: "Positions are brought into the robot's base frame once the file is read.",
   unknown: "The joint values of this file cannot be read here, so its points cannot be shown beside the arm.",
 };
