@@ -1,18 +1,19 @@
-// The cell's work frames and tools: a list of them, and a form that keeps another one under a name.
+// The cell's work frames, tools and references: a list of them, and a form that keeps another one under a name.
 
 import { list, put } from "./api.js";
-import { el, fill, problem, table } from "./dom.js";
-import { fixed, mm, when } from "./format.js";
 import { rowsOf } from "./csv.js";
+import { el, fill, problem, table, warning } from "./dom.js";
+import { fixed, mm, when } from "./format.js";
+import { referenceForm, referencesOf, referenceTable } from "./references.js";
 
 const RAD = Math.PI / 180;
-/** Most of either that are listed. */
+/** Most frames and most tools that are listed. */
 const SHOWN = 200;
 
-/** What a robot has of both. */
+/** What a robot has of all three. */
 export async function cellOf(id, signal) {
-  const [frames, tools] = await Promise.all(["work-frames", "tools"].map((kind) => list(`/v1/robots/${id}/${kind}`, SHOWN, signal)));
-  return { frames, tools };
+  const [frames, tools, references] = await Promise.all([...["work-frames", "tools"].map((kind) => list(`/v1/robots/${id}/${kind}`, SHOWN, signal)), referencesOf(id, signal)]);
+  return { frames, tools, references };
 }
 
 /** How controllers write a rotation: [kind, words, names of its numbers]. */
@@ -63,17 +64,28 @@ function poseFields(id, legend) {
   return [el("fieldset", {}, el("legend", {}, legend), el("div.controls", {}, lengths)), el("div", {}, el("label", { for: kind.id }, "Rotation"), kind, angles), pose, isTyped];
 }
 
-/** Tools and work frames, folded. `changed` is called when one was stored. */
-export function cellCard(robot, { frames, tools }, sets, may, changed) {
+/** Tools, work frames and references, folded. `changed` is called when one was stored. */
+export function cellCard(robot, { frames, tools, references }, sets, may, changed) {
   const at = ({ translation_mm: p }) => p.map((v) => fixed(v, 2)).join(", ");
   const turned = ({ rotation }) => ofMatrix(rotation).map((v) => fixed(v, 5)).join(", ");
   const of = (set) => sets.find((s) => s.id === set)?.name ?? "a measurement set";
   const shared = (pose) => [["Origin, mm", (row) => at(pose(row))], ["Quaternion w, x, y, z", (row) => turned(pose(row))]];
-  return el("section.card", {}, el("details", { id: "cell" }, el("summary", {}, `Work frames (${frames.length}) and tools (${tools.length}) of the cell`),
+  return el("section.card", {}, el("details", { id: "cell" }, el("summary", {}, `Work frames (${frames.length}), tools (${tools.length}) and references (${references.length}) of the cell`),
     table("Work frames, newest first. A frame that was fitted to measured points has residuals.", [["Name", (f) => f.name, "name"], ["Given in", (f) => (f.reference === "base" ? "robot's base" : `measuring frame of ${of(f.measurement_set_id)}`)], ...shared((f) => f.t_reference_work),
       ["Points", (f) => f.residuals_mm.length || "typed", "n"], ["Residuals, rms", (f) => (f.rms_mm === undefined ? "–" : mm(f.rms_mm)), "n"], ["Origin known to", (f) => (f.origin_std_mm === undefined ? "–" : mm(f.origin_std_mm)), "n"], ["Stored", (f) => when(f.created_at)]], frames, "No work frame is stored."),
+    frames.filter((f) => f.residuals_mm.length > 0).map(residuals),
     table("Tools, newest first: the tool centre point in the flange frame.", [["Name", (t) => t.name, "name"], ...shared((t) => t.t_flange_tool), ["Known to", (t) => (t.std_mm === undefined ? "from a drawing" : mm(t.std_mm)), "n"], ["Stored", (t) => when(t.created_at)]], tools, "No tool is stored."),
-    may("upload") && [toolForm(robot, changed), frameForm(robot, sets, changed)]));
+    referenceTable(references),
+    may("upload") && [toolForm(robot, changed), frameForm(robot, sets, changed), referenceForm(robot, stored, changed)]));
+}
+
+/** What is left at each point of a frame that was fitted to points, in their order; what the service remarks on them stands above. */
+function residuals(frame) {
+  const worst = Math.max(...frame.residuals_mm);
+  const points = frame.residuals_mm.map((value, row) => ({ row, value }));
+  return [(frame.warnings ?? []).map(({ code, detail, rows }) => warning({ code, detail: `work frame ${frame.name}: ${detail}`, rows })),
+    el("details", {}, el("summary", {}, `Residual of each point of ${frame.name}, at most ${mm(worst)}`),
+      el("div.residual-list", {}, table("Distance between the measured and the fitted place of each point. Rows are counted from 0 without the header.", [["Row", (p) => p.row, "n"], ["Residual", (p) => (p.value === worst ? el("strong", {}, mm(p.value)) : mm(p.value)), "n"]], points, "")))];
 }
 
 function toolForm(robot, changed) {
@@ -90,18 +102,25 @@ function frameForm(robot, sets, changed) {
   const [lengths, rotation, pose, isTyped] = poseFields("frame", "Origin, mm; or a file of measured points below");
   const file = el("input", { id: "frame-file", type: "file", accept: ".csv,text/csv" });
   const set = el("select", { id: "frame-set" }, el("option", { value: "" }, "the robot's base frame"), sets.map((s) => el("option", { value: s.id }, `the measuring frame of ${s.name ?? s.id}`)));
+  const std = el("input", { id: "frame-std", type: "number", step: "any", min: 0, max: 10000 });
+  const station = el("input", { id: "frame-station", maxlength: 200 });
+  const stationField = el("div", { hidden: true }, el("label", { for: station.id }, "Station they were measured from, where the set has several"), station);
+  set.addEventListener("change", () => { stationField.hidden = set.value === ""; });
   const keep = async () => {
     if (file.files.length > 0 && isTyped()) throw { title: "Typed and measured", detail: "A work frame is either typed or fitted to a file of points: empty one of them." };
     const where = file.files.length > 0 ? { points: fixturePoints(await file.files[0].text()) } : pose();
-    const reference = set.value === "" ? {} : { reference: "measuring", measurement_set_id: set.value };
+    // of a typed frame the service says that an uncertainty has no place
+    if (std.value !== "") where.std_mm = Number(std.value);
+    const reference = set.value === "" ? {} : { reference: "measuring", measurement_set_id: set.value, ...station.value.trim() === "" ? {} : { station: station.value.trim() } };
     await changed(await put(`/v1/robots/${robot.id}/work-frames/${encodeURIComponent(name.value)}`, { ...reference, ...where }));
   };
-  return stored("Store a work frame", [el("div", {}, el("label", { for: "frame-name" }, "Name"), name), el("div", {}, el("label", { for: "frame-set" }, "Its numbers are given in"), set), lengths, rotation,
-    el("div", {}, el("label", { for: "frame-file" }, "Three or more measured points: a CSV with nominal_x_mm nominal_y_mm nominal_z_mm (as drawn) and x_mm y_mm z_mm (as measured)"), file)], keep);
+  return stored("Store a work frame", [el("div", {}, el("label", { for: "frame-name" }, "Name"), name), el("div", {}, el("label", { for: "frame-set" }, "Its numbers are given in"), set), stationField, lengths, rotation,
+    el("div", {}, el("label", { for: "frame-file" }, "Three or more measured points: a CSV with nominal_x_mm nominal_y_mm nominal_z_mm (as drawn) and x_mm y_mm z_mm (as measured)"), file),
+    el("div", {}, el("label", { for: std.id }, "Standard uncertainty of one measured coordinate, mm"), std)], keep);
 }
 
 /** A form whose button stores something. */
-function stored(words, fields, keep) {
+function stored(words, fields, keep, more) {
   const out = el("div", { "aria-live": "polite" });
   const submit = async (event) => {
     event.preventDefault();
@@ -111,7 +130,7 @@ function stored(words, fields, keep) {
       if (error.name !== "AbortError") fill(out, problem(error));
     }
   };
-  return el("form", { submit }, el("h2", {}, words), el("div.fields", {}, fields), out, el("p", {}, el("button", { type: "submit" }, words)));
+  return el("form", { submit }, el("h2", {}, words), el("div.fields.low", {}, fields), more, out, el("p", {}, el("button", { type: "submit" }, words)));
 }
 
 /** Points of a fixture, from a CSV file. */

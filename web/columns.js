@@ -1,6 +1,7 @@
 // Asks what the columns of a file mean, with its first rows, and remembers it for the robot.
 
 import { list, post, put } from "./api.js";
+import { rowsOf } from "./csv.js";
 import { el, fill, problem } from "./dom.js";
 import { capital, plain } from "./format.js";
 
@@ -54,11 +55,13 @@ function soFar(file, said) {
 }
 
 /** Shows the files with a choice above each column; `read` is called with the mapping that was chosen. Rejects if the files cannot be shown. */
-export async function askColumns(robot, body, contentType, out, read) {
-  const preview = await post(`/v1/robots/${robot.id}/measurement-sets/preview`, body, contentType);
+export async function askColumns(robot, { body, type, sheet, text }, decimal, out, read) {
+  const stated = new URLSearchParams({ ...sheet ? { columns: JSON.stringify({ sheet }) } : {}, ...decimal ? { decimal } : {} });
+  const preview = await post(`/v1/robots/${robot.id}/measurement-sets/preview?${stated}`, body, type);
   const kept = await list(`/v1/robots/${robot.id}/columns`, 200).catch(() => []);
   const files = preview.files.filter((file) => file.understood);
   if (files.length === 0) return false;
+  if (text && files.length === 1) files[0].above ??= await groupsAbove(text, files[0].understood);
   const asked = files.map((file) => fileTable(file, robot.links.length, soFar(file, remembered(kept, files.length > 1))));
   const keep = el("input", { type: "checkbox", id: "columns-keep", checked: true });
   const wrong = el("div", { role: "alert" });
@@ -71,7 +74,7 @@ export async function askColumns(robot, body, contentType, out, read) {
       open.focus();
       return;
     }
-    const columns = mapping(asked, by && by.value);
+    const columns = { ...mapping(asked, by && by.value), ...sheet ? { sheet } : {} };
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
       read(columns);
@@ -89,6 +92,13 @@ export async function askColumns(robot, body, contentType, out, read) {
     wrong,
     el("button.primary", { type: "submit" }, "Read it so")));
   return true;
+}
+
+/** The line above the header, where it has the groups of columns that a merged cell named: Nominal, Measured. Workbooks and other encodings are not read here. */
+async function groupsAbove(text, { encoding, separator, header_row: header }) {
+  const mark = { tab: "\t" }[separator] ?? separator;
+  if (encoding !== "utf-8" || mark === "spaces" || !(header > 1)) return undefined;
+  return rowsOf((await text.text()).split(/\r\n|\n|\r/).slice(header - 2, header - 1).join(""), mark)[0]?.cells;
 }
 
 const isWithoutUnit = (issue) => issue.code === "missing_unit" && issue.column;
@@ -122,8 +132,10 @@ function mapping(asked, by) {
 function fileTable(file, nJoints, found) {
   const width = Math.max(file.header.length, ...file.rows.map((row) => row.length));
   const options = meanings(file.part, nJoints);
+  const above = file.above?.length > 1 && file.above.some((cell) => cell !== "") ? file.above : null;
+  const groupOf = (at) => above?.slice(0, at + 1).findLast((cell) => cell !== "");
   const selects = Array.from({ length: width }, (_, at) => {
-    const select = el("select", { "aria-label": `Column ${at + 1}, ${file.header[at] || "without a name"}` }, options.map(([value, text]) => el("option", { value }, text)));
+    const select = el("select", { "aria-label": `Column ${at + 1}, ${[groupOf(at), file.header[at] || "without a name"].filter(Boolean).join(", ")}` }, options.map(([value, text]) => el("option", { value }, text)));
     const means = found.get(at + 1) ?? "";
     select.value = options.some(([value]) => value === means) ? means : "";
     return select;
@@ -139,7 +151,7 @@ function fileTable(file, nJoints, found) {
   const node = el("div", {}, el("p.caption", {}, `${title}: ${inWords(file.understood, false)}`),
     el("div.scroll", { tabindex: 0, role: "region", "aria-label": title },
       el("table", { "aria-label": title },
-        el("thead", {}, el("tr", {}, selects.map((select) => el("th", {}, select))), el("tr", {}, Array.from({ length: width }, (_, at) => el("th", { scope: "col" }, file.header[at] || `column ${at + 1}`)))),
+        el("thead", {}, el("tr", {}, selects.map((select) => el("th", {}, select))), above && el("tr", {}, selects.map((_, at) => el("th", { scope: "col" }, above[at] ?? ""))), el("tr", {}, Array.from({ length: width }, (_, at) => el("th", { scope: "col" }, file.header[at] || `column ${at + 1}`)))),
         el("tbody", {}, file.rows.map((row) => el("tr", {}, cells(row)))))));
   return { file, selects, node };
 }

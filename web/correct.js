@@ -17,7 +17,7 @@ const SHOWN = 40;
 const DEG = 180 / Math.PI;
 
 /** The page. */
-export async function correctPage({ main, signal, may }, id) {
+export async function correctPage({ main, signal, may, query }, id) {
   const [robot, sets, measured, cell] = await Promise.all([get(`/v1/robots/${id}`, signal), list(`/v1/robots/${id}/parameter-sets`, 50, signal), list(`/v1/robots/${id}/measurement-sets`, 50, signal), cellOf(id, signal)]);
   document.title = `kincal: correct a program of ${robot.name}`;
   const usable = sets.filter((set) => set.status !== "withdrawn");
@@ -40,6 +40,10 @@ export async function correctPage({ main, signal, may }, id) {
   fill(main, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${id}` }, robot.name)), el("h1", {}, "Correct a program"),
     el("p.quiet", {}, "For targets that were programmed offline. Targets that were taught at the robot contain its errors already and stay as they are."),
     usable.length === 0 ? el("p.empty", {}, "This robot has no parameter set yet.") : node, place, out);
+  if (query.get("cell") !== "open") return;
+  const card = place.querySelector("details");
+  card.open = true;
+  card.scrollIntoView();
 }
 
 /** The form, and a function that offers the cell's work frames and tools in it. */

@@ -6,6 +6,7 @@ import { el, fill, problem, say } from "./dom.js";
 import { capital, count, instrument, method, number, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
+import { nPoints, setIds, setsInWords } from "./sessions.js";
 import { FAILURES, STAGES } from "./words.js";
 
 const isOver = (job) => !["queued", "running"].includes(job.status);
@@ -14,20 +15,20 @@ const isOver = (job) => !["queued", "running"].includes(job.status);
 export async function jobPage(context, id) {
   const { main, signal, may } = context;
   let job = await get(`/v1/jobs/${id}`, signal);
-  const [robot, set, verified] = await Promise.all([get(`/v1/robots/${job.robot_id}`, signal), get(`/v1/measurement-sets/${job.measurement_set_id}`, signal), scoredSet(job, signal)]);
+  const [robot, sets, verified] = await Promise.all([get(`/v1/robots/${job.robot_id}`, signal), Promise.all(setIds(job).map((set) => get(`/v1/measurement-sets/${set}`, signal))), scoredSet(job, signal)]);
   document.title = `kincal: ${noun(job)} of ${robot.name}`;
   const [top, body] = [el("div", {}), el("div", {})];
   fill(main, top, body);
-  fill(top, head(job, robot, set, verified));
+  fill(top, head(job, robot, sets, verified));
   if (!isOver(job)) {
     const live = watch(job, may);
     fill(body, live.node);
     job = await follow(id, live, signal);
     say(`The ${noun(job)} ${job.status === "succeeded" ? "is done" : `has ${job.status === "failed" ? "failed" : "been cancelled"}`}`);
-    fill(top, head(job, robot, set, verified));
+    fill(top, head(job, robot, sets, verified));
   }
   if (signal.aborted) return;
-  if (job.status === "succeeded") await result(body, context, { job, robot, set, verified });
+  if (job.status === "succeeded") await result(body, context, { job, robot, sets, verified });
   else fill(body, ending(job, robot, context));
 }
 
@@ -46,10 +47,14 @@ function asked(job, verified) {
   return ["scores the ", el("a", { href: `#/jobs/${verified.job_id}` }, `parameters identified ${when(verified.created_at)}`), `, now ${verified.status}; nothing is identified`];
 }
 
-function head(job, robot, set, verified) {
+function head(job, robot, sets, verified) {
+  const [set] = sets;
+  const frame = `${set.frame === "base" ? "robot base" : "instrument"} frame`;
+  const stated = `${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; measured ${when(set.record.measured_at)}` : ""}`;
+  const points = sets.length > 1 ? `${sets.length} sessions, ${count(nPoints(sets))} points together, ${frame}: ${setsInWords(sets)}` : `${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${frame}${stated})`;
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),
-    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${set.frame === "base" ? "robot base" : "instrument"} frame${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; measured ${when(set.record.measured_at)}` : ""}) · begun ${when(job.created_at)} · `, asked(job, verified))),
+    el("p.quiet", {}, `${job.kind !== "identify" ? "on" : "from"} ${points} · begun ${when(job.created_at)} · `, asked(job, verified))),
     el("div.actions", { "data-state": job.id }, statusBadge(job.status)));
 }
 

@@ -4,6 +4,7 @@ import { get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
 import { method, plain, ran, span, when } from "./format.js";
 import { statusBadge } from "./robot.js";
+import { setsOfJob } from "./sessions.js";
 import { figureOf, findingBadge } from "./verdicts.js";
 
 /** Jobs that are shown at first, and with each click. */
@@ -48,7 +49,7 @@ const jobTable = (jobs, names, empty) => table("Calibrations and verifications o
   ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))], ["Robot", (job) => el("a", { href: `#/robots/${job.robot_id}` }, names.get(job.robot_id) ?? "another robot"), "name"],
   ["State", (job) => [findingBadge(job) ?? statusBadge(job.status), job.error?.detail && el("small.quiet", {}, plain(job.error.detail))], "name"],
   ["What", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "quick check" : job.method ? method(job.method) : "calibration")],
-  ["Measurement set", (job) => job.measurement_set_name ?? "without a name", "name"],
+  ["Measurement set", setsOfJob, "name"],
   ["Error", (job) => figureOf(job.rms_mm, job.nominal_rms_mm), "n"],
   ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
 ], jobs, empty);

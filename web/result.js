@@ -4,14 +4,16 @@ import { get, list, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
 import { el, fill, gateItems, problem, say, table, warning } from "./dom.js";
-import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, ran, signed, span, when } from "./format.js";
+import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, signed, span, when } from "./format.js";
 import { best } from "./history.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 import { endedEarly, nextSteps, uselessBy } from "./next.js";
 import { leftOut } from "./residuals.js";
 import { resultPoints } from "./result_points.js";
-import { saveButton, savePoints } from "./save.js";
+import { saveButton } from "./save.js";
+import { sessionsCard } from "./sessions.js";
+import { files, origin } from "./take_along.js";
 import { foundAgainst, foundBadge } from "./verdicts.js";
 import { NO_USE } from "./words.js";
 import { workspaceCard } from "./workspace.js";
@@ -21,8 +23,9 @@ const NO_EVIDENCE = "These points are no evidence: they are too few, or the warn
 const BASE_HIDDEN = "Checked on another upload, whose base was placed anew: a wrong base would not show.";
 
 /** Draws a finished job. */
-export async function result(body, context, { job, robot, set, verified }) {
+export async function result(body, context, { job, robot, sets, verified }) {
   const { signal } = context;
+  const [set] = sets;
   const verifySet = job.request?.verify?.measurement_set_id;
   const [report, curve, parameterSet, other, later] = await Promise.all([
     get(`/v1/jobs/${job.id}/report`, signal), get(`/v1/jobs/${job.id}/convergence`, signal),
@@ -32,14 +35,14 @@ export async function result(body, context, { job, robot, set, verified }) {
   const against = job.kind !== "identify" && foundBadge(report);
   if (against) fill(document.querySelector(`[data-state="${job.id}"]`) ?? el("div"), against);
   const names = job.kind !== "identify" ? VERIFIED : isPartial(job) ? RECALIBRATED : IDENTIFIED;
-  const drawn = resultPoints({ report, job, set, other, robot, parameterSet: parameterSet ?? verified, names }, context);
+  const drawn = resultPoints({ report, job, sets, other, robot, parameterSet: parameterSet ?? verified, names }, context);
   const next = el("div", {});
   const steps = (current) => fill(next, nextSteps({ report, job, robot, set, parameterSet: current, verified, outliers: drawn.outliers, later }, context));
   steps(parameterSet);
   const swarm = curve.iteration.length > 1 && convergence(curve, costWords(report, curve));
-  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified, leftOut(set)) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", leftOut(other ?? set), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
-    report.check && checkTables(report), report.warnings.filter((remark) => !isSetUp(remark, report, set)).map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
-    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report, set), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, set, parameterSet, drawn.download), origin(report, set, parameterSet, job));
+  fill(body, report.check ? checkVerdict(report) : job.kind !== "identify" ? score(report, half, verified, byHandIn(sets)) : verdict(report, half, isPartial(job) ? "held parameter set" : "nominal robot", byHandIn(other ? [other] : sets), later), next, summary(report, half, job, verified, later), parameterSet && !noUse(report) && decision(parameterSet, context, steps, robot),
+    report.check && checkTables(report), sessionsCard(report, sets), report.warnings.filter((remark) => !isSetUp(remark, report, set)).map(warning), drawn.cell, drawn.errors, el("div.two", {}, errorTable(report, job), histogram(report.per_point, names)), drawn.table,
+    parameterTable(report), priors(report), pairs([swarm, comparison(report)].flat().filter(Boolean)), corrections(report), repeatability(report), changed(report, set), parameterSet && !noUse(report) && workspaceCard(robot, parameterSet), files(job, sets, parameterSet, drawn.download), origin(report, sets, parameterSet, job));
 }
 
 /** The newest session that scored a parameter set after it was identified: {job, report, against}; null if there is none. */
@@ -96,7 +99,7 @@ function verdict(report, half, before, left, later) {
   const where = `${report.verify ? `On ${half.n_points} points that were not fitted` : `On the ${half.n_points} points of the fit itself`}${byHand(left)}`;
   const better = share > 0.001 ? `fell from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}, by ${share > 0.9995 ? "more than 99.9" : (100 * share).toFixed(1)} %` : `went from ${mm(half.before.mean_mm)} to ${mm(half.after.mean_mm)}: it did not get better`;
   const isBaseHidden = report.evidence === "same_upload" && report.warnings.some((remark) => remark.code === "base_not_checked");
-  const own = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : EVIDENCE[report.evidence]?.[1] ?? "";
+  const own = report.evidence === "none" && report.verify ? NO_EVIDENCE : isBaseHidden ? BASE_HIDDEN : evidenceWords(report);
   const isStray = half.after.max_mm > STRAY * half.after.mean_mm;
   const hasOutliers = isStray || report.per_point.some((p) => p.outlier);
   const stray = isStray && ` The largest error is ${mm(half.after.max_mm)}, ${Math.round(half.after.max_mm / half.after.mean_mm)} times the mean: look at that point before you believe the fit.`;
@@ -104,6 +107,16 @@ function verdict(report, half, before, left, later) {
   const why = later?.against ? ["A later session speaks against it (", later.against, "): ", laterWords(later), "."] : verified ? ["A later session verified it: ", laterWords(later), "."] : own;
   const isGood = share > 0.001 && (report.evidence !== "none" || verified) && !left?.verify && !hasOutliers && !later?.against;
   return el(isGood ? "div.verdict.done" : "div.warning", {}, el("p", {}, el("strong", {}, `${where}, the mean position error ${better}.`), stray, " ", why));
+}
+
+/** What the evidence is worth; of several sessions each has points on both sides. */
+const evidenceWords = ({ evidence, pooled }) => (EVIDENCE[evidence]?.[1] ?? "").replace("in the same session", pooled ? "in the same sessions" : "in the same session");
+
+/** What was left out by hand of all these sets; null if nothing was. */
+function byHandIn(sets) {
+  const all = sets.map(leftOut).filter(Boolean);
+  const sum = (key) => all.reduce((total, left) => total + left[key], 0);
+  return all.length > 0 ? { points: sum("points"), verify: sum("verify"), of: sum("of") } : null;
 }
 
 /** Points that somebody left out: an error without the points that do not fit looks better than the robot is. */
@@ -326,33 +339,4 @@ function changed(report, set) {
   const unit = (c) => ({ deg: "°" })[report.parameters.find((p) => p.name === c.name.split(" or ")[0])?.unit] ?? "mm";
   const columns = [["Parameter", (c) => parameter(c.name)], ["Unit", unit], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]];
   return el("section.card", {}, el("h2", {}, "Moved since the set before"), el("div.narrow", {}, table("Changes that are larger than chance.", columns, rows, "")), elsewhere);
-}
-
-/** What other programs read the links as: the query of the export, the ending of the file, the name of the button. */
-const FORMATS = [["format=json", "json", "JSON with the nominal robot"], ["format=urdf", "urdf", "URDF"], ["format=csv", "csv", "CSV"], ["format=csv&beta=refit", "csv", "CSV without β"], ["format=yaml", "yaml", "YAML"], ["format=ur_kinematics", "yaml", "Universal Robots' kinematics"], ["format=mastering", "json", "joint offsets for mastering"]];
-
-function exports(set) {
-  return FORMATS.map(([query, ending, name]) => saveButton(`… as ${name}`, `/v1/parameter-sets/${set.id}/export?${query}`, ["urdf", "csv", "yaml"].includes(query.slice(7)) ? set.id : `${set.id}-${/\w+$/.exec(query)[0]}`, `.${ending}`, `Parameters as ${name}`));
-}
-
-/** One menu with everything that can be taken along. */
-function files(job, set, parameterSet, residuals) {
-  const reportPage = `/v1/jobs/${job.id}/report.html`;
-  const group = (title, note, ...buttons) => el("div.group", {}, el("h3", {}, title), el("p.note", {}, note), el("div.actions", {}, buttons));
-  return el("section.card", { id: "exports" }, el("h2", {}, "Export: take it along"), el("div.groups", {},
-    group("Report", "To print or to keep in a quality file; the browser's print dialogue makes a PDF of it.", el("a.button", { href: reportPage, target: "_blank", rel: "noopener" }, "Report to print"), saveButton("Report as JSON", `/v1/jobs/${job.id}/report`, `report-${job.id}`, ".json")),
-    parameterSet && group("Parameters", "Links, base and reflectors as they were identified. Corrections stand in JSON and YAML only. Joint offsets are for controllers that take nothing else.", saveButton("Parameters", `/v1/parameter-sets/${parameterSet.id}`, parameterSet.id, ".json"), exports(parameterSet)),
-    group("Points", "The file as it was uploaded, and what remains of every point.", savePoints("Measured points", set), el("button", { type: "button", click: residuals }, "Residuals as CSV")),
-    parameterSet && group("Programs", "Joint targets that were programmed offline, corrected with these parameters.", el("a.button", { href: `#/robots/${parameterSet.robot_id}/correct` }, "Correct a program"))));
-}
-
-function origin(report, set, parameterSet, job) {
-  const { rank, n_parameters: n } = report.identifiability;
-  const alone = report.parameters.filter((p) => p.identifiable).length;
-  // the robot's page has the same figure; what the service computed is the smaller part of a short job
-  const took = `${span(ran(job) ?? report.duration_ms / 1000)} from start to end, computed for ${span(report.duration_ms / 1000)}; ${job.kind !== "identify" ? "to score the points" : `${report.n_iterations} iterations, ${method(report.method)}`}`;
-  const entries = [["Took", took], n > 0 && ["Identified", alone < n || rank < n ? `${alone} of ${n} parameters alone, ${rank} independent combinations` : `all ${n} parameters`], ["Model", report.model], ["Preset", report.preset], ["Seed", report.seed], ["Ended by", report.termination.replaceAll("_", " ")], ["Version", report.version],
-    ["Result SHA-256", report.result_sha256], ["Upload SHA-256", set.sha256], parameterSet && ["Parameters SHA-256", parameterSet.sha256]].filter(Boolean);
-  return el("section.card", {}, el("details", {}, el("summary", {}, "Where it comes from"),
-    el("dl.facts.plain", {}, entries.map(([name, value]) => el("div.fact.plain", {}, el("dt", {}, name), el("dd.hash", {}, value))))));
 }

@@ -8,13 +8,20 @@ import { pointsFigure } from "./points.js";
 import { leavingOut, residualTable } from "./residuals.js";
 import { rowsOfSet } from "./rows.js";
 import { selection } from "./selection.js";
+import { nPoints, placeOf } from "./sessions.js";
 
-/** Figures and table of a report's points. `parameterSet` is what was identified, or scored; `other` the set that was verified on, if it is another one. */
-export function resultPoints({ report, job, set, other, robot, parameterSet, names }, { signal, may }) {
+/** Figures and table of a report's points. `sets` are the sessions of the job; `parameterSet` is what was identified, or scored; `other` the set that was verified on, if it is another one. */
+export function resultPoints({ report, job, sets, other, robot, parameterSet, names }, { signal, may }) {
   const points = report.per_point;
   const selected = selection(points.length);
   const rows = { joints: null, names: null, lines: null };
-  const row = (i) => (i < set.n_points ? `row ${i}` : `row ${i - set.n_points} of the verify set`);
+  const [[set], own] = [sets, nPoints(sets)];
+  const setOf = (i) => placeOf(sets, i)?.set ?? other ?? set;
+  const row = (i) => {
+    const at = placeOf(sets, i);
+    if (!at) return `row ${i - own} of the verify set`;
+    return sets.length > 1 ? `row ${at.row} of session ${at.session + 1}` : `row ${at.row}`;
+  };
   // the service numbers the points of files without a column of configurations
   const label = (i) => rows.names?.[i] ?? points[i].configuration;
   const name = (i) => (/^(row_)?\d+$/.test(label(i)) ? row(i) : `${row(i)} (${label(i)})`);
@@ -22,32 +29,42 @@ export function resultPoints({ report, job, set, other, robot, parameterSet, nam
   const stages = [["before", names.before], ["after", names.after, names.remains], ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "with corrections"]] : []];
   const describe = (i) => {
     const p = points[i];
-    return pointFacts(`${name(i).replace("row", "Row")} of ${set.name ?? "the set"}`, [["Configuration", label(i)], rows.lines?.[i] && [`Line in the ${set.joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
+    return pointFacts(`${name(i).replace("row", "Row")}${sets.length > 1 ? "," : " of"} ${setOf(i).name ?? "the set"}`, [["Configuration", label(i)], rows.lines?.[i] && [`Line in the ${setOf(i).joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
       p.position_mm && ["Measured, mm", p.position_mm.map((v) => fixed(v, 2)).join(", ")], jointFacts(rows.joints?.[i])]);
   };
   const actions = (i) => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
     leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), leave?.excluded.size > 0 && el("button.primary", { type: "button", click: () => { leave.node.scrollIntoView({ block: "center" }); leave.node.querySelector("input").focus({ preventScroll: true }); } }, `Calibrate without ${leave.excluded.size === 1 ? "it" : `these ${leave.excluded.size}`} …`), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"));
   const figure = pointsFigure(points, names, selected, name);
   const table = residualTable(points, row, label, selected, leave);
-  // points of a session that only scored a set have a base of their own, which the report does not state
-  const isFound = (i) => set.frame === "base" || (job.kind === "identify" && (i < set.n_points || other?.frame === "base"));
+  // the base that was found is that of the last session; points of another one, or that were only scored, have a base that the report does not state
+  const isFound = (i) => set.frame === "base" || (job.kind === "identify" && (i < own ? placeOf(sets, i).session === sets.length - 1 : other?.frame === "base"));
   const base = parameterSet ? inverse(poseOf(parameterSet.t_instrument_base)) : IDENTITY;
   const known = pointsOfReport(report, (i) => (isFound(i) ? base : null));
   const caption = el("span", {}, captionOf(set, robot, points.every((_, i) => isFound(i)) ? "found" : "waiting"));
   const cell = points.some((p) => p.position_mm) && armFigure({ title: "The arm and what was measured", caption, robot, points: known, stages,
     targets: targetsOf(parameterSet), selected, postures: (i) => rows.joints?.[i] ?? null, describe, actions });
   const place = () => {
-    if (points.every((_, i) => isFound(i))) return;
-    const group = points.map((_, i) => i).filter((i) => !isFound(i) && rows.joints?.[i] && points[i].position_mm && points[i].after_vector_mm);
-    const found = group.length > 3 && placedBy(group, points, rows.joints, parameterSet ? { ...robot, links: parameterSet.links } : robot, targetsOf(parameterSet));
-    fill(caption, captionOf(set, robot, found ? "placed" : "unknown"));
-    if (found) cell?.place?.(pointsOfReport(report, (i) => (isFound(i) ? base : found)));
+    const waiting = points.map((_, i) => i).filter((i) => !isFound(i));
+    if (waiting.length === 0) return;
+    const links = parameterSet ? { ...robot, links: parameterSet.links } : robot;
+    const session = (i) => placeOf(sets, i)?.session;
+    const found = new Map([...new Set(waiting.map(session))].map((one) => {
+      const group = waiting.filter((i) => session(i) === one && rows.joints?.[i] && points[i].position_mm && points[i].after_vector_mm);
+      return [one, group.length > 3 && placedBy(group, points, rows.joints, links, targetsOf(parameterSet))];
+    }));
+    const poseAt = (i) => (isFound(i) ? base : found.get(session(i)) || null);
+    const areAll = waiting.every((i) => poseAt(i));
+    fill(caption, captionOf(set, robot, !areAll ? "unknown" : sets.length > 1 ? "several" : "placed"));
+    if (areAll) cell?.place?.(pointsOfReport(report, poseAt));
   };
   const read = (one) => rowsOfSet(one, robot.links.length, signal).catch(() => ({}));
-  Promise.all([read(set), other ? read(other) : {}]).then(([own, more]) => {
+  Promise.all([...sets, ...points.length > own && other ? [other] : []].map(read)).then((files) => {
     if (signal.aborted) return;
-    const both = (key) => own[key] && (points.length === set.n_points ? own[key] : [...own[key], ...more[key] ?? []]);
-    const all = Object.fromEntries(["joints", "names", "lines", "times", "sequence"].map((key) => [key, own[key]?.length < set.n_points ? null : both(key) ?? null]));
+    // one file without joint values leaves all of them out; times and names that one file lacks, too
+    const joined = (key) => (files.every((file, k) => file[key] || k >= sets.length) ? files.flatMap((file) => file[key] ?? []) : null);
+    const all = Object.fromEntries(["joints", "names", "lines", "times", "sequence"].map((key) => [key, joined(key)]));
+    // a place in the measuring order counts within its own session
+    if (sets.length > 1) all.sequence = null;
     Object.assign(rows, all);
     figure.known(all);
     table.known(all);
@@ -74,6 +91,7 @@ function placedBy(group, points, joints, robot, targets) {
 const PLACED = {
   found: "Positions are brought into the robot's base frame by the base that was found.",
   placed: "Positions are brought into the robot's base frame by the place of the instrument in this session.",
+  several: "Positions are brought into the robot's base frame by the place of the instrument in each session.",
   waiting: "Positions are brought into the robot's base frame once the file is read.",
   unknown: "The joint values of this file cannot be read here, so its points cannot be shown beside the arm.",
 };

@@ -10,6 +10,7 @@ import { SOON_JUDGED, verifyPage } from "./next.js";
 import { facts, overviewOf, standing } from "./robots.js";
 import { saveButton, savePoints } from "./save.js";
 import { selection } from "./selection.js";
+import { setsOfJob } from "./sessions.js";
 import { uploadCard } from "./upload.js";
 import { foundAgainst, findingBadge } from "./verdicts.js";
 import { FAILURES } from "./words.js";
@@ -248,7 +249,7 @@ function jobTable(jobs) {
     ["Begun", (job) => el("a", { href: `#/jobs/${job.id}` }, when(job.created_at))],
     ["State", (job) => findingBadge(job) ?? statusBadge(job.status)],
     ["Method", (job) => (job.kind === "verify" ? "verification" : job.kind === "check" ? "check" : method(job.method))],
-    ["Measurement set", (job) => job.measurement_set_name ?? "without a name", "name"],
+    ["Measurement set", setsOfJob, "name"],
     ["Took", (job) => (ran(job) === null ? "–" : span(ran(job))), "n"],
     ["Remark", (job) => plain(job.error?.detail ?? ""), "name"],
   ];

@@ -5,8 +5,9 @@ import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./col
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, plain, when } from "./format.js";
-import { jobOptions } from "./job_options.js";
+import { jobForm } from "./job_form.js";
 import { posesOf } from "./poses.js";
+import { referenceChoice } from "./references.js";
 import { SUSPICIONS } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
@@ -40,7 +41,7 @@ function uploadForm(context) {
   const file = el("input", { id: "set-file", type: "file", multiple: true, accept: ".csv,.txt,.tsv,.xlsx,.ods,.json,.dat,.mod,.ls,text/csv,application/json" });
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
   const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", usual !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", usual === "instrument"));
-  const instrument = instrumentForm(frames);
+  const instrument = instrumentForm(context.robot, frames);
   const stated = statedForm(context.robot);
   const record = recordForm();
   const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read(), ...stated.read(), ...record.read() });
@@ -65,8 +66,15 @@ function uploadForm(context) {
   return el("div", {}, frames, instrument.node, stated.node, record.node, drop, out);
 }
 
-/** How angles of a measured rotation are written: the convention of the columns, and the words. */
-const ROTATIONS = [["", "not stated"], ["rotation_vector", "rotation vector (UR)"], ["extrinsic_xyz", "fixed x, y, z (FANUC W P R)"], ["intrinsic_xyz", "x, then the new y and z"], ["intrinsic_zyz", "z, then the new y and z"]];
+/** Conventions of angles that instruments and controllers write: [name in the interface, words]. */
+const COMMON = [["rotation_vector", "rotation vector (UR)"], ["extrinsic_xyz", "about the fixed x, y, z (FANUC W P R; KUKA C B A)"], ["intrinsic_xyz", "about x, the new y, the new z"], ["intrinsic_zyx", "about z, the new y, the new x"], ["intrinsic_zyz", "about z, the new y, the new z"], ["extrinsic_zyx", "about the fixed z, y, x"], ["extrinsic_zyz", "about the fixed z, y, z"]];
+/** Every other sequence that the service knows. */
+const OTHERS = ["extrinsic", "intrinsic"].flatMap((kind) => ["xyz", "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz", "zyx", "zyz"].map((axes) => `${kind}_${axes}`)).filter((name) => COMMON.every(([common]) => common !== name));
+
+/** How angles of a measured rotation are written; a refusal names a convention as it stands here. */
+const rotationChoice = () => el("select", { id: "stated-rotation" }, el("option", { value: "" }, "not stated"), COMMON.map(([name, words]) => el("option", { value: name }, `${name}: ${words}`)),
+  el("optgroup", { label: "Other sequences: intrinsic turns about the new axes, extrinsic about the fixed ones" }, OTHERS.map((name) => el("option", { value: name }, name))));
+
 /** How numbers are written in a table. */
 const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["comma", "12,5, with a comma"]];
 
@@ -74,7 +82,7 @@ const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["
 function statedForm(robot) {
   const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate", value: robot.serial_number });
   const pick = (id, options) => el("select", { id }, options.map(([value, words]) => el("option", { value }, words)));
-  const [rotation, decimal] = [pick("stated-rotation", ROTATIONS), pick("stated-decimal", DECIMALS)];
+  const [rotation, decimal] = [rotationChoice(), pick("stated-decimal", DECIMALS)];
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
   const why = robot.serial_number ? "Compare it with the type plate of the robot that was measured. Sent with the file, it refuses a file of another robot, and a release knows that it is the same one." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
   const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
@@ -89,27 +97,27 @@ function recordForm() {
   const texts = [["instrument_name", "Instrument: maker, model, serial number"], ["instrument_certificate", "Its certificate: number, valid until"], ["operator", "Measured by"]].map(([name, label]) => [name, label, el("input", { id: `record-${name}`, type: "text", maxlength: 200 })]);
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
   const node = el("details", {}, el("summary", {}, "For the quality record: when, with what and by whom it was measured"), el("p.note", {}, "The report prints it, and the figures over time stand at this time. Nothing is computed from it."),
-    el("div.fields", {}, field(at, "Measured on"), texts.map(([, label, input]) => field(input, label))));
+    el("div.fields.low", {}, field(at, "Measured on"), texts.map(([, label, input]) => field(input, label))));
   const read = () => ({ ...at.value ? { measured_at: new Date(at.value).toISOString() } : {}, ...Object.fromEntries(texts.map(([name, , input]) => [name, input.value.trim()]).filter(([, text]) => text !== "")) });
   return { node, read };
 }
 
 /** What the instrument states; only where positions are in its own frame. */
-function instrumentForm(frames) {
+function instrumentForm(robot, frames) {
   const number = (name, label) => [name, el("input", { id: `instrument-${name}`, type: "number", min: 0, step: "any" }), label];
   const noise = [number("range_std_mm", "Length, mm"), number("range_std_mm_per_m", "Length, mm per m"), number("angle_std_deg", "Each angle, degrees")];
   const levelled = el("input", { id: "instrument-levelled", type: "checkbox" });
-  const reference = el("input", { id: "instrument-reference", type: "text", maxlength: 200 });
+  const [reference, referenceField] = referenceChoice(robot, "instrument-reference");
   const node = el("details", {}, el("summary", {}, "The instrument: noise, level, reference"),
     el("p.note", {}, "Standard uncertainties of a tracker at the origin of its frame. Every point then counts in each direction by what it is worth there."),
     el("div.fields", {}, noise.map(([, input, label]) => el("div", {}, el("label", { for: input.id }, label), input))),
     el("label.choice", {}, levelled, "It was levelled: gravity is −z of its frame"),
-    el("div.fields", {}, el("div", {}, el("label", { for: reference.id }, "Name of its reference (a scale bar that it measured)"), reference)));
+    el("div.fields", {}, referenceField));
   const isOwn = () => frames.querySelector("input:checked").value === "instrument";
   const show = () => { node.hidden = !isOwn(); };
   frames.addEventListener("change", show);
   show();
-  const read = () => (isOwn() ? { ...Object.fromEntries(noise.filter(([, input]) => input.value !== "").map(([name, input]) => [name, input.value])), ...levelled.checked ? { instrument_levelled: true } : {}, ...reference.value.trim() !== "" ? { reference: reference.value.trim() } : {} } : {});
+  const read = () => (isOwn() ? { ...Object.fromEntries(noise.filter(([, input]) => input.value !== "").map(([name, input]) => [name, input.value])), ...levelled.checked ? { instrument_levelled: true } : {}, ...reference.value !== "" ? { reference: reference.value } : {} } : {});
   return { node, read };
 }
 
@@ -143,7 +151,7 @@ async function upload(context, file, query, out, isTried = false) {
   fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
     const stated = isJson ? { ...query, decimal: "" } : query;
-    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...stated, name }).filter(([, value]) => value !== ""))}`;
+    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...stated, columns: withSheet(query.columns, file.sheet), name }).filter(([, value]) => value !== ""))}`;
     const set = await post(path, file.body, file.type);
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
@@ -157,27 +165,48 @@ async function upload(context, file, query, out, isTried = false) {
       if (known) return upload(context, file, { ...query, columns: JSON.stringify(known) }, out, true);
     }
     // columns that were said do not fit this file: they are asked anew
-    if (isTried && query.columns && !SUSPICIONS.includes(error.code)) return upload(context, file, { ...query, columns: "" }, out, true);
+    if (isTried && query.columns && !SUSPICIONS.includes(error.code) && !asksForChoice(error)) return upload(context, file, { ...query, columns: "" }, out, true);
     const text = isJson || !file.text ? "" : await textOf(file.text);
     const columns = el("div", {});
-    const retry = (more) => () => {
+    const retry = ({ sheet, ...more }) => () => {
       out.focus();
       if (more.frame) context.framed?.(more.frame);
-      upload(context, file, { ...query, ...more }, out, isTried || Boolean(more.columns));
+      upload(context, sheet ? { ...file, sheet } : file, { ...query, ...more }, out, !sheet && (isTried || Boolean(more.columns)));
     };
     fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
-    if (!isJson && isAboutColumns(error)) {
+    if (!isJson && isAboutColumns(error) && !asksForChoice(error)) {
       const read = (chosen) => retry({ columns: JSON.stringify(chosen) })();
       // the choice of the columns says what is missing; without a preview the refusal stays
-      if (await askColumns(robot, file.body, file.type, columns, read).catch(() => false)) out.replaceChildren(columns);
+      if (await askColumns(robot, file, query.decimal, columns, read).catch(() => false)) out.replaceChildren(columns);
     }
   }
 }
 
+/** A mapping of columns with the sheet that was chosen; without a sheet as it is. */
+const withSheet = (columns, sheet) => (sheet ? JSON.stringify({ ...columns ? JSON.parse(columns) : {}, sheet }) : columns ?? "");
+
+/** The sheets that a refusal asks to choose from; none where it asks for something else. */
+function sheetsIn(errors) {
+  const detail = (errors ?? []).map((issue) => issue.detail).find((said) => said.includes("sheets of the workbook have cells"));
+  return (detail?.split(": name one")[0].match(/"(?:[^"\\]|\\.)*"/g) ?? []).map((quoted) => JSON.parse(quoted.replace(/\\'/g, "'")));
+}
+
+/** Whether a refusal does not tell which decimal mark a table has. */
+const asksForDecimal = (errors) => (errors ?? []).some((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
+
+/** Whether a refusal is mended by one of a few buttons; what the columns are is asked afterwards. */
+const asksForChoice = ({ errors }) => sheetsIn(errors).length > 0 || asksForDecimal(errors);
+
 /** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
 function remedies({ code, errors }, isJson, retry) {
-  const decimal = (errors ?? []).map((issue) => /"decimal": "(comma|point)"/.exec(issue.detail)?.[1]).find(Boolean);
-  if (decimal && !isJson) return el("div.actions", {}, el("button.primary", { type: "button", click: retry({ decimal }) }, `Read it with decimal ${decimal}s`));
+  const choose = (question, choices) => el("div", {}, el("p", {}, question), el("div.actions", {}, choices.map(([words, more]) => el("button", { type: "button", click: retry(more) }, words))));
+  const sheets = isJson ? [] : sheetsIn(errors);
+  if (sheets.length > 0) {
+    const other = el("input", { id: "other-sheet", type: "text", maxlength: 200 });
+    const read = () => { if (other.value.trim() !== "") retry({ sheet: other.value.trim() })(); };
+    return [choose("Which sheet has the measured points?", sheets.map((sheet) => [sheet, { sheet }])), el("div.controls", {}, el("label", { for: other.id }, "Or another one"), other, el("button", { type: "button", click: read }, "Read this sheet"))];
+  }
+  if (asksForDecimal(errors) && !isJson) return choose("Which decimal mark has the file?", [["A comma: 12,5", { decimal: "comma" }], ["A point: 12.5", { decimal: "point" }]]);
   if (!SUSPICIONS.includes(code)) return [];
   const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);
   return el("div", {},
@@ -224,80 +253,4 @@ function faults(errors, text) {
   ];
   const more = errors.length > MAX_SHOWN ? el("p.note", {}, `and ${errors.length - MAX_SHOWN} more`) : [];
   return [table("Rows are counted from 0 without the header row.", columns, errors.slice(0, MAX_SHOWN), ""), more];
-}
-
-function choice(id, label, options) {
-  const select = el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
-  return [select, el("div", {}, el("label", { for: id }, label), select)];
-}
-
-/** What a job may do, where the robot has parameters to verify. */
-const KINDS = [["identify", "Identify parameters"], ["verify", "Only verify the robot's parameters (identifies nothing)"], ["check", "Quick check: do the robot's parameters still hold? (five to ten poses)"]];
-
-/** What may have happened before a quick check. */
-const AFTER = [["", "nothing in particular"], ["collision", "a collision"], ["mastering", "joints were mastered anew"], ["motor", "a motor was exchanged"]];
-
-/** Whether a set is large enough only for a verification. */
-const onlyVerifies = (set) => set.warnings.some((remark) => remark.code === "under_determined");
-
-/** Parameter sets that can be verified: the active one first, then the newest. Withdrawn sets are left out. */
-function verifiable(parameterSets) {
-  const usable = parameterSets.filter((set) => set.status !== "withdrawn");
-  return [...usable.filter((set) => set.status === "released"), ...usable.filter((set) => set.status !== "released")];
-}
-
-let forms = 0;
-
-/** The job that is posted with a set. Whoever came to verify finds that chosen, with the parameters to score and the newest other session. */
-function jobForm(robot, sets, { parameterSets, hasNetwork, verifying }) {
-  forms += 1;
-  const n = forms;
-  const [set, setField] = choice(`job-set-${n}`, "Measurement set", sets.map((s) => [s.id, `${s.name ?? s.id} (${s.n_points} points)`]));
-  const [method, methodField] = choice(`job-method-${n}`, "Method", [
-    ["auto", "automatic (recommended)"], ["least_squares", "least squares"], ["pso", "particle swarm"], ...hasNetwork ? [["bpnn_pso", "swarm from the network"]] : []]);
-  const [verify, verifyField] = choice(`job-verify-${n}`, "Verify on", [
-    ["", "its verify points, else half"], ...sets.length > 1 ? sets.map((s) => [s.id, `another session: ${s.name ?? s.id}`]) : []]);
-  const [preset, presetField] = choice(`job-preset-${n}`, "Search settings", [["default", "ours"], ["paper", "the paper's, to the letter"]]);
-  const candidates = verifiable(parameterSets);
-  const other = verifying && sets.find((s) => s.id !== verifying.identified.id);
-  if (other) set.value = other.id;
-  const [scored, scoredField] = choice(`job-scored-${n}`, "Parameters to score", candidates.map((p) => [p.id, `${p.status === "released" ? "active" : p.status}, identified ${when(p.created_at)}`]));
-  const [after, afterField] = choice(`job-after-${n}`, "What happened before", AFTER);
-  const kinds = el("fieldset.kinds", { hidden: candidates.length === 0 }, el("legend", {}, "What to do"),
-    KINDS.map(([value, text]) => el("label.choice", {}, el("input", { type: "radio", name: `job-kind-${n}`, value }), text)));
-  if (verifying && candidates.some((p) => p.id === verifying.set.id)) scored.value = verifying.set.id;
-  const options = jobOptions(robot);
-  const out = el("div", {});
-  const button = el("button.primary", { type: "submit" });
-  const kind = () => kinds.querySelector("input:checked").value;
-  const shape = () => {
-    const verifies = kind() !== "identify";
-    for (const field of [methodField, verifyField, presetField, options.node]) field.hidden = verifies;
-    scoredField.hidden = !verifies;
-    afterField.hidden = kind() !== "check";
-    fill(button, { verify: "Start verification", check: "Start check" }[kind()] ?? "Start calibration");
-  };
-  const preselect = () => {
-    const chosen = sets.find((s) => s.id === set.value);
-    kinds.querySelector(`[value=${candidates.length > 0 && (verifying || onlyVerifies(chosen)) ? "verify" : "identify"}]`).checked = true;
-    shape();
-  };
-  set.addEventListener("change", preselect);
-  kinds.addEventListener("change", shape);
-  preselect();
-  const submit = async (event) => {
-    event.preventDefault();
-    button.disabled = true;
-    const request = kind() !== "identify" ? { kind: kind(), measurement_set_id: set.value, parameter_set_id: scored.value, ...kind() === "check" && after.value ? { after: after.value } : {} }
-      : options.add({ measurement_set_id: set.value, method: method.value, preset: preset.value });
-    if (kind() === "identify" && verify.value) request.verify = { source: "set", measurement_set_id: verify.value };
-    try {
-      const job = await post(`/v1/robots/${robot.id}/jobs`, request);
-      location.hash = `#/jobs/${job.id}`;
-    } catch (error) {
-      fill(out, problem(error));
-      button.disabled = false;
-    }
-  };
-  return el("form", { submit }, kinds, el("div.fields", {}, setField, methodField, verifyField, presetField, scoredField, afterField), options.node, out, button);
 }

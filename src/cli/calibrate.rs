@@ -91,7 +91,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let robot = Robot::try_from(&robot_body)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.robot, &invalid.issues)))?;
-    let frame = arguments.set_options.frame;
     let first = read_session(&arguments.set, &robot, arguments)?;
     let further = arguments.sessions.session.iter();
     let further: Vec<Session> = further
@@ -101,15 +100,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let insisted_on = all().find_map(|session| session.insisted_on);
     let record = arguments.set_options.record.record().checked();
     let record = record.map_err(|invalid| Usage(faults(&invalid.issues)))?;
-    let measured = MeasuredSet {
-        name: arguments.set.file_name().and_then(|name| name.to_str()),
-        frame,
-        n_points: first.set.points.len(),
-        n_configurations: first.set.configurations().len(),
-        sha256: &first.sha256,
-        instrument: arguments.set_options.noise.instrument(),
-        record: record.as_ref(),
-    };
     let parts = JobParts {
         robot,
         set: first.set.clone(),
@@ -145,9 +135,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .and_then(|record| record.measured_at.clone());
     if let Some(path) = &arguments.html {
         let convergence = calibrated.convergence();
+        let further_sets = further.iter().zip(&arguments.sessions.session);
+        let further_sets: Vec<MeasuredSet<'_>> = further_sets
+            .map(|(session, path)| session.measured(path, arguments))
+            .collect();
         let sources = Sources {
             robot: &robot_body,
-            set: measured,
+            set: MeasuredSet {
+                record: record.as_ref(),
+                ..first.measured(&arguments.set, arguments)
+            },
+            further_sets: &further_sets,
             job: None,
             parameter_set: None,
             sessions: &[],
@@ -169,6 +167,21 @@ struct Session {
     insisted_on: Option<&'static str>,
     /// Names columns that are not read and may say which reflector or set-up a row is of.
     unread: Option<String>,
+}
+
+impl Session {
+    /// What the report page says of its file.
+    fn measured<'a>(&'a self, path: &'a Path, arguments: &Arguments) -> MeasuredSet<'a> {
+        MeasuredSet {
+            name: path.file_name().and_then(|name| name.to_str()),
+            frame: arguments.set_options.frame,
+            n_points: self.set.points.len(),
+            n_configurations: self.set.configurations().len(),
+            sha256: &self.sha256,
+            instrument: arguments.set_options.noise.instrument(),
+            record: None,
+        }
+    }
 }
 
 /// Reads and checks one file of points.

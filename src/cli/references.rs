@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// A table: name, version, and the scale of the instrument.
+/// A table: name, version, the scale of the instrument and whether it is off, and the instrument.
 fn in_words(items: &[Value]) -> String {
     let row = |item: &Value| {
         let ppm = |field: &str| format!("{:.1}", item[field].as_f64().unwrap_or(f64::NAN));
@@ -95,6 +95,7 @@ fn in_words(items: &[Value]) -> String {
                 Some(true) => "off".into(),
                 _ => "in order".into(),
             },
+            item["instrument"].as_str().unwrap_or("–").to_owned(),
         ]
     };
     let names = [
@@ -103,6 +104,7 @@ fn in_words(items: &[Value]) -> String {
         "lengths",
         "error ppm",
         "standard uncertainty ppm",
+        "scale",
         "instrument",
     ];
     text_table::columns(&names, &items.iter().map(row).collect::<Vec<_>>())
@@ -128,4 +130,19 @@ fn lengths(file: &Path) -> anyhow::Result<Vec<ReferenceLengthBody>> {
         return Err(wrong("it has no row".into())).context("a reference has one length at least");
     }
     Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::in_words;
+    use serde_json::json;
+
+    #[test]
+    fn the_instrument_stands_under_its_heading() {
+        let item = json!({"name": "bar", "version": 1, "items": [], "scale_error_ppm": 20.0, "scale_std_ppm": 4.0, "is_off": true, "instrument": "tracker 7"});
+        let table = in_words(&[item]);
+        let (head, rows) = table.split_once('\n').unwrap();
+        assert_eq!(head.find("instrument"), rows.find("tracker 7"), "{table}");
+        assert_eq!(head.rfind("scale"), rows.find("off"), "{table}");
+    }
 }

@@ -3,7 +3,7 @@
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
 use crate::http::{App, Error, access};
-use crate::report_page::{self, ScoredSession, Sources};
+use crate::report_page::{self, MeasuredSet, ScoredSession, Sources};
 use crate::store::{jobs, policies, robot_versions, verifications};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
@@ -29,7 +29,10 @@ pub async fn report_html(
 ) -> Result<Response, Error> {
     let job = access::job(&app, &caller, &id).await?;
     let robot = robot_versions::robot_at(&app.store, &job.robot_id, job.robot_version).await?;
-    let set = access::measurement_set(&app, &caller, &job.measurement_set_id).await?;
+    let mut sets = Vec::new();
+    for set_id in job.set_ids() {
+        sets.push(access::measurement_set(&app, &caller, set_id).await?);
+    }
     let parameter_set = match &job.parameter_set_id {
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
@@ -45,9 +48,18 @@ pub async fn report_html(
         jobs::convergence(&app.store, &id).await?,
     );
     let page = move || {
+        let sets: Vec<SetSummary> = sets
+            .iter()
+            .map(SetSummary::try_from)
+            .collect::<Result<_, _>>()?;
+        let sets: Vec<MeasuredSet<'_>> = sets.iter().map(Into::into).collect();
+        let (set, further_sets) = sets
+            .split_first()
+            .ok_or(Error::NotFound("measurement set"))?;
         Ok::<_, Error>(report_page::html(&Sources {
             robot: &access::robot_body(&robot)?,
-            set: (&SetSummary::try_from(&set)?).into(),
+            set: *set,
+            further_sets,
             job: Some(&JobAnswer::try_from(&job)?),
             parameter_set: parameter_set
                 .map(ParameterSetAnswer::try_from)

@@ -76,7 +76,7 @@ pub fn need(facts: &NeedFacts) -> (Need, String) {
     if !facts.is_released {
         return (
             Need::Calibrate,
-            "nothing was identified yet; upload measured points".into(),
+            "it has no result; upload measured points".into(),
         );
     }
     (Need::Nothing, String::new())

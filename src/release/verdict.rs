@@ -86,6 +86,8 @@ pub fn why_same_upload(report: &Report) -> &'static str {
         "these poses repeat those that the set was identified from, and nothing in their noise shows that they were measured anew: measure other poses"
     } else if has_warning(report, BASE_NOT_CHECKED) {
         "the base was fitted again to the scored upload, so a wrong base would not show"
+    } else if report.pooled.is_some() {
+        "checked on points that were not fitted but measured in the same sessions; a wrong tool, base or scale would not show"
     } else {
         "checked on points that were not fitted but measured in the same session; a wrong tool, base or scale would not show"
     }

@@ -61,6 +61,7 @@ fn body(sources: &Sources<'_>) -> Markup {
             (sections::verdict(sources))
             (check::quick_check(report))
             (sections::warnings(&report.warnings))
+            (sessions::fitted_together(sources))
             (sessions::sessions(sources))
             (sections::facts(sources))
             (quality::statement(sources))

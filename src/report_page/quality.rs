@@ -19,8 +19,8 @@ pub fn statement(sources: &Sources<'_>) -> Markup {
             dl.facts {
                 div { dt { "Quantity" } dd { (quantity(sources)) } }
                 div { dt { "Frame" } dd { (frame(sources)) } }
-                @if let Some(record) = sources.set.record { div { dt { "Measured" } dd { (measured(record)) } } }
-                @if let Some(stated) = &sources.set.instrument { div { dt { "Instrument, as stated" } dd { (instrument(stated)) } } }
+                @for record in sources.sets().filter_map(|set| set.record) { div { dt { "Measured" } dd { (measured(record)) } } }
+                @for stated in sources.sets().filter_map(|set| set.instrument.as_ref()) { div { dt { "Instrument, as stated" } dd { (instrument(stated)) } } }
                 @if let Some(found) = &sources.report.reference { div { dt { "Instrument, by its reference" } dd { (reference(found)) } } }
                 div { dt { "Tool" } dd { (tool(sources)) } }
                 div { dt { "Points" } dd { (points(sources)) } }

@@ -80,21 +80,15 @@ fn fact(name: &str, value: &str) -> Markup {
 
 /// Measurement set, method and settings.
 pub fn facts(sources: &Sources<'_>) -> Markup {
-    let Sources { set, report, .. } = sources;
-    let frame = if set.frame == Frame::Base {
-        "robot base"
-    } else {
-        "instrument"
-    };
-    let name = set.name.unwrap_or("without a name");
-    let set_text = format!(
-        "{name}: {} points in {} configurations, {frame} frame",
-        set.n_points, set.n_configurations
-    );
+    let report = sources.report;
     let seen = &report.identifiability;
     html! {
         dl.facts {
-            (fact("Measurement set", &set_text))
+            @if sources.further_sets.is_empty() {
+                (fact("Measurement set", &measured(sources)))
+            } @else {
+                (fact("Measurement sets", &measured(sources)))
+            }
             @if sources.is_verification() {
                 (fact("Verified", &format!("{}; {}", sources.verified(), report.method_reason)))
             } @else {
@@ -116,6 +110,35 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
             @if let Some(finished_at) = sources.job.and_then(|job| job.finished_at.as_deref()) { (fact("Finished", &time(finished_at))) }
         }
     }
+}
+
+/// The measurement set in words, or all of several sessions.
+fn measured(sources: &Sources<'_>) -> String {
+    let set = &sources.set;
+    let frame = if set.frame == Frame::Base {
+        "robot base"
+    } else {
+        "instrument"
+    };
+    if sources.further_sets.is_empty() {
+        return format!(
+            "{}: {} points in {} configurations, {frame} frame",
+            set.name.unwrap_or("without a name"),
+            set.n_points,
+            set.n_configurations
+        );
+    }
+    let n_points: usize = sources.sets().map(|set| set.n_points).sum();
+    let sets = sources.sets().map(|set| {
+        let name = set.name.unwrap_or("without a name");
+        format!("{name} ({} points)", set.n_points)
+    });
+    let sets: Vec<String> = sets.collect();
+    format!(
+        "{} sessions that were fitted together, {n_points} points, {frame} frame: {}",
+        sets.len(),
+        sets.join(", ")
+    )
 }
 
 fn last_joint_zero(report: &Report) -> String {
@@ -386,7 +409,6 @@ pub fn comparison(report: &Report) -> Markup {
 /// Identifiers, hashes and versions.
 pub fn origin(sources: &Sources<'_>) -> Markup {
     let Sources {
-        set,
         job,
         parameter_set,
         report,
@@ -407,7 +429,7 @@ pub fn origin(sources: &Sources<'_>) -> Markup {
             dl.origin {
                 @if let Some(job) = job { (fact("Job", &job.id)) (fact("Asked for", &time(&job.created_at))) }
                 (fact("Computed by", &format!("kincal {}{asked}", report.version)))
-                (fact("Measured file, SHA-256", set.sha256))
+                @for set in sources.sets() { (fact("Measured file, SHA-256", set.sha256)) }
                 @if sources.is_verification() { @if let Some(id) = &report.parameter_set_from { (fact("Verified parameter set", id)) } }
                 @if let Some(set) = parameter_set { (fact("Parameter set", &set.id)) (fact("Parameters, SHA-256", &set.sha256)) }
                 (fact("Result, SHA-256", &report.result_sha256))

@@ -1,7 +1,7 @@
-//! The section about sessions of other uploads and scored with the identified parameter set.
+//! The sections about several sessions: those that were fitted together, and those that were scored with the identified parameter set.
 
 use super::sources::{ScoredSession, Sources};
-use super::text::{error, time};
+use super::text::{error, number, time};
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 use maud::{Markup, html};
@@ -17,6 +17,36 @@ pub fn sessions(sources: &Sources<'_>) -> Markup {
                 table {
                     thead { tr { th { "Scored" } th { "Job" } th.n { "Points" } th.n { "Nominal robot" } th.n { "This set" } th { "What it shows" } } }
                     tbody { @for session in sessions { (row(session)) } }
+                }
+            }
+        }
+    }
+}
+
+/// The sessions that were fitted together, and the test whether they are one robot. Empty for a job of one set.
+pub fn fitted_together(sources: &Sources<'_>) -> Markup {
+    let Some(pooled) = &sources.report.pooled else {
+        return html! {};
+    };
+    let mm = |value_mm: Option<f64>| value_mm.map_or("–".into(), error);
+    html! {
+        section {
+            h2 { "Sessions that were fitted together" }
+            p {
+                "They are one robot in one state, as far as these points tell: of an unchanged robot, the two sessions that are least alike differ as much with probability "
+                strong { (format!("{:.2}", pooled.probability)) } " (sum of squares " (number(pooled.chi_square)) " of " (pooled.n_combinations)
+                " combinations of parameters that both see). Links are fitted to all of them; each has its own base, reflectors and noise. Errors are rms of the links alone, mm."
+            }
+            table {
+                thead { tr { th { "Session" } th.n { "Points" } th.n { "Rows from" } th.n { "Noise of a coordinate, mm" } th.n { "Identify" } th.n { "Verify" } } }
+                tbody {
+                    @for (session, set) in pooled.sessions.iter().zip(sources.sets()) {
+                        tr {
+                            th { (set.name.unwrap_or("without a name")) } td.n { (session.n_points) } td.n { (session.first_row) }
+                            td.n { @if let Some(noise_mm) = session.noise_std_mm { (error(noise_mm)) } @else { "as the others" } }
+                            td.n { (mm(session.identify_rms_mm)) } td.n { (mm(session.verify_rms_mm)) }
+                        }
+                    }
                 }
             }
         }

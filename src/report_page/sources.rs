@@ -60,6 +60,8 @@ pub struct Sources<'a> {
     pub robot: &'a RobotBody,
     /// The measurement set of the job.
     pub set: MeasuredSet<'a>,
+    /// Measurement sets of further sessions that were fitted together with it.
+    pub further_sets: &'a [MeasuredSet<'a>],
     /// The job; none if the page is made without a server.
     pub job: Option<&'a JobAnswer>,
     /// The identified parameter set in its current state; none without a server, or if no parameters were identified.
@@ -74,7 +76,12 @@ pub struct Sources<'a> {
     pub convergence: &'a Convergence,
 }
 
-impl Sources<'_> {
+impl<'a> Sources<'a> {
+    /// All measurement sets of the job, in the order of its rows.
+    pub(super) fn sets(&self) -> impl Iterator<Item = &MeasuredSet<'a>> {
+        std::iter::once(&self.set).chain(self.further_sets)
+    }
+
     /// True if the job only scored a parameter set.
     pub(super) fn is_verification(&self) -> bool {
         self.job.is_some_and(|job| job.kind.scores())

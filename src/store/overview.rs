@@ -55,7 +55,8 @@ row! {
     }
 }
 
-// $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables.
+// $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables. What is archived, or
+// came from an archived job, asks for nothing.
 const LIST: &str = "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
         y.tolerance_mm as tolerance_mm, y.decision_rule as decision_rule,
@@ -75,12 +76,13 @@ const LIST: &str = "
     left join parameter_set a on a.robot_id = r.id and a.status = 'released'
     left join verification va on va.job_id = a.job_id
     left join parameter_set n on n.id = (select p.id from parameter_set p where p.robot_id = r.id and p.status <> 'withdrawn'
-        order by p.created_at_ms desc, p.id desc limit 1)
+        and not exists (select 1 from archived x where x.id in (p.id, p.job_id)) order by p.created_at_ms desc, p.id desc limit 1)
     left join verification vn on vn.job_id = n.job_id
     left join verification s on s.job_id = (select w.job_id from verification w where w.parameter_set_id = a.id and w.kind = 'session'
         and w.fit <> 'does_not_fit' order by w.seq desc limit 1)
     left join job sj on sj.id = s.job_id
-    left join job j on j.id = (select k.id from job k where k.robot_id = r.id order by k.created_at_ms desc, k.id desc limit 1)
+    left join job j on j.id = (select k.id from job k where k.robot_id = r.id
+        and not exists (select 1 from archived x where x.id = k.id) order by k.created_at_ms desc, k.id desc limit 1)
     where replace($1, r.id, '') <> $1";
 
 /// A page of the list of robots, with the facts that decide what each robot needs next. `only` limits the list to the robots that a key may see.

@@ -102,7 +102,7 @@ pub struct RobotOverview {
     /// The released set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub active: Option<SetOverview>,
-    /// The newest set that was not withdrawn.
+    /// The newest set that was not withdrawn, and neither archived nor of an archived job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub newest: Option<SetOverview>,
     /// The newest session of the released set.
@@ -111,7 +111,7 @@ pub struct RobotOverview {
     /// Days until the error reaches its limit; absent if this cannot be predicted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub days_to_limit: Option<f64>,
-    /// The newest job.
+    /// The newest job that is not archived.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_job: Option<JobOverview>,
 }

@@ -12,8 +12,12 @@ mod browser;
 mod fleet;
 mod hall;
 mod reach;
+mod sessions;
 mod trouble;
 mod walk;
+#[allow(dead_code)] // other tests write its other kinds
+#[path = "../core/workbooks.rs"]
+mod workbooks;
 
 use browser::{Browser, Driver, Look, Picture};
 use hall::{Plant, data};

@@ -175,7 +175,7 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
         browser.until_it_says("Cell 18").await;
         browser.go(&format!("/#/robots/{robot}/correct")).await;
         browser
-            .until_it_says("Work frames (0) and tools (0) of the cell")
+            .until_it_says("Work frames (0), tools (0) and references (0) of the cell")
             .await;
         // The same rotation as three controllers write it; the service's own conversion is the other oracle.
         for (kind, field) in [
@@ -214,7 +214,7 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
             ))
             .await;
         browser.button("Store a tool").await.click().await.unwrap();
-        browser.until_it_says("tools (1) of the cell").await;
+        browser.until_it_says("tools (1) and references").await;
         let (_, tool) = in_place(|| {
             hall.server
                 .get(&format!("/v1/robots/{robot}/tools/gripper"))
@@ -252,6 +252,11 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
                 "{frame}"
             );
         }
+        let residuals = browser.text().await;
+        assert!(
+            residuals.contains("Residual of each point of table"),
+            "{residuals}"
+        );
         browser.picture("cell", Picture::Whole).await;
         // The reflector of this set sits on the flange: the posture, in the fixture's frame.
         let at = |k: usize| posture["position_mm"][k].as_f64().unwrap() - [10.0, 20.0, 30.0][k];

@@ -125,6 +125,33 @@ async fn each_robot_says_what_it_needs_most_and_which_job_shows_it() {
 }
 
 #[tokio::test]
+async fn what_was_archived_asks_for_nothing() {
+    let (app, _dir) = guarded(1).await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    for what in ["parameter-sets", "jobs"] {
+        let robot = robot(&app, &admin).await;
+        let candidate = job(&app, &admin, &robot, "first_noisy.csv", json!({})).await;
+        let id = match what {
+            "jobs" => text(&candidate["id"]),
+            _ => text(&candidate["parameter_set_id"]),
+        };
+        let path = format!("/v1/{what}/{id}/archive");
+        post(&app, &admin, &path, "application/json", vec![]).await;
+        let page = with_key(&app, Method::GET, "/v1/overview?limit=200", &admin, vec![])
+            .await
+            .ok(200);
+        let items = page["items"].as_array().unwrap().iter();
+        let found = items.into_iter().find(|item| item["robot_id"] == robot);
+        let found = found.unwrap();
+        assert_eq!(
+            (&found["need"], found.get("newest")),
+            (&json!("calibrate"), None),
+            "{what}: {found}"
+        );
+    }
+}
+
+#[tokio::test]
 async fn the_overview_has_pages_and_only_the_robots_of_the_key() {
     let (app, _dir) = guarded(0).await;
     let (admin, _) = key(&app, &["admin"], None).await;

@@ -67,7 +67,16 @@ async fn sessions_of_one_robot_become_one_parameter_set_and_the_report_says_what
     );
     assert!(found["probability"].as_f64().unwrap() > 0.01, "{found}");
     let page = format!("/v1/jobs/{}/report.html", text(&job["id"]));
-    assert_eq!(app.get(&page).await.status, 200);
+    let page = app.get(&page).await.text();
+    let n_points = points.len();
+    let measured = format!("2 sessions that were fitted together, {n_points} points");
+    for said in [
+        measured.as_str(),
+        "in the same sessions",
+        "as far as these points tell",
+    ] {
+        assert!(page.contains(said), "the page does not say {said}");
+    }
     // The same request gives the same bits, and a job of one set has nothing of this.
     let again = report(&app, &app.run(&robot, &request).await).await;
     assert_eq!(report_1["result_sha256"], again["result_sha256"]);

@@ -1,0 +1,45 @@
+// The sessions that a job fitted together: which they are, what each of them has, and whether they are one robot in one state.
+
+import { el, table } from "./dom.js";
+import { count, mm, number, when } from "./format.js";
+
+/** The measurement sets of a job in the order of its rows. */
+export const setIds = ({ request, measurement_set_id: one }) => request?.measurement_set_ids ?? [one];
+
+/** The session that a row of the report is of, and its row there; undefined for a row of the verify set. `sets` are those of the job. */
+export function placeOf(sets, row) {
+  let first = 0;
+  for (const [session, set] of sets.entries()) {
+    if (row < first + set.n_points) return { session, set, row: row - first };
+    first += set.n_points;
+  }
+  return undefined;
+}
+
+/** Number of points of all sets. */
+export const nPoints = (sets) => sets.reduce((sum, set) => sum + set.n_points, 0);
+
+/** Names and points of the sets, in words. */
+export const setsInWords = (sets) => sets.map((set) => `${set.name ?? "a set without a name"} (${count(set.n_points)} points)`).join(", ");
+
+/** The sets of a job in a list: the name of the first, and how many sessions more. */
+export function setsOfJob(job) {
+  const more = setIds(job).length - 1;
+  return [job.measurement_set_name ?? "without a name", more > 0 && el("small.quiet", {}, `and ${more} ${more === 1 ? "session" : "sessions"} more, fitted together`)];
+}
+
+/** What each session has, and the test whether they are one robot; nothing for a job of one set. */
+export function sessionsCard({ pooled }, sets) {
+  if (!pooled) return [];
+  const rows = pooled.sessions.map((found, i) => ({ ...found, set: sets[i], at: i + 1 }));
+  const columns = [
+    ["Session", (row) => [`${row.at}. ${row.set.name ?? "without a name"}`, el("small.quiet", {}, row.set.record?.measured_at ? `measured ${when(row.set.record.measured_at)}` : `uploaded ${when(row.set.created_at)}`)], "name"],
+    ["Points", (row) => count(row.n_points), "n"], ["Rows of the report", (row) => `${row.first_row} to ${row.first_row + row.n_points - 1}`, "n"],
+    ["Noise of a coordinate", (row) => (row.noise_std_mm === undefined ? "as the others" : mm(row.noise_std_mm)), "n"],
+    ["Identify, rms", (row) => mm(row.identify_rms_mm), "n"], ["Verify, rms", (row) => mm(row.verify_rms_mm), "n"],
+  ];
+  const chance = pooled.probability < 1e-4 ? "below 0.0001" : number(pooled.probability, 2);
+  return el("section.card", {}, el("h2", {}, "Sessions that were fitted together"),
+    el("p", {}, el("strong", {}, "They are one robot in one state, as far as these points tell. "), `Each session was first identified by itself. Two sessions of an unchanged robot differ as much as ${sets.length === 2 ? "these" : "the two that are least alike"} with probability ${chance} (sum of squares ${number(pooled.chi_square)} of ${pooled.n_combinations} combinations of parameters that both see). A test of few or noisy points sees large changes only.`),
+    table("Links are fitted to all sessions; each has its own base, reflectors and noise. Errors with the links alone.", columns, rows, ""));
+}
