@@ -1,6 +1,7 @@
 //! The linearised problem, min ‖r + J·p‖ over ‖D·p‖ ≤ Δ, reduced to a triangle.
 
 use super::directions::{Directions, RADIUS_TOLERANCE, SMALLEST_SINGULAR_VALUE};
+use super::minimum_norm::MinimumNorm;
 use crate::solvers::qr::norm;
 use crate::solvers::qr::triangularise;
 use multiversion::multiversion;
@@ -17,9 +18,10 @@ pub(super) struct LinearModel {
     qt_residuals: Vec<f64>,
     /// The Jacobian with rows of zeros, if there are fewer residuals than parameters.
     padded: Vec<f64>,
-    /// The solution of T·w = −b, and ‖T·w‖ there; `None` if T may be singular.
+    /// The shortest minimiser of ‖T·w + b‖, and ‖T·w‖ there; `None` if the rank of T is not clear.
     undamped: Vec<f64>,
     undamped_change: Option<f64>,
+    minimum_norm: MinimumNorm,
     /// Computed when first needed.
     directions: Option<Directions>,
     /// p.
@@ -51,6 +53,7 @@ impl LinearModel {
             },
             undamped: vec![0.0; n],
             undamped_change: None,
+            minimum_norm: MinimumNorm::new(n),
             directions: None,
             step: vec![0.0; n],
         }
@@ -78,8 +81,12 @@ impl LinearModel {
             }
         }
         self.undamped.copy_from_slice(&self.qt_residuals[..n]);
-        self.undamped_change =
-            solve(&self.triangle, &mut self.undamped).then(|| norm(&self.qt_residuals[..n])); // T·w = −b
+        self.undamped_change = if solve(&self.triangle, &mut self.undamped) {
+            Some(norm(&self.qt_residuals[..n])) // T·w = −b
+        } else {
+            self.minimum_norm
+                .solve(&self.triangle, &self.qt_residuals[..n], &mut self.undamped)
+        };
     }
 
     /// λ and p. λ = 0 if that step is not longer than Δ. Otherwise λ is such that the step's length is Δ to 10 %; the search for λ begins at `guess`.

@@ -11,6 +11,7 @@
 
 mod directions;
 mod linear_model;
+mod minimum_norm;
 
 use super::qr::{dot, squares};
 use linear_model::{LinearModel, Step};
