@@ -259,8 +259,7 @@ function jobTable(jobs) {
 function setTable(sets) {
   const columns = [
     ["Name", (set) => set.name ?? "without a name", "name"],
-    ["Uploaded", (set) => when(set.created_at)],
-    ["Measured", (set) => [set.record?.measured_at && el("div", {}, when(set.record.measured_at)), set.record?.instrument_name && el("div", {}, set.record.instrument_name), set.record?.operator && el("div", {}, set.record.operator)].filter(Boolean), "name"],
+    ["Uploaded", (set) => [when(set.created_at), ...[set.record?.measured_at && `measured ${when(set.record.measured_at)}`, set.record?.instrument_name, set.record?.operator].filter(Boolean).map((text) => el("small.quiet", {}, text))], "name"],
     ["Frame", (set) => (set.frame === "base" ? "robot base" : "instrument")],
     ["Points", (set) => count(set.n_points), "n"],
     ["Configurations", (set) => count(set.n_configurations), "n"],

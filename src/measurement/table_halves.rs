@@ -18,8 +18,8 @@ pub(super) fn other_half(
     let found_axes = count(|known| matches!(known, Known::Position(..)));
     match (needs, found_joints, found_axes) {
         (Needs::Joints, 0, 3..) => Some(
-            "it has positions and no joint values. Of two files, the robot's is the first and the instrument's the second; a program of Cartesian targets \
-             needs the joint values near each target in columns of its own",
+            "it has positions and no joint values. Of two files: are they exchanged? The robot's is the first, the instrument's the second. A program of \
+             Cartesian targets needs the joint values near each target in columns of its own",
         ),
         (Needs::Positions, joints, 0) if joints >= n_joints => Some(
             "it has joint values and no positions: are the two files exchanged? The robot's is the first, the instrument's the second",
