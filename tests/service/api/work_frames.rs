@@ -338,10 +338,13 @@ async fn a_work_frame_is_measured_from_the_station_of_the_parameters() {
     put(&app, &path, &typed(json!({"station": "right"})))
         .await
         .ok(200);
-    for unknown in ["set_0", "no id\0"] {
+    for (unknown, code) in [
+        ("set_0", "unknown_reference"),
+        ("no id\0", "invalid_work_frame"),
+    ] {
         let refused = put(&app, &path, &typed(json!({"measurement_set_id": unknown})))
             .await
-            .problem(422, "unknown_reference");
+            .problem(422, code);
         assert_eq!(refused["errors"][0]["pointer"], "/measurement_set_id");
     }
     // the instrument came back to its first place: the base is that of the last point
