@@ -4,6 +4,7 @@ mod calibrate;
 mod method;
 mod outcome;
 pub mod partial;
+pub mod point_errors;
 mod preparation;
 mod problem;
 pub mod quick_check;

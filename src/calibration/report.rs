@@ -1,6 +1,7 @@
 //! Result of a calibration as plain data. Its parts are those of the report of the API: they derive its JSON and its schema, so their documentation is
 //! that of `openapi.yaml`. `wire::report` joins them to the report of a job.
 
+use crate::calibration::point_errors::PointErrors;
 use crate::calibration::quick_check::QuickCheck;
 use crate::calibration::reference::ScaleAtReach;
 use crate::calibration::request::{Method, Model, Preset};
@@ -96,52 +97,6 @@ pub struct FinalErrors {
     pub rms_mm: f64,
     /// Mean distance between the tool positions with the delivered and with the verified parameters, at 200 configurations over the workspace, mm.
     pub moved_mm: f64,
-}
-
-/// One point's error before and after.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointErrors {
-    /// Its configuration.
-    pub configuration: String,
-    /// Its target.
-    pub target: usize,
-    /// Its subset.
-    pub subset: Subset,
-    /// |residual| of the nominal robot, mm.
-    pub before_mm: f64,
-    /// |residual| of the identified robot, mm.
-    pub after_mm: f64,
-    /// Measured position, in the measuring frame, mm.
-    pub position_mm: Vector3<f64>,
-    /// Residual (measured − predicted) of the nominal robot, in the measuring frame, mm.
-    pub before_vector_mm: Vector3<f64>,
-    /// Residual of the identified robot, in the measuring frame, mm.
-    pub after_vector_mm: Vector3<f64>,
-    /// Residual with corrections, if they were searched, in the measuring frame, mm; the same as without corrections if none was kept.
-    pub corrected_vector_mm: Option<Vector3<f64>>,
-    /// For a pose: angles between the measured target and its prediction by the nominal robot, the identified robot, and the robot with corrections,
-    /// rad.
-    pub rotation_rad: Option<[f64; 3]>,
-    /// True if a warning names the point as an outlier, and outliers are few enough to be left out of comparisons.
-    pub is_outlier: bool,
-}
-
-impl PointErrors {
-    /// Errors before, after, and with corrections, mm, as [`crate::calibration::robust_comparison`] takes them.
-    pub fn errors_mm(&self) -> [f64; 3] {
-        [
-            self.before_mm,
-            self.after_mm,
-            self.corrected_vector_mm
-                .map_or(self.after_mm, |vector| vector.norm()),
-        ]
-    }
-}
-
-/// [`PointErrors::errors_mm`] of the points that are not left out of comparisons.
-pub fn counted_errors_mm(points: &[PointErrors]) -> Vec<[f64; 3]> {
-    let counted = points.iter().filter(|point| !point.is_outlier);
-    counted.map(PointErrors::errors_mm).collect()
 }
 
 /// Result for one parameter.

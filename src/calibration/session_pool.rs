@@ -3,9 +3,10 @@
 //! Each session is first identified alone, from all of its points. All pairs of these estimates are compared ([`crate::identification::changes`]).
 //! The false-alarm rate of all pairs together equals that of a single comparison. If any pair differs, nothing is fitted together.
 
+use crate::calibration::point_errors::PointErrors;
 use crate::calibration::preparation::check;
 use crate::calibration::preparation::observe::model_parameters;
-use crate::calibration::report::{PointErrors, PooledSession, PooledSessions};
+use crate::calibration::report::{PooledSession, PooledSessions};
 use crate::calibration::request::{
     CalibrationRequest, Method, Model, ParameterChoice, VerifySource,
 };

@@ -1,6 +1,7 @@
 //! Converts the core's report to the report of the API, and computes the hash of the result.
 
-use crate::calibration::report::{MethodComparison, PointErrors};
+use crate::calibration::point_errors::PointErrors;
+use crate::calibration::report::MethodComparison;
 use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
 use crate::identification::workspace::ToolUncertainty;
 use crate::wire::angle::to_degrees;

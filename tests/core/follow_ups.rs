@@ -2,7 +2,8 @@
 
 use crate::data::{paper_robot, real_data};
 use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
-use kincal::calibration::report::{CalibrationReport, PointErrors, Warning};
+use kincal::calibration::point_errors::PointErrors;
+use kincal::calibration::report::{CalibrationReport, Warning};
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::upload_checks::warnings as upload_warnings;
 use kincal::calibration::{

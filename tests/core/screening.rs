@@ -4,7 +4,8 @@
 use crate::bad_campaigns::{bad_campaign, clean_verify_rms_mm, unseen_rms_mm};
 use crate::data::paper_robot;
 use crate::simulation::{Campaign, Normal, found, limited, measure, poses, true_robot};
-use kincal::calibration::report::{Warning, counted_errors_mm};
+use kincal::calibration::point_errors::counted_errors_mm;
+use kincal::calibration::report::Warning;
 use kincal::calibration::request::Loss;
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Method, Model, calibrate, check,

@@ -6,6 +6,7 @@ use crate::calibration::outcome::parameters::{identifiability, parameters};
 use crate::calibration::outcome::stated_uncertainty::{
     estimated, nothing_left, stated, why_it_says_nothing, why_not_stated, with_found_misfit,
 };
+use crate::calibration::point_errors::counted_errors_mm;
 use crate::calibration::preparation::equations::model_rank;
 use crate::calibration::preparation::observe::observe_verify_set;
 use crate::calibration::preparation::stated_priors;

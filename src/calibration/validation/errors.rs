@@ -1,9 +1,8 @@
 //! Position errors of a robot at measured points.
 
+use crate::calibration::point_errors::PointErrors;
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::report::{
-    Errors, PointErrors, RotationErrors, RotationErrorsOfBoth, SubsetErrors,
-};
+use crate::calibration::report::{Errors, RotationErrors, RotationErrorsOfBoth, SubsetErrors};
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::identification::objective::{Observation, residuals};

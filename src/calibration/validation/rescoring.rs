@@ -1,7 +1,7 @@
 //! Scores a parameter set on the points that another one was verified on, for the comparison at a release.
 
+use crate::calibration::point_errors::PointErrors;
 use crate::calibration::preparation::observe::observe;
-use crate::calibration::report::PointErrors;
 use crate::calibration::request::{CalibrationRequest, VerifySource};
 use crate::calibration::validation::verify::verify;
 use crate::calibration::{Error, unusable};

@@ -4,7 +4,7 @@
 //! which one is smaller. The expected errors are known from the set's own identification, where the set and the nominal robot were scored on held-out
 //! points. Errors above a share of the robot's reach ([`FITS`]) never fit, whatever is known of the set, and however few the points are.
 
-use crate::calibration::report::PointErrors;
+use crate::calibration::point_errors::PointErrors;
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;
 use crate::identification::KinematicModel;

@@ -1,8 +1,7 @@
 //! Verdict of the points on an identified or scored robot: whether it fits them, and whether it is better than the nominal one.
 
-use crate::calibration::report::{
-    CalibrationReport, DOES_NOT_FIT, PointErrors, SubsetErrors, Warning,
-};
+use crate::calibration::point_errors::PointErrors;
+use crate::calibration::report::{CalibrationReport, DOES_NOT_FIT, SubsetErrors, Warning};
 use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
 use crate::calibration::validation::fit::Fit;

@@ -1,9 +1,10 @@
 //! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. No robot parameter is fitted. If the points are not in
 //! the base frame, base and targets are fitted, separately for the nominal and for the identified robot.
 
+use crate::calibration::point_errors::counted_errors_mm;
 use crate::calibration::preparation::observe::observe_to_verify;
 use crate::calibration::report::{
-    BASE_NOT_CHECKED, CalibrationReport, Identifiability, SubsetErrors, Warning, counted_errors_mm,
+    BASE_NOT_CHECKED, CalibrationReport, Identifiability, SubsetErrors, Warning,
 };
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::stages::{stage, watched};
