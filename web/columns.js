@@ -1,7 +1,6 @@
 // Asks what the columns of a file mean, with its first rows, and remembers it for the robot.
 
 import { list, post, put } from "./api.js";
-import { rowsOf } from "./csv.js";
 import { el, fill, problem } from "./dom.js";
 import { capital, plain } from "./format.js";
 
@@ -28,11 +27,11 @@ const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s",
 /** End of a meaning whose unit nobody has stated yet. */
 const OPEN = "_?";
 /** A unit in a column's name. */
-const STATED = /deg|rad|°|[mcuµ]m\b|\b(m|in|inch)\b/i;
+const STATED = /deg|rad|gon|°|[mcuµ]m\b|\b(m|in|inch)\b/i;
 
 /** What a column of this file may be: [value, text]. */
 function meanings(part, nJoints) {
-  const joints = Array.from({ length: nJoints }, (_, j) => j + 1).flatMap((j) => [[`q${j}_deg`, `joint ${j}, degrees`], [`q${j}_rad`, `joint ${j}, radians`]]);
+  const joints = Array.from({ length: nJoints }, (_, j) => j + 1).flatMap((j) => [[`q${j}_deg`, `joint ${j}, degrees`], [`q${j}_rad`, `joint ${j}, radians`], [`q${j}_gon`, `joint ${j}, gons`]]);
   const axes = ["x", "y", "z"].flatMap((axis) => ["mm", "m", "cm", "um", "in"].map((unit) => [`${axis}_${unit}`, `${axis}, ${unit}`]));
   const others = OTHERS.map((name) => [name, name]);
   const own = { robot: joints, instrument: [...axes, ...others], table: [...joints, ...axes, ...others] }[part];
@@ -55,13 +54,12 @@ function soFar(file, said) {
 }
 
 /** Shows the files with a choice above each column; `read` is called with the mapping that was chosen. Rejects if the files cannot be shown. */
-export async function askColumns(robot, { body, type, sheet, text }, decimal, out, read) {
-  const stated = new URLSearchParams({ ...sheet ? { columns: JSON.stringify({ sheet }) } : {}, ...decimal ? { decimal } : {} });
+export async function askColumns(robot, { body, type, stated: choices = {} }, decimal, out, read) {
+  const stated = new URLSearchParams({ ...Object.keys(choices).length > 0 ? { columns: JSON.stringify(choices) } : {}, ...decimal ? { decimal } : {} });
   const preview = await post(`/v1/robots/${robot.id}/measurement-sets/preview?${stated}`, body, type);
   const kept = await list(`/v1/robots/${robot.id}/columns`, 200).catch(() => []);
   const files = preview.files.filter((file) => file.understood);
   if (files.length === 0) return false;
-  if (text && files.length === 1) files[0].above ??= await groupsAbove(text, files[0].understood);
   const asked = files.map((file) => fileTable(file, robot.links.length, soFar(file, remembered(kept, files.length > 1))));
   const keep = el("input", { type: "checkbox", id: "columns-keep", checked: true });
   const wrong = el("div", { role: "alert" });
@@ -74,7 +72,7 @@ export async function askColumns(robot, { body, type, sheet, text }, decimal, ou
       open.focus();
       return;
     }
-    const columns = { ...mapping(asked, by && by.value), ...sheet ? { sheet } : {} };
+    const columns = { ...mapping(asked, by && by.value), ...choices };
     try {
       if (keep.checked) await put(`/v1/robots/${robot.id}/columns/${files.length > 1 ? REMEMBERED_PAIR : REMEMBERED}`, columns);
       read(columns);
@@ -92,13 +90,6 @@ export async function askColumns(robot, { body, type, sheet, text }, decimal, ou
     wrong,
     el("button.primary", { type: "submit" }, "Read it so")));
   return true;
-}
-
-/** The line above the header, where it has the groups of columns that a merged cell named: Nominal, Measured. Workbooks and other encodings are not read here. */
-async function groupsAbove(text, { encoding, separator, header_row: header }) {
-  const mark = { tab: "\t" }[separator] ?? separator;
-  if (encoding !== "utf-8" || mark === "spaces" || !(header > 1)) return undefined;
-  return rowsOf((await text.text()).split(/\r\n|\n|\r/).slice(header - 2, header - 1).join(""), mark)[0]?.cells;
 }
 
 const isWithoutUnit = (issue) => issue.code === "missing_unit" && issue.column;
@@ -156,9 +147,12 @@ function fileTable(file, nJoints, found) {
   return { file, selects, node };
 }
 
+/** Separators of columns in words. */
+export const SEPARATORS = { ",": "commas", ";": "semicolons", "|": "bars", tab: "tabs", spaces: "spaces" };
+
 /** How a table was understood, in a sentence. */
 export function inWords(understood, isSure = true) {
-  const separator = { ",": "commas", ";": "semicolons", "|": "bars", tab: "tabs", spaces: "spaces" }[understood.separator];
+  const separator = SEPARATORS[understood.separator];
   const header = understood.header_row === null ? "no header" : `header in line ${understood.header_row}`;
   return `${understood.encoding}, columns separated by ${separator}, ${isSure ? `decimal ${understood.decimal}, ` : ""}${header}, ${understood.skipped_rows} other lines`;
 }

@@ -1,7 +1,7 @@
 // Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
-import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
+import { SEPARATORS, askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, plain, when } from "./format.js";
@@ -151,7 +151,7 @@ async function upload(context, file, query, out, isTried = false) {
   fill(out, el("p.quiet", {}, `Checking ${file.name} …`));
   try {
     const stated = isJson ? { ...query, decimal: "" } : query;
-    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...stated, columns: withSheet(query.columns, file.sheet), name }).filter(([, value]) => value !== ""))}`;
+    const path = `/v1/robots/${robot.id}/measurement-sets?${new URLSearchParams(Object.entries({ ...stated, columns: withStated(query.columns, file.stated), name }).filter(([, value]) => value !== ""))}`;
     const set = await post(path, file.body, file.type);
     say(`${set.n_points} points were understood`);
     fill(out, el("div.done", {}, el("strong", {}, set.name), `: ${set.n_points} points in ${set.n_configurations} configurations, ${set.n_targets === 1 ? "one target" : `${set.n_targets} targets`}.`),
@@ -168,10 +168,10 @@ async function upload(context, file, query, out, isTried = false) {
     if (isTried && query.columns && !SUSPICIONS.includes(error.code) && !asksForChoice(error)) return upload(context, file, { ...query, columns: "" }, out, true);
     const text = isJson || !file.text ? "" : await textOf(file.text);
     const columns = el("div", {});
-    const retry = ({ sheet, ...more }) => () => {
+    const retry = ({ stated, ...more }) => () => {
       out.focus();
       if (more.frame) context.framed?.(more.frame);
-      upload(context, sheet ? { ...file, sheet } : file, { ...query, ...more }, out, !sheet && (isTried || Boolean(more.columns)));
+      upload(context, { ...file, stated: { ...file.stated, ...stated } }, { ...query, ...more }, out, !stated && (isTried || Boolean(more.columns)));
     };
     fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
     if (!isJson && isAboutColumns(error) && !asksForChoice(error)) {
@@ -182,8 +182,14 @@ async function upload(context, file, query, out, isTried = false) {
   }
 }
 
-/** A mapping of columns with the sheet that was chosen; without a sheet as it is. */
-const withSheet = (columns, sheet) => (sheet ? JSON.stringify({ ...columns ? JSON.parse(columns) : {}, sheet }) : columns ?? "");
+/** A mapping of columns with the sheet and the separator that were chosen. */
+const withStated = (columns, stated) => (Object.keys(stated ?? {}).length > 0 ? JSON.stringify({ ...columns ? JSON.parse(columns) : {}, ...stated }) : columns ?? "");
+
+/** The separators that a refusal asks to choose from. */
+function separatorsIn(errors) {
+  const detail = (errors ?? []).filter((issue) => !issue.pointer).map((issue) => issue.detail).find((said) => said.includes('{"separator": '));
+  return [...new Set((detail?.split("State it")[0].match(/"[^"]+"/g) ?? []).map((quoted) => JSON.parse(quoted)))];
+}
 
 /** The sheets that a refusal asks to choose from; none where it asks for something else. */
 function sheetsIn(errors) {
@@ -195,7 +201,7 @@ function sheetsIn(errors) {
 const asksForDecimal = (errors) => (errors ?? []).some((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
 
 /** Whether a refusal is mended by one of a few buttons; what the columns are is asked afterwards. */
-const asksForChoice = ({ errors }) => sheetsIn(errors).length > 0 || asksForDecimal(errors);
+const asksForChoice = ({ errors }) => sheetsIn(errors).length > 0 || separatorsIn(errors).length > 0 || asksForDecimal(errors);
 
 /** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
 function remedies({ code, errors }, isJson, retry) {
@@ -203,9 +209,11 @@ function remedies({ code, errors }, isJson, retry) {
   const sheets = isJson ? [] : sheetsIn(errors);
   if (sheets.length > 0) {
     const other = el("input", { id: "other-sheet", type: "text", maxlength: 200 });
-    const read = () => { if (other.value.trim() !== "") retry({ sheet: other.value.trim() })(); };
-    return [choose("Which sheet has the measured points?", sheets.map((sheet) => [sheet, { sheet }])), el("div.controls", {}, el("label", { for: other.id }, "Or another one"), other, el("button", { type: "button", click: read }, "Read this sheet"))];
+    const read = () => { if (other.value.trim() !== "") retry({ stated: { sheet: other.value.trim() } })(); };
+    return [choose("Which sheet has the measured points?", sheets.map((sheet) => [sheet, { stated: { sheet } }])), el("div.controls", {}, el("label", { for: other.id }, "Or another one"), other, el("button", { type: "button", click: read }, "Read this sheet"))];
   }
+  const separators = isJson ? [] : separatorsIn(errors);
+  if (separators.length > 0) return choose("What stands between the columns?", separators.map((separator) => [SEPARATORS[separator] ?? separator, { stated: { separator } }]));
   if (asksForDecimal(errors) && !isJson) return choose("Which decimal mark has the file?", [["A comma: 12,5", { decimal: "comma" }], ["A point: 12.5", { decimal: "point" }]]);
   if (!SUSPICIONS.includes(code)) return [];
   const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ColumnOptions {
     /// Unit of joint values in columns whose names have no unit.
-    #[arg(long, env = "KINCAL_JOINT_UNIT", value_name = "UNIT", value_parser = ["deg", "rad"])]
+    #[arg(long, env = "KINCAL_JOINT_UNIT", value_name = "UNIT", value_parser = ["deg", "rad", "gon"])]
     pub joint_unit: Option<String>,
     /// Unit of positions in columns whose names have no unit.
     #[arg(long, env = "KINCAL_POSITION_UNIT", value_name = "UNIT", value_parser = ["mm", "m", "cm", "um", "in"])]

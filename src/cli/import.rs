@@ -1,7 +1,7 @@
 //! `kincal import`: makes a robot file from a URDF or a table.
 
 use super::files::{cannot_be_used, read};
-use super::terminal::plain;
+use super::terminal::{Output, plain};
 use super::usage::Usage;
 use crate::operations::import::import_with;
 use crate::wire::frames::Transform;
@@ -27,9 +27,12 @@ pub struct Arguments {
     /// Digits of the numbers: `source` replaces angles of a URDF that are a rounded multiple of 90° by the exact multiple.
     #[arg(long, env = "KINCAL_DIGITS", value_enum, default_value = "exact")]
     digits: ImportDigits,
+    #[command(flatten)]
+    output: Output,
 }
 
-/// Prints the robot on standard output, and what its links cannot represent on standard error.
+/// Prints the robot on standard output, and what its links cannot represent on standard error. With `--json`, the answer of `POST /v1/robot-imports` is printed:
+/// the robot, and how the description was understood.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bytes = read(&arguments.file)?;
     let format = format_of(&arguments.file, arguments.convention)?;
@@ -41,9 +44,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let tip = arguments.tip.as_deref();
     let imported = import_with(&bytes, format, arguments.digits, name, tip)
         .map_err(|invalid| Usage(cannot_be_used(&arguments.file, &invalid.issues)))?;
-    tell(&imported);
-    say!("{}", serde_json::to_string_pretty(&imported.robot)?);
-    Ok(())
+    if !arguments.output.json {
+        tell(&imported);
+    }
+    arguments.output.print(&imported, || {
+        serde_json::to_string_pretty(&imported.robot).unwrap_or_default()
+    })
 }
 
 /// The format of a description. A table of links does not say its convention.

@@ -63,7 +63,8 @@ impl Measured {
 
 /// Reads the files of a set; `-` is the standard input.
 pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measured> {
-    let bytes = if set == Path::new("-") {
+    let is_stdin = |path: &Path| path == Path::new("-");
+    let bytes = if is_stdin(set) {
         read_stdin()?
     } else {
         read(set)?
@@ -80,7 +81,7 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
             .strip_prefix(BYTE_ORDER_MARK)
             .unwrap_or(&bytes)
             .trim_ascii_start();
-        let is_json = is_json(set) || set == Path::new("-") && begins.first() == Some(&b'{');
+        let is_json = is_json(set) || is_stdin(set) && begins.first() == Some(&b'{');
         return Ok(Measured {
             content_type: if is_json {
                 "application/json"
@@ -94,9 +95,17 @@ pub fn read_measured(set: &Path, options: &TableOptions) -> anyhow::Result<Measu
             rotation,
         });
     };
+    let of_instrument = match (is_stdin(set), is_stdin(instrument)) {
+        (true, true) => {
+            let text = "only one of the two files can be the standard input (-)";
+            return Err(Usage(text.into()).into());
+        }
+        (_, true) => read_stdin()?,
+        _ => read(instrument)?,
+    };
     let (content_type, form) = form(&[
         ("robot", set, &bytes),
-        ("instrument", instrument, &read(instrument)?),
+        ("instrument", instrument, &of_instrument),
     ]);
     Ok(Measured {
         content_type,
@@ -213,6 +222,13 @@ fn table_in_words(file: &str, table: &UnderstoodBody, always: bool) -> Vec<Strin
     ];
     if !table.ignored.is_empty() {
         lines.push(format!("{file}not read: {}", table.ignored.join(", ")));
+    }
+    if !table.reflectors.is_empty() {
+        let names = table.reflectors.iter().enumerate();
+        let names: Vec<String> = names
+            .map(|(at, name)| format!("{at} = {}", plain(name)))
+            .collect();
+        lines.push(format!("{file}reflectors (target): {}", names.join(", ")));
     }
     lines.extend(unread_in_words(table).map(|line| format!("{file}{line}")));
     lines

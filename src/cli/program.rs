@@ -42,7 +42,8 @@ pub struct Program {
     places: Vec<Place>,
     /// The name of each joint's column.
     columns: Vec<String>,
-    is_rad: bool,
+    /// Degrees in one unit of the joint values.
+    deg: f64,
     decimal: Decimal,
     separator: Separator,
     /// What the user has to know about how it was read.
@@ -86,7 +87,7 @@ impl Program {
     fn of_table(source: Source, has_mark: bool, targets: Targets) -> Result<Self, String> {
         let text = source.text.into_owned();
         let joints = &targets.joints;
-        let is_rad = joints.first().is_some_and(|joint| joint.is_rad);
+        let deg = joints.first().map_or(1.0, |joint| joint.deg);
         let names: Vec<String> = joints.iter().map(|joint| joint.name.clone()).collect();
         let of_poses = match (targets.position, targets.quaternion) {
             (Some(_), Some(_)) => ", and the position and quaternion of each target",
@@ -135,7 +136,7 @@ impl Program {
             encoding: source.encoding,
             has_mark,
             columns: names,
-            is_rad,
+            deg,
             decimal: targets.decimal,
             separator: targets.separator,
             notes,
@@ -234,9 +235,10 @@ impl Program {
     fn angle(&self, at: &Range<usize>, q_deg: f64) -> String {
         self.marked(
             at,
-            match self.is_rad {
-                true => format!("{:.9}", q_deg.to_radians()),
-                false => format!("{q_deg:.7}"),
+            // at least 2e-7 degrees in each unit
+            match self.deg > 10.0 {
+                true => format!("{:.9}", q_deg / self.deg),
+                false => format!("{:.7}", q_deg / self.deg),
             },
         )
     }

@@ -184,13 +184,31 @@ fn found(text: &str, maker: Option<&str>) -> anyhow::Result<Vec<&'static RobotMo
     })
 }
 
-/// The robot of a ready arm with exactly this id or name.
+/// The robot of a ready arm with this id or name.
 pub fn ready_arm(text: &str) -> Option<RobotBody> {
-    let all = robot_models::find(text, None).ok()?;
-    let is_it = |model: &&&RobotModel| {
-        [&model.id, &model.name, &model.robot.name].contains(&&text.to_owned())
+    match robot_models::called(text).ok()?[..] {
+        [model] => Some(model.robot.clone()),
+        _ => None,
+    }
+}
+
+/// The ready arm with this id or name. An arm whose name only contains the text is another type, with other links.
+fn arm_called(text: &str) -> anyhow::Result<&'static RobotModel> {
+    let named = robot_models::called(text).map_err(anyhow::Error::msg)?;
+    if !named.is_empty() {
+        return the_one(&named, text);
+    }
+    let near = robot_models::find(text, None).map_err(anyhow::Error::msg)?;
+    let ids: Vec<&str> = near
+        .iter()
+        .take(10)
+        .map(|model| model.id.as_str())
+        .collect();
+    let near = match ids[..] {
+        [] => "`kincal robots find` lists them".into(),
+        _ => format!("similar names have {}", ids.join(", ")),
     };
-    all.iter().find(is_it).map(|model| model.robot.clone())
+    Err(Usage(format!("no ready arm is called {text:?}; {near}")).into())
 }
 
 fn the_one(found: &[&'static RobotModel], text: &str) -> anyhow::Result<&'static RobotModel> {
@@ -282,7 +300,7 @@ fn links_table(links: &[LinkBody], joints: &[String]) -> String {
 
 fn add(arguments: &AddArguments) -> anyhow::Result<()> {
     let mut body = match (&arguments.arm, &arguments.file) {
-        (Some(text), _) => the_one(&found(text, None)?, text)?.robot.clone(),
+        (Some(text), _) => arm_called(text)?.robot.clone(),
         (None, Some(file)) => described(arguments, file)?,
         (None, None) => unreachable!("clap requires one of them"),
     };
@@ -341,7 +359,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
         shown_position_mm: arguments.shown_mm,
     };
     let body = match (&arguments.arm, &arguments.robot_file) {
-        (Some(text), _) => Some(the_one(&found(text, None)?, text)?.robot.clone()),
+        (Some(text), _) => Some(arm_called(text)?.robot.clone()),
         (_, Some(file)) => Some(parse_json::<RobotBody>(file, &read(file)?, "a robot")?),
         _ => None,
     };

@@ -25,18 +25,27 @@ pub struct ImportedLinks {
 /// Frame i is on axis i, with x along the common normal to axis i + 1 (Craig, Introduction to Robotics, section 3.4). If the two axes are nearly
 /// parallel, the normal is far away. x then points to the intersection of axis i + 1 with the plane perpendicular to axis i (Hayati & Mirmirani
 /// 1985). The base is on axis 1 at the foot of the perpendicular from the root's origin, the flange on the last axis at the foot of the perpendicular
-/// from the tip's origin.
+/// from the tip's origin. The base's z is axis 1, or the root's z where axis 1 points against it (KUKA): a robot on the floor has a base that is upright.
 ///
 /// # Panics
 /// If no joint moves.
 pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     let axes = chain.axes();
     let t_root_tip = chain.t_root_tip(&vec![0.0; axes.len()]);
-    let t_root_base = on_axis(&axes[0], &Vector3::zeros(), [Vector3::x(), Vector3::y()]);
+    let is_upside_down = axes[0].direction.z < NOTHING - 1.0;
+    let upright = Axis {
+        direction: Vector3::z(),
+        ..axes[0]
+    };
+    let base_axis = if is_upside_down { &upright } else { &axes[0] };
+    let t_root_base = on_axis(base_axis, &Vector3::zeros(), [Vector3::x(), Vector3::y()]);
     let mut links: Vec<Link> = Vec::with_capacity(axes.len());
     // the frame after Rx(alpha)·Dx(a)·Ry(beta) of the current link
-    let mut before = t_root_base;
-    let mut to_axis = Link::default();
+    let mut to_axis = match is_upside_down {
+        true => reaching(&t_root_base, &axes[0]),
+        false => Link::default(),
+    };
+    let mut before = t_root_base * t_previous_link(&to_axis, 0.0);
     for (i, axis) in axes.iter().enumerate() {
         let old_x: Vector3<f64> = before.rotation.matrix().column(0).into();
         let wanted = match axes.get(i + 1) {
@@ -145,7 +154,8 @@ fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
     let beta = libm::atan2(v.x, across);
     Link {
         a_mm: p.x + v.x * along,
-        alpha_rad: libm::atan2(-v.y, v.z),
+        // not −0, for which half a turn would be −180°
+        alpha_rad: libm::atan2(0.0 - v.y, v.z),
         beta_rad: if beta.abs() < ROUNDING_RAD { 0.0 } else { beta },
         ..Link::default()
     }

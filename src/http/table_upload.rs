@@ -18,8 +18,11 @@ const EXPECTED: &str = "text/csv, application/json, a workbook (xlsx, ods) or mu
 pub fn refuse_other_types(submission: &Submission) -> Result<(), Error> {
     let media_type = submission.media_type.as_str();
     let is_table = ["text/csv", workbook::XLSX, workbook::ODS].contains(&media_type);
-    let is_known = is_table || media_type == "application/json" || is_multipart(media_type);
-    let is_archive = submission.body.starts_with(ZIP) && !is_table;
+    // browsers and clients that do not know a workbook send it as application/octet-stream
+    let is_workbook = workbook::workbook(&submission.body).is_some();
+    let is_known =
+        is_table || is_workbook || media_type == "application/json" || is_multipart(media_type);
+    let is_archive = submission.body.starts_with(ZIP) && !is_table && !is_workbook;
     if is_archive || submission.body.starts_with(OLD_WORKBOOK) {
         return Err(not_a_workbook());
     }

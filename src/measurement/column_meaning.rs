@@ -1,9 +1,7 @@
 //! Meanings of columns as written in mappings: `q1_deg`, `x_mm`, `station`, `name`.
 
-use crate::measurement::column_names::{Key, LENGTHS, TimeUnit};
+use crate::measurement::column_names::{ANGLES, Key, LENGTHS, TimeUnit};
 use crate::measurement::csv_columns::{Column, column_of};
-use crate::measurement::csv_issue::Issue;
-use std::collections::BTreeSet;
 
 /// The column type of a meaning, if the column is read as a measurement.
 pub(super) fn column(means: &str, n_joints: usize) -> Option<Column> {
@@ -61,27 +59,6 @@ pub(super) fn thing(means: &str) -> &str {
 /// The unit of a joint value or a coordinate.
 pub(super) fn unit(means: &str) -> Option<&'static str> {
     let unit = means.strip_prefix(thing(means))?.strip_prefix('_')?;
-    let angles = ["deg", "rad"].into_iter();
-    let mut units = angles.chain(LENGTHS.iter().map(|(name, _)| *name));
+    let mut units = ANGLES.iter().chain(&LENGTHS).map(|(name, _)| *name);
     units.find(|known| *known == unit && key(means).is_none())
-}
-
-/// The issue to report if joints or coordinates are in two units.
-pub(super) fn mixed_units<'m>(means: impl Iterator<Item = &'m str>) -> Option<Issue> {
-    let (mut lengths, mut angles) = (BTreeSet::new(), BTreeSet::new());
-    for (base, unit) in means.filter_map(|means| means.split_once('_')) {
-        let is_joint = (base.strip_prefix('q')).is_some_and(|n| n.parse::<usize>().is_ok());
-        match base {
-            "x" | "y" | "z" => lengths.insert(unit),
-            _ if is_joint => angles.insert(unit),
-            _ => false,
-        };
-    }
-    let detail = "joints (or coordinates) are in two different units; use one unit for all of them";
-    (lengths.len() > 1 || angles.len() > 1).then(|| Issue {
-        row: None,
-        column: None,
-        code: "mixed_units",
-        detail: detail.into(),
-    })
 }

@@ -1,9 +1,11 @@
 //! Recognises the common names of columns. This module does not decide about names with two meanings, or names without a required unit.
 
-use crate::measurement::column_units::{simplified, unit_of, without_unit};
+use crate::measurement::column_units::{is_angle, simplified, unit_of, without_unit};
 use std::collections::BTreeSet;
 
-pub use crate::measurement::column_units::{LENGTHS, TimeUnit, Unit, name_and_unit, unit_alone};
+pub use crate::measurement::column_units::{
+    ANGLES, LENGTHS, TimeUnit, Unit, name_and_unit, unit_alone,
+};
 
 /// The meaning of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -131,7 +133,7 @@ fn own_form(text: &str) -> Option<Known> {
     let digits = base.strip_prefix('q')?;
     let number: usize = digits.parse().ok().filter(|_| digits.len() <= 3)?;
     Some(match known {
-        Unit::Is("deg" | "rad") if unit.len() == 3 => Known::Joint(number, known),
+        known if is_angle(known) && unit.len() == 3 => Known::Joint(number, known),
         _ => Known::WrongUnit,
     })
 }
@@ -159,10 +161,7 @@ const BESIDE_JOINT: [&str; 9] = [
 ];
 
 fn joint(words: &[&str], unit: Unit) -> Option<Known> {
-    let angle = matches!(
-        unit,
-        Unit::Is("deg" | "rad") | Unit::Missing | Unit::TwoReadings
-    );
+    let angle = is_angle(unit) || matches!(unit, Unit::Missing | Unit::TwoReadings);
     let is_base = |word: &&str| {
         matches!(
             *word,
@@ -187,12 +186,12 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
         .copied()
         .filter(|word| !BESIDE_JOINT.contains(word))
         .collect();
-    let is_angle = |word: &&str| matches!(*word, "angle" | "winkel" | "angolo");
+    let is_angular = |word: &&str| matches!(*word, "angle" | "winkel" | "angolo");
     let (is_joint, number) = match rest[..] {
         [base, number] => (is_base(&base), number),
         // `$AXIS_ACT.A1`
         ["axis", "a", number] => (true, number),
-        [number] => (words.iter().any(is_angle), number),
+        [number] => (words.iter().any(is_angular), number),
         _ => return None,
     };
     let number: usize = number.parse().ok().filter(|_| number.len() <= 3)?;
@@ -300,11 +299,8 @@ pub(super) fn yaskawa_axes(
         let letters = ["s", "l", "u", "r", "b", "t"];
         let axis = letters.iter().position(|name| *name == base.trim())?;
         let unit = unit.or(*below).unwrap_or(Unit::Missing);
-        let is_angle = matches!(
-            unit,
-            Unit::Is("deg" | "rad") | Unit::Missing | Unit::TwoReadings
-        );
-        (is_angle && !taken.contains(&place)).then_some((place, axis + 1, unit))
+        let is_known = is_angle(unit) || matches!(unit, Unit::Missing | Unit::TwoReadings);
+        (is_known && !taken.contains(&place)).then_some((place, axis + 1, unit))
     };
     let axes: Vec<(usize, usize, Unit)> = names.iter().enumerate().filter_map(axis).collect();
     let numbers: BTreeSet<usize> = axes.iter().map(|(_, axis, _)| *axis).collect();
@@ -392,7 +388,7 @@ mod tests {
         );
         assert_eq!(
             recognise("Achse 2 [gon]", None),
-            Known::Joint(2, Unit::TwoReadings)
+            Known::Joint(2, Unit::Is("gon"))
         );
         assert_eq!(recognise("Asse 2", None), Known::Joint(2, Unit::Missing));
         assert_eq!(recognise("x_um", None), Known::WrongUnit);

@@ -54,6 +54,18 @@ pub const LENGTHS: [(&str, f64); 5] = [
     ("in", 25.4),
 ];
 
+/// Units of joint values, with the number of rad in one unit. A turn has 400 gon.
+pub const ANGLES: [(&str, f64); 3] = [
+    ("deg", std::f64::consts::PI / 180.0),
+    ("rad", 1.0),
+    ("gon", std::f64::consts::PI / 200.0),
+];
+
+/// Whether a unit is one of angles.
+pub(super) fn is_angle(unit: Unit) -> bool {
+    ANGLES.iter().any(|(name, _)| unit == Unit::Is(name))
+}
+
 pub(super) fn unit_of(text: &str) -> Option<Unit> {
     Some(Unit::Is(match text.trim_end_matches('.') {
         "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" | "毫米" => "mm",
@@ -68,7 +80,8 @@ pub(super) fn unit_of(text: &str) -> Option<Unit> {
         "s" | "sec" | "secs" | "second" | "seconds" => "s",
         "ms" | "milliseconds" => "ms",
         "us" | "microseconds" => "us",
-        "grad" | "gon" | "grads" => return Some(Unit::TwoReadings),
+        "gon" | "gons" => "gon",
+        "grad" | "grads" => return Some(Unit::TwoReadings),
         _ => return None,
     }))
 }

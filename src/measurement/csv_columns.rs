@@ -1,5 +1,6 @@
 //! The header of a measurement file: its columns and their units.
 
+use crate::measurement::column_units::{ANGLES, LENGTHS};
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
 use crate::measurement::csv_pose::{PoseColumn, header_issues, pose_column};
 use crate::measurement::rotation_convention::RotationConvention;
@@ -50,6 +51,9 @@ pub(super) fn parse_header(
     }
     if issues.is_empty() {
         issues = missing_columns(&columns, n_joints);
+    }
+    if issues.is_empty() {
+        issues.extend(mixed_units(columns.iter().copied().zip(header)));
     }
     if issues.is_empty() {
         let has = |name: &str| seen.contains_key(name);
@@ -130,10 +134,10 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
             format!("column {name} is for joint {joint}, but the robot has {n_joints} joints"),
         ));
     }
-    match unit {
-        "deg" => Ok(Column::Joint(joint - 1, std::f64::consts::PI / 180.0)),
-        "rad" => Ok(Column::Joint(joint - 1, 1.0)),
-        _ => Err(column_issue(
+    let factor = ANGLES.iter().find(|(known, _)| *known == unit);
+    match factor {
+        Some((_, factor)) => Ok(Column::Joint(joint - 1, *factor)),
+        None => Err(column_issue(
             name,
             "missing_unit",
             format!("column {name} has no unit; name it q{joint}_deg or q{joint}_rad"),
@@ -173,29 +177,29 @@ pub(super) fn missing_columns(columns: &[Column], n_joints: usize) -> Vec<Issue>
             issues.push(column_issue(name, "missing_column", detail));
         }
     }
-    let deg = columns
-        .iter()
-        .any(|c| matches!(c, Column::Joint(_, f) if *f != 1.0));
-    let rad = columns
-        .iter()
-        .any(|c| matches!(c, Column::Joint(_, f) if *f == 1.0));
-    let mm = columns
-        .iter()
-        .any(|c| matches!(c, Column::Position(_, f) if *f == 1.0));
-    let m = columns
-        .iter()
-        .any(|c| matches!(c, Column::Position(_, f) if *f != 1.0));
-    if issues.is_empty() && ((deg && rad) || (mm && m)) {
-        issues.push(Issue {
-            row: None,
-            column: None,
-            code: "mixed_units",
-            detail:
-                "joints (or coordinates) are in two different units; use one unit for all of them"
-                    .into(),
-        });
-    }
     issues
+}
+
+/// The issue to report if joints or coordinates are in two units. Each column has its name.
+pub(super) fn mixed_units<'n>(columns: impl Iterator<Item = (Column, &'n str)>) -> Option<Issue> {
+    let mut first: BTreeMap<&str, (&str, &str)> = BTreeMap::new();
+    for (column, name) in columns {
+        let (what, units, factor) = match column {
+            Column::Joint(_, factor) => ("joint values", &ANGLES[..], factor),
+            Column::Position(_, factor) => ("coordinates", &LENGTHS[..], factor),
+            _ => continue,
+        };
+        let unit = units.iter().find(|(_, own)| *own == factor);
+        let unit = unit.map_or("", |(unit, _)| unit);
+        let (known, other) = first.entry(what).or_insert((unit, name));
+        if *known != unit {
+            let detail = format!(
+                "{what} are in two different units: column {other} is in {known}, column {name} in {unit}; use one unit for all of them"
+            );
+            return Some(column_issue(name, "mixed_units", detail));
+        }
+    }
+    None
 }
 
 fn column_issue(name: &str, code: &'static str, detail: String) -> Issue {

@@ -33,6 +33,8 @@ mod table_lines;
 pub mod table_numbers;
 mod table_plain;
 pub mod table_points;
+mod table_quotes;
+mod table_reflectors;
 mod table_resolution;
 mod table_rows;
 mod table_statistics;

@@ -10,8 +10,9 @@ use crate::measurement::table_header::{
     found_header, separator_of_data, stated_header, stated_length_unit, units_below, unnamed,
 };
 use crate::measurement::table_lines::{
-    Line, comment_mark, declared_separator, is_numeric, lines, with_tabs,
+    Line, cells, comment_mark, declared_separator, is_numeric, lines, with_tabs,
 };
+use crate::measurement::table_quotes::Rows;
 use crate::measurement::table_text::{Encoding, Source};
 use std::borrow::Cow;
 
@@ -33,17 +34,23 @@ pub struct Table<'a> {
     pub header_line: Option<usize>,
     /// The cells of the header; empty texts if there is no header.
     pub header: Vec<String>,
+    /// The cells of the line above the header, where a report may group its columns (Nominal, Measured).
+    pub above: Vec<String>,
     /// The row of units below the header, one cell per column.
     pub units: Option<Vec<Option<Unit>>>,
     /// The unit of lengths that a line above the header states, as in files of OptiTrack.
     pub length_unit: Option<&'static str>,
-    /// The line on which `text` begins.
+    /// The row on which `text` begins.
     first_line: usize,
+    /// The line of the file on which each row begins, counted from 1; none if each row is one line.
+    starts: Option<Vec<usize>>,
     /// Number of lines above the data that are neither header nor units.
     pub n_skipped_above: usize,
     /// Whether lines that begin like comments are comments. `None`: such a line is a comment, unless it looks like a row of data; then it is
     /// ambiguous.
-    comments: Option<bool>,
+    pub comments: Option<bool>,
+    /// Whether the last line has no line end: it may be cut off.
+    pub is_open: bool,
     /// Of a robot's program: where its points were, and which were not read.
     pub program: Option<ProgramRows>,
 }
@@ -74,7 +81,9 @@ impl<'a> Table<'a> {
     /// # Errors
     /// [`ParseError`] if the table is ambiguous or cannot be read.
     pub fn find(source: Source<'a>, mapping: &Mapping) -> Result<Self, ParseError> {
-        let text: &str = &source.text;
+        let is_open = !source.text.ends_with(['\n', '\r']);
+        let rows = Rows::new(source.text);
+        let text: &str = &rows.text;
         let above: Vec<Line> = lines(text).take(MAX_PREAMBLE).collect();
         let first = above.iter().position(|line| !line.text.trim().is_empty());
         let declared = first.and_then(|at| declared_separator(above[at].text).map(|s| (at, s)));
@@ -93,7 +102,10 @@ impl<'a> Table<'a> {
         }
         let header = match mapping.header_row {
             Some(HeaderRow::None) => None,
-            Some(HeaderRow::Line(line)) => Some(stated_header(text, line, &separators, mapping)?),
+            Some(HeaderRow::Line(line)) => {
+                let line = rows.line_of_text(line);
+                Some(stated_header(text, line, &separators, mapping)?)
+            }
             None => found_header(&above, body, &separators, mapping)?,
         };
         let separator = match &header {
@@ -126,23 +138,37 @@ impl<'a> Table<'a> {
         // a stated header may be below the lines in which one is searched
         let n_above = (header_line.unwrap_or(1) - 1).min(above.len());
         let length_unit = stated_length_unit(&above[..n_above]);
+        let over = header_line.and_then(|line| lines(text).nth(line.checked_sub(2)?));
+        let over = over.map_or(vec![], |line| cells(line.text, separator));
+        let header_line = header_line.map(|line| rows.line_of_file(line));
+        let spaced = match separator {
+            Separator::Spaces => {
+                let spaced = lines(&text[start..]).map(|line| with_tabs(line.text) + "\n");
+                Some(spaced.collect::<String>())
+            }
+            _ => None,
+        };
+        let comments = mapping.comments.or_else(|| {
+            let rows = lines(&text[start..]).map(|line| line.text);
+            comments_are_told(rows, separator, names.len())
+        });
         Ok(Self {
-            text: match separator {
-                Separator::Spaces => lines(&text[start..])
-                    .map(|line| with_tabs(line.text) + "\n")
-                    .collect::<String>()
-                    .into(),
-                _ => tail(source.text, start),
+            starts: rows.starts,
+            text: match spaced {
+                Some(spaced) => spaced.into(),
+                None => tail(rows.text, start),
             },
             encoding: source.encoding,
             separator,
             header_line,
             header: names,
+            above: over,
             units,
             length_unit,
             first_line: begins + 1,
             n_skipped_above,
-            comments: mapping.comments,
+            comments,
+            is_open,
             program: source.program,
         })
     }
@@ -170,11 +196,13 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// The line of the file for a line of the text: for a point of a program, where it begins.
-    fn line(&self, line: usize) -> usize {
+    /// The line of the file for a row: for a point of a program, where it begins.
+    fn line(&self, row: usize) -> usize {
         let of_program = self.program.as_ref();
-        let begins = of_program.and_then(|program| program.lines.get(line - self.first_line));
-        begins.copied().unwrap_or(line)
+        let begins = of_program.and_then(|program| program.lines.get(row - self.first_line));
+        let starts = self.starts.as_ref();
+        let begins = begins.or_else(|| starts.and_then(|starts| starts.get(row - 1)));
+        begins.copied().unwrap_or(row)
     }
 
     /// Number of lines of the text above a record. The CSV reader counts empty lines before a record as part of the record; this is corrected.
@@ -202,7 +230,9 @@ impl<'a> Table<'a> {
         match (cells.get(0).and_then(comment_mark), self.comments) {
             (None, _) | (Some(_), Some(false)) => row(),
             (Some(_), Some(true)) => Next::Skipped,
-            (Some(mark), None) if !may_be_data(mark, cells, self.header.len()) => Next::Skipped,
+            (Some(mark), None) if !may_be_data(mark, cells.iter(), self.header.len()) => {
+                Next::Skipped
+            }
             (Some(mark), None) => {
                 let detail = format!(
                     "line {line} begins with {mark:?} and has as many cells as a row: it may be a comment or data. State it \
@@ -263,14 +293,36 @@ impl<'a> Table<'a> {
 }
 
 /// Whether a line that begins like a comment may be data: it has as many cells as a row, and at least two of them are numbers.
-fn may_be_data(mark: &str, cells: &csv::StringRecord, n_columns: usize) -> bool {
-    let first = cells
-        .get(0)
-        .unwrap_or("")
-        .trim_start()
-        .trim_start_matches(mark);
+fn may_be_data<'c>(mark: &str, cells: impl Iterator<Item = &'c str>, n_columns: usize) -> bool {
+    let cells: Vec<&str> = cells.collect();
+    let first = cells.first().map_or("", |cell| cell.trim_start());
+    let first = first.trim_start_matches(mark);
     let numbers = cells.iter().skip(1).filter(|cell| is_numeric(cell)).count();
     cells.len() >= n_columns.max(2) && numbers + usize::from(is_numeric(first)) >= 2
+}
+
+/// Number of other rows for one that begins like a comment, from which on it is a row that somebody left out.
+const ROWS_PER_COMMENT: usize = 4;
+
+/// True if a few rows begin like comments and most do not: these are rows that somebody left out. None if there are no such rows, or many: then the mark
+/// may be part of the points' names.
+fn comments_are_told<'r>(
+    rows: impl Iterator<Item = &'r str>,
+    separator: Separator,
+    n_columns: usize,
+) -> Option<bool> {
+    let (mut n_marked, mut n_others) = (0, 0);
+    for row in rows.filter(|row| !row.trim().is_empty()) {
+        let Some(mark) = comment_mark(row) else {
+            n_others += 1;
+            continue;
+        };
+        let cells = cells(row, separator);
+        if may_be_data(mark, cells.iter().map(String::as_str), n_columns) {
+            n_marked += 1;
+        }
+    }
+    (n_marked > 0 && ROWS_PER_COMMENT * n_marked <= n_others).then_some(true)
 }
 
 fn tail(text: Cow<'_, str>, start: usize) -> Cow<'_, str> {

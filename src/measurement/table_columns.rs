@@ -2,9 +2,9 @@
 
 use crate::measurement::column_mapping::Mapping;
 pub use crate::measurement::column_mapping::Needs;
-use crate::measurement::column_meaning::{self, column, key, key_name, thing};
+use crate::measurement::column_meaning::{column, key, key_name, thing};
 use crate::measurement::column_names::{Key, Known, PLAIN, Unit, recognise, yaskawa_axes};
-use crate::measurement::csv_columns::{Column, missing_columns};
+use crate::measurement::csv_columns::{Column, missing_columns, mixed_units};
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::pose_names::rotation_columns;
 use crate::measurement::table::{Table, listed};
@@ -41,7 +41,7 @@ impl Resolution<'_> {
             let is_known = column(means, self.n_joints).is_some() || key(means).is_some();
             if !is_known {
                 let detail = format!(
-                    "the mapping has {means:?}, which is no meaning of a column of this robot: q1_deg … q{}_deg (or _rad), x_mm y_mm z_mm (or \
+                    "the mapping has {means:?}, which is no meaning of a column of this robot: q1_deg … q{}_deg (or _rad _gon), x_mm y_mm z_mm (or \
                      _m _cm _um _in), {}, name, number, time_s",
                     self.n_joints,
                     PLAIN.join(", ")
@@ -273,8 +273,12 @@ impl Resolution<'_> {
             }];
         }
         if self.columns.issues.is_empty() {
-            let means = self.columns.used.iter().map(|used| used.means.as_str());
-            self.columns.issues = column_meaning::mixed_units(means).into_iter().collect();
+            let names: Vec<String> = (self.columns.used.iter())
+                .filter(|used| column(&used.means, self.n_joints).is_some())
+                .map(|used| self.table.name(used.place))
+                .collect();
+            let named = columns.into_iter().zip(names.iter().map(String::as_str));
+            self.columns.issues = mixed_units(named).into_iter().collect();
         }
     }
 }

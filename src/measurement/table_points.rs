@@ -37,6 +37,8 @@ pub struct Understood {
     pub ignored: Vec<String>,
     /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
+    /// The names of the reflectors (targets) in the order of their numbers, if the file has names.
+    pub reflectors: Vec<String>,
     /// Points of a robot's program that are not read.
     pub unread: Vec<Unread>,
 }
@@ -93,6 +95,8 @@ pub struct TableOptions<'a> {
 pub struct Preview {
     /// The cells of the header; empty texts if there is no header.
     pub header: Vec<String>,
+    /// The cells of the line above the header.
+    pub above: Vec<String>,
     /// The first rows.
     pub rows: Vec<Vec<String>>,
     /// How the table is interpreted so far.
@@ -123,6 +127,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
     let mut content = Rows::new(&parts.layout);
     table.each_row(|next| content.take(next, &table, &parts.layout, &reading));
     content.refuse_no_measurements(&parts.layout);
+    content.number_reflectors(&parts.layout);
     if content.points.is_empty() && content.issues.is_empty() {
         content.issue(
             None,
@@ -138,6 +143,7 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
         });
     }
     understood.skipped_rows += content.n_skipped;
+    understood.reflectors = content.reflectors;
     Ok(Content {
         points: content.points,
         lines: content.lines,
@@ -194,6 +200,7 @@ pub fn preview(
     });
     Ok(Preview {
         header: table.header.clone(),
+        above: table.above.clone(),
         rows,
         understood,
         columns,
@@ -226,18 +233,26 @@ impl<'t> Parts<'t> {
             .used
             .iter()
             .filter(|used| key(&used.means).is_some());
+        let keyed = keys.clone().map(|used| used.place + 1).max().unwrap_or(0);
         let named = table
             .header
             .iter()
             .rposition(|name| !name.is_empty())
             .map_or(0, |at| at + 1);
-        let last = read.iter().map(|(place, ..)| place + 1).max().unwrap_or(0);
+        let last = read.iter().map(|(place, ..)| place + 1).max();
+        let last = last.unwrap_or(0).max(keyed);
         let layout = Layout {
             names: read.iter().map(|(place, ..)| table.name(*place)).collect(),
             places: read.iter().map(|(place, ..)| *place).collect(),
             columns: read.iter().map(|(_, column, _)| *column).collect(),
             keys: keys.cloned().collect(),
-            n_needed: named.max(last),
+            n_named: named.max(last),
+            n_read: last,
+            is_open: table.is_open,
+            has_places: matches!(table.encoding, Encoding::Xlsx | Encoding::Ods),
+            ignored: (options.mapping.ignore.iter())
+                .filter_map(|column| table.place(column).ok())
+                .collect(),
             units: read.iter().map(|(.., unit)| *unit).collect(),
             is_read_again: options.mapping.is_complete,
             has_positions: options.needs != Needs::Joints,
@@ -294,7 +309,7 @@ impl<'t> Parts<'t> {
             encoding: self.table.encoding,
             sheet: options.mapping.sheet.clone(),
             header_row: self.table.header_line,
-            comments: options.mapping.comments,
+            comments: self.table.comments,
             ignored: ignored.map(|place| self.table.name(place)).collect(),
             columns: used
                 .into_iter()
@@ -304,6 +319,7 @@ impl<'t> Parts<'t> {
                 })
                 .collect(),
             skipped_rows: self.table.n_skipped_above + usize::from(self.table.units.is_some()),
+            reflectors: vec![],
             unread: self
                 .table
                 .program

@@ -148,7 +148,8 @@ impl Resolution<'_> {
                     .proposed
                     .push((format!("{thing}_{}", units[0]), place));
                 let detail = format!(
-                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping}"
+                    "the unit of column {name} may be degrees (German: Grad) or gons (400 in a turn), or two units are named: say it {mapping} \
+                     (for gons: {thing}_gon)"
                 );
                 self.issue(Some(name), "two_readings", detail);
             }

@@ -7,8 +7,9 @@ use crate::measurement::number_text::without_unit;
 use crate::measurement::set::Point;
 use crate::measurement::table::{Next, Table};
 use crate::measurement::table_lines::is_numeric;
+use crate::measurement::table_reflectors::reflectors;
 use crate::measurement::table_resolution::Used;
-use crate::measurement::table_statistics::{is_statistic, rows_not_measured};
+use crate::measurement::table_statistics::{is_statistic, rows_not_measured, rows_of_statistics};
 
 /// Cells of a column with and without a unit behind the number: how many, and row and line of the first one.
 #[derive(Clone, Copy, Debug, Default)]
@@ -34,6 +35,14 @@ pub(super) struct Rows {
     with_unit: Vec<UnitsOfCells>,
     /// Rows that have the name of a statistic in front of their numbers.
     summaries: Vec<Summary>,
+    /// Rows that end before the last column: row, line, number of missing cells, and message.
+    short: Vec<(usize, usize, usize, String)>,
+    /// Number of columns at the end, behind those that are read, in which no row has a number.
+    texts_behind: Option<usize>,
+    /// For each point, the cell with its reflector.
+    reflector_cells: Vec<String>,
+    /// The names of the reflectors in the order of their numbers, if the file has names.
+    pub(super) reflectors: Vec<String>,
 }
 
 /// A row that has the name of a statistic in front of its numbers.
@@ -55,8 +64,16 @@ pub(super) struct Layout {
     pub(super) units: Vec<Option<&'static str>>,
     /// The columns of join keys.
     pub(super) keys: Vec<Used>,
-    /// Minimum number of cells of a row.
-    pub(super) n_needed: usize,
+    /// Number of columns with a name or a meaning.
+    pub(super) n_named: usize,
+    /// Number of columns up to the last one that is read.
+    pub(super) n_read: usize,
+    /// Whether missing cells at the end of a row are empty ones: in workbooks, where each cell has a place of its own.
+    pub(super) has_places: bool,
+    /// Whether the last line has no line end.
+    pub(super) is_open: bool,
+    /// The columns that the caller leaves aside.
+    pub(super) ignored: Vec<usize>,
     /// Whether the file is a stored upload that is read again in the same way.
     pub(super) is_read_again: bool,
     /// Whether the rows have positions.
@@ -69,10 +86,11 @@ impl Layout {
         &self,
         row: &'r csv::StringRecord,
     ) -> impl Iterator<Item = (&'r str, bool)> {
+        let is_left_aside = |place: &usize| self.ignored.contains(place);
         let filled = row
             .iter()
             .enumerate()
-            .filter(|(_, cell)| !cell.trim().is_empty());
+            .filter(move |(place, cell)| !cell.trim().is_empty() && !is_left_aside(place));
         filled.map_while(|(place, cell)| {
             let read = self.places.iter().position(|read| *read == place);
             let is_label = match read.map(|at| self.columns[at]) {
@@ -95,15 +113,40 @@ impl Rows {
         }
     }
 
+    /// Numbers the reflectors of the points.
+    pub(super) fn number_reflectors(&mut self, layout: &Layout) {
+        let column = layout.columns.iter().position(|c| *c == Column::Target);
+        let Some(column) = column.filter(|_| self.issues.is_empty()) else {
+            return;
+        };
+        let cells = std::mem::take(&mut self.reflector_cells);
+        match reflectors(&cells, &layout.names[column], layout.is_read_again) {
+            Ok(found) => {
+                for (point, number) in self.points.iter_mut().zip(found.numbers) {
+                    point.target = number;
+                }
+                self.reflectors = found.names;
+            }
+            Err(issue) => {
+                let line = issue.row.and_then(|row| self.lines.get(row).copied());
+                self.issues.push((issue, line));
+            }
+        }
+    }
+
     /// Refuses rows that hold no measurement. Of a file that was accepted once, all rows are measurements.
     pub(super) fn refuse_no_measurements(&mut self, layout: &Layout) {
         if layout.is_read_again {
             return;
         }
         self.refuse_summaries();
+        self.refuse_short(layout);
         self.refuse_some_units(layout);
         if layout.has_positions && self.issues.is_empty() {
-            self.refuse_not_measured();
+            self.refuse_not_measured(layout);
+        }
+        if layout.has_positions && self.issues.is_empty() {
+            self.refuse_statistics();
         }
     }
 
@@ -202,15 +245,50 @@ impl Rows {
         Ok(number)
     }
 
-    fn refuse_not_measured(&mut self) {
-        let found = rows_not_measured(&self.points);
+    /// Refuses rows that end too early, unless all that is missing are cells of columns with texts, such as remarks. Cells that are missing elsewhere would move
+    /// a text into the columns that are read, which is refused; a number would be read as another column's. The last row of a file without a line end may be
+    /// cut off within a number.
+    fn refuse_short(&mut self, layout: &Layout) {
+        let n_texts = self.texts_behind.unwrap_or(0);
+        for (row, line, n_missing, detail) in std::mem::take(&mut self.short) {
+            let is_cut = layout.is_open && row + 1 == self.n_rows;
+            if n_missing > n_texts || is_cut {
+                self.issue(Some(row), Some(line), "wrong_cell_count", detail);
+            }
+        }
+    }
+
+    fn refuse_not_measured(&mut self, layout: &Layout) {
+        let millimetres = |axis| {
+            let factor = |column: &Column| match column {
+                Column::Position(of, factor) if *of == axis => Some(*factor),
+                _ => None,
+            };
+            layout.columns.iter().find_map(factor).unwrap_or(1.0)
+        };
+        let found = rows_not_measured(&self.points, std::array::from_fn(millimetres));
         let n = found.len();
         for (at, position) in found.into_iter().take(MAX_ISSUES) {
             // No row was refused, so points and rows are counted alike.
+            let rows = if n == 1 {
+                ""
+            } else {
+                &format!(", as in {n} rows")
+            };
             let detail = format!(
-                "row {at}: the position is {position}, as in {n} rows: so instruments write what they have not measured; remove these rows, or put # before them"
+                "row {at}: the position is {position}{rows}: so instruments write what they have not measured; remove such rows, or put # before them"
             );
             self.issue(Some(at), Some(self.lines[at]), "not_measured", detail);
+        }
+    }
+
+    /// Refuses rows above or below the measurements that are their mean, standard deviation and the like, whatever they are called.
+    fn refuse_statistics(&mut self) {
+        for (at, name) in rows_of_statistics(&self.points) {
+            let detail = format!(
+                "row {at} is the {name} of the other rows in every column: a row of statistics is no measurement; remove it, or put # before it"
+            );
+            self.issue(Some(at), Some(self.lines[at]), "summary_row", detail);
         }
     }
 
@@ -269,19 +347,37 @@ impl Rows {
             .iter()
             .skip(table.header.len())
             .any(|cell| !cell.trim().is_empty());
-        if row.cells.len() < layout.n_needed || too_many {
+        let n_cells = row.cells.len();
+        let is_short = n_cells < layout.n_named && !layout.has_places;
+        if is_short || too_many {
             let detail = wrong_cell_count(
                 index,
                 &row.cells,
                 table.header.len(),
                 table.separator.byte(),
             );
-            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
-            return self.issues.len() < MAX_ISSUES;
+            if too_many || n_cells < layout.n_read {
+                self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
+                return self.issues.len() < MAX_ISSUES;
+            }
+            let n_missing = layout.n_named - n_cells;
+            self.short.push((index, row.line, n_missing, detail));
+        } else {
+            let behind = (layout.n_read..layout.n_named).rev();
+            let is_text = |place: &usize| !row.cells.get(*place).is_some_and(is_numeric);
+            let n_texts = behind.take_while(is_text).count();
+            self.texts_behind = Some(self.texts_behind.unwrap_or(n_texts).min(n_texts));
         }
+        let mut reflector = None;
         let mut cells = csv::StringRecord::new();
         for (column, place) in layout.places.iter().enumerate() {
-            match self.bare((index, row.line), &row.cells[*place], column, layout) {
+            let cell = row.cells.get(*place).unwrap_or("");
+            match self.bare((index, row.line), cell, column, layout) {
+                Ok(cell) if layout.columns[column] == Column::Target && !cell.trim().is_empty() => {
+                    // numbered when all rows are known
+                    reflector = Some(cell.trim().to_owned());
+                    cells.push_field("0");
+                }
                 Ok(cell) => cells.push_field(cell),
                 Err(issue) => {
                     self.issues.push((issue, Some(row.line)));
@@ -315,6 +411,7 @@ impl Rows {
         if let Some(point) = point {
             self.points.push(point);
             self.lines.push(row.line);
+            self.reflector_cells.extend(reflector);
             for (used, (_, cells)) in layout.keys.iter().zip(&mut self.keys) {
                 cells.push(row.cells.get(used.place).unwrap_or("").trim().to_owned());
             }

@@ -1,7 +1,6 @@
 //! Rows of a table that hold no measurement: statistics of the rows above them, and positions that instruments write where nothing was measured.
 
 use crate::measurement::set::Point;
-use nalgebra::Vector3;
 
 /// Words with which a row of statistics begins in reports.
 const STATISTICS: [&str; 51] = [
@@ -64,29 +63,155 @@ pub(super) fn is_statistic(cell: &str) -> bool {
     STATISTICS.contains(&word.as_str())
 }
 
-/// Magnitude of a coordinate that means that nothing was measured, mm.
-const NO_VALUE_MM: f64 = 99_999.0;
-
-/// What a position is if nothing was measured: all coordinates zero, or one of ±99999.
-fn not_measured(position_mm: &Vector3<f64>) -> Option<&'static str> {
-    if position_mm.iter().all(|mm| *mm == 0.0) {
-        return Some("0, 0, 0");
+/// What a position is if nothing was measured: all coordinates zero, or one of them such as −9999 (or 9999.9), farther away than all others are
+/// apart. `coordinates` are as written in the file, `others` the least and largest values of each coordinate that is none of these.
+fn not_measured(coordinates: &[f64; 3], others: &[(f64, f64); 3]) -> Option<String> {
+    if coordinates.iter().all(|value| *value == 0.0) {
+        return Some("0, 0, 0".into());
     }
-    let is_mark = |mm: &f64| (mm.abs() - NO_VALUE_MM).abs() < 1.0;
-    position_mm.iter().any(is_mark).then_some("±99999")
+    let is_outside = |(value, (least, largest)): &(&f64, &(f64, f64))| {
+        let apart = largest - least;
+        no_value(**value) && (**value < least - apart || **value > largest + apart)
+    };
+    let found = coordinates.iter().zip(others).find(is_outside);
+    found.map(|(value, _)| format!("{value}"))
 }
 
-/// The points whose positions were not measured, each with what is in its place. None if only one point has such a position, which may be right.
-pub(super) fn rows_not_measured(points: &[Point]) -> Vec<(usize, &'static str)> {
-    let marked = points.iter().enumerate().filter_map(|(at, point)| {
-        let mark = not_measured(&point.position_mm)?;
-        Some((at, mark))
+/// Whether instruments and programs write this in place of a number: nines only (−9999, 99999.9), or the limits of 16 bits.
+fn no_value(value: f64) -> bool {
+    let size = value.abs();
+    let is_nines = || format!("{size}").chars().all(|c| matches!(c, '9' | '.'));
+    matches!(size, 32_767.0 | 32_768.0) || size >= 9999.0 && is_nines()
+}
+
+/// The points whose positions were not measured, each with what is in its place. `millimetres` is the unit of each coordinate in the file.
+pub(super) fn rows_not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<(usize, String)> {
+    let written = |point: &Point| -> [f64; 3] {
+        // Division and multiplication by a unit may differ in the last bit.
+        std::array::from_fn(|axis| {
+            (point.position_mm[axis] / millimetres[axis] * 1e6).round() / 1e6
+        })
+    };
+    let written: Vec<[f64; 3]> = points.iter().map(written).collect();
+    let others: [(f64, f64); 3] = std::array::from_fn(|axis| {
+        let values = written.iter().map(|row| row[axis]);
+        let values = values.filter(|value| !no_value(*value));
+        values.fold(
+            (f64::INFINITY, f64::NEG_INFINITY),
+            |(least, largest), value| (least.min(value), largest.max(value)),
+        )
     });
-    let found: Vec<(usize, &str)> = marked.collect();
-    match found.len() {
-        0 | 1 => vec![],
-        _ => found,
+    let rows = written.iter().enumerate();
+    rows.filter_map(|(at, row)| Some((at, not_measured(row, &others)?)))
+        .collect()
+}
+
+/// Maximum number of rows of statistics above or below the measurements.
+const MAX_STATISTICS: usize = 8;
+/// Minimum number of rows of measurements beside them.
+const MIN_MEASURED: usize = 5;
+/// Largest difference of a statistic in a file from its value: the file has at least two decimals, in mm and degrees.
+const ROUNDED: f64 = 0.006;
+/// A column tells statistics from measurements if its values spread by this number of roundings.
+const SPREAD: f64 = 100.0;
+
+/// The statistics that reports print: name, and whether the values alone tell it from a measurement. A first pose may be the minimum of all columns.
+const NAMES: [(&str, bool); 8] = [
+    ("mean", true),
+    ("standard deviation", true),
+    ("standard deviation", true),
+    ("rms", true),
+    ("range", true),
+    ("sum", true),
+    ("minimum", false),
+    ("maximum", false),
+];
+
+/// Statistics of one column, in the order of [`NAMES`].
+struct Column {
+    statistics: [f64; NAMES.len()],
+    /// Whether the column tells statistics from measurements. A joint that stood still is the same in all rows.
+    spreads: bool,
+}
+
+impl Column {
+    fn new(values: impl Iterator<Item = f64> + Clone) -> Self {
+        let n = values.clone().count() as f64;
+        let sum: f64 = values.clone().sum();
+        let square_sum = |values: &mut dyn Iterator<Item = f64>| -> f64 {
+            values.map(|value| value * value).sum()
+        };
+        let squares = square_sum(&mut values.clone().map(|value| value - sum / n));
+        let square_sum = square_sum(&mut values.clone());
+        let least = values.clone().fold(f64::INFINITY, f64::min);
+        let largest = values.fold(f64::NEG_INFINITY, f64::max);
+        Self {
+            statistics: [
+                sum / n,
+                (squares / (n - 1.0)).sqrt(),
+                (squares / n).sqrt(),
+                (square_sum / n).sqrt(),
+                largest - least,
+                sum,
+                least,
+                largest,
+            ],
+            spreads: largest - least > SPREAD * ROUNDED,
+        }
     }
+}
+
+/// Joint values in degrees and coordinates in mm of a point.
+fn values(point: &Point) -> Vec<f64> {
+    let joints = point.q_rad.iter().map(|q| q.to_degrees());
+    joints.chain(point.position_mm.iter().copied()).collect()
+}
+
+/// The rows above or below the others that are statistics of them in every column, each with the name of the statistic. A label is not needed: many
+/// reports write it in another language, or leave it out.
+pub(super) fn rows_of_statistics(points: &[Point]) -> Vec<(usize, &'static str)> {
+    let rows: Vec<Vec<f64>> = points.iter().map(values).collect();
+    let blocks = (1..=MAX_STATISTICS)
+        .rev()
+        .filter(|n| n + MIN_MEASURED <= rows.len());
+    let found = blocks.flat_map(|n| {
+        let below = rows.len() - n;
+        [(below..rows.len(), 0..below), (0..n, n..rows.len())]
+    });
+    found
+        .filter_map(|(block, measured)| {
+            let names = statistics(&rows[block.clone()], &rows[measured])?;
+            Some(block.zip(names).collect())
+        })
+        .next()
+        .unwrap_or_default()
+}
+
+/// The names of the statistics that these rows are; none if one of them is none.
+fn statistics(block: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Vec<&'static str>> {
+    let n_columns = measured[0].len();
+    let mut possible = vec![[true; NAMES.len()]; block.len()];
+    let (mut n_spread, mut n_of_position) = (0, 0);
+    for at in 0..n_columns {
+        let column = Column::new(measured.iter().map(|row| row[at]));
+        for (row, possible) in block.iter().zip(&mut possible) {
+            for (possible, statistic) in possible.iter_mut().zip(column.statistics) {
+                *possible &= (row[at] - statistic).abs() <= ROUNDED;
+            }
+            if !possible.contains(&true) {
+                return None;
+            }
+        }
+        n_spread += usize::from(column.spreads);
+        n_of_position += usize::from(column.spreads && at + 3 >= n_columns);
+    }
+    let found = possible
+        .iter()
+        .filter_map(|row| row.iter().position(|is| *is));
+    let (names, is_told): (Vec<&str>, Vec<bool>) = found.map(|which| NAMES[which]).unzip();
+    let has_extremes = names.contains(&"minimum") && names.contains(&"maximum");
+    let is_told = is_told.contains(&true) || has_extremes;
+    (is_told && n_spread >= 3 && n_of_position >= 2).then_some(names)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! columns of one joint, the commanded values are meant and not the measured ones.
 
 use crate::measurement::column_mapping::{ColumnRef, Mapping, Separator};
-use crate::measurement::column_names::{Known, Unit, recognise};
+use crate::measurement::column_names::{ANGLES, Known, Unit, recognise};
 use crate::measurement::conventions::Decimal;
 use crate::measurement::csv_issue::{ParseError, whole};
 use crate::measurement::number_text::{value, without_unit};
@@ -39,14 +39,14 @@ const QUATERNION: [&str; 4] = ["quat_w", "quat_x", "quat_y", "quat_z"];
 const SAME: f64 = 1e-9;
 
 /// A column with joint values.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct JointColumn {
     /// Its index, counted from 0.
     pub place: usize,
     /// Its name in the file.
     pub name: String,
-    /// Whether its values are in radians.
-    pub is_rad: bool,
+    /// Degrees in one unit.
+    pub deg: f64,
 }
 
 /// A row of targets.
@@ -108,11 +108,13 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
     let content = table_points::read(source.clone(), &options)?;
     let mut joints: BTreeMap<usize, JointColumn> = BTreeMap::new();
     for (used, name) in &content.understood.columns {
-        if let Some((number, unit)) = joint(&used.means) {
+        if let Some((number, unit)) = joint(&used.means)
+            && let Some((_, rad)) = ANGLES.iter().find(|(name, _)| *name == unit)
+        {
             let column = JointColumn {
                 place: used.place,
                 name: name.clone(),
-                is_rad: unit == "rad",
+                deg: rad.to_degrees(),
             };
             joints.insert(number, column);
         }
@@ -145,7 +147,7 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
                 .get(column.place)
                 .map(|place| &source.text[place.clone()]);
             let found = cell.and_then(|cell| value(without_unit(cell).0, decimal));
-            let found = found.map(|q| if column.is_rad { q.to_degrees() } else { q });
+            let found = found.map(|q| q * column.deg);
             found.is_some_and(|found| (found - q_deg).abs() <= SAME * q_deg.abs().max(1.0))
         };
         match joints.iter().zip(&q_deg).all(is_same) {

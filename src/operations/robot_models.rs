@@ -83,6 +83,23 @@ pub fn find(text: &str, maker: Option<&str>) -> Result<Vec<&'static RobotModel>,
     Ok(all()?.iter().filter(has).collect())
 }
 
+/// The robot models with this id or name. Letter case, spaces and punctuation are ignored, and the manufacturer may stand before the name; a name that is
+/// only part of another one is another arm.
+///
+/// # Errors
+/// As [`all`].
+pub fn called(text: &str) -> Result<Vec<&'static RobotModel>, &'static str> {
+    let text = letters(text);
+    let is_called = |model: &&RobotModel| {
+        let RobotModel {
+            id, name, maker, ..
+        } = model;
+        let names = [id, name, &model.robot.name, &format!("{maker} {name}")];
+        names.iter().any(|name| letters(name) == text)
+    };
+    Ok(all()?.iter().filter(is_called).collect())
+}
+
 /// The page of robot models after the model with the id `after`.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::column_meaning::is_meaning;
-use crate::measurement::column_names::{LENGTHS, PLAIN};
+use crate::measurement::column_names::{ANGLES, LENGTHS, PLAIN};
 use crate::measurement::join::{JoinBy, JoinOptions};
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
@@ -27,7 +27,7 @@ const MAX_NUMBER: u64 = 1_000_000;
 ///
 /// Further keys are settings: `decimal` (`point`, `comma`), `separator` (`,` `;` `|` `tab` `spaces`), `header_row` (a line number counted from 1, or
 /// false), `comments` (true, false), `ignore` (a list of columns), `sheet`, and the units of columns whose header has no unit: `joint_unit` (`deg`,
-/// `rad`) and `position_unit` (`mm`, `m`, `cm`, `um`, `in`).
+/// `rad`, `gon`) and `position_unit` (`mm`, `m`, `cm`, `um`, `in`).
 ///
 /// For two files: `robot` and `instrument` contain the mapping of one of the files, and `join` says how their rows are joined (`{"by":
 /// "name"|"number"|"time"|"order", "tolerance_s", "clock_offset_s"}`).
@@ -211,9 +211,6 @@ const SETTINGS: [&str; 8] = [
     "position_unit",
 ];
 
-/// Units of joint values.
-const ANGLES: [&str; 2] = ["deg", "rad"];
-
 /// Reads the values of a mapping and collects the issues.
 #[derive(Default)]
 struct Reader {
@@ -262,7 +259,7 @@ impl Reader {
                     None => self.wrong(&pointer, "the name of a sheet"),
                 },
                 "joint_unit" => {
-                    mapping.joint_unit = self.unit(value, &pointer, &ANGLES);
+                    mapping.joint_unit = self.unit(value, &pointer, &ANGLES.map(|(name, _)| name));
                 }
                 "position_unit" => {
                     mapping.position_unit =
@@ -279,7 +276,7 @@ impl Reader {
                 },
                 _ if !is_meaning(name) => {
                     let detail = format!(
-                        "unknown key {name:?}; known are q1_deg … (or _rad), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or \
+                        "unknown key {name:?}; known are q1_deg … (or _rad _gon), x_mm y_mm z_mm (or _m _cm _um _in), {}, name, number, time_s; or \
                          decimal, separator, header_row, comments, ignore, sheet, joint_unit, position_unit, robot, instrument, join",
                         PLAIN.join(", ")
                     );

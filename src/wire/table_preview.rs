@@ -30,6 +30,9 @@ pub struct FilePreview {
     /// How the file is interpreted so far; absent if not even its columns can be separated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub understood: Option<UnderstoodBody>,
+    /// The cells of the line above the names of the columns, which may group them (Nominal, Measured); absent if there is none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub above: Vec<String>,
     /// The names of its columns.
     pub header: Vec<String>,
     /// Its first rows.

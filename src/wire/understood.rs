@@ -41,6 +41,9 @@ pub struct UnderstoodBody {
     pub ignored: Vec<String>,
     /// Number of lines that are not data: blank lines, comments, units, and lines above the header.
     pub skipped_rows: usize,
+    /// Names of the reflectors (targets) in the order of their numbers, counted from 0; absent if the file has numbers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reflectors: Vec<String>,
     /// Points of a robot program that are not read; absent if all are read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unread: Option<UnreadPoints>,
@@ -231,6 +234,7 @@ impl From<&Understood> for UnderstoodBody {
                 .map(|name| shown(name))
                 .collect(),
             skipped_rows: found.skipped_rows,
+            reflectors: found.reflectors.iter().map(|name| shown(name)).collect(),
             unread: UnreadPoints::of(&found.unread),
         }
     }

@@ -996,3 +996,22 @@ mod joint_maps {
         );
     }
 }
+
+/// The base of an arm whose first axis points into the floor (KUKA) is upright, as the cell's frames, mounting and gravity are.
+#[test]
+fn the_base_of_a_description_is_upright() {
+    let mut n_turned = 0;
+    for (name, urdf) in &urdfs() {
+        let Ok(imported) = import(urdf.as_bytes(), ImportFormat::Urdf, name, None) else {
+            continue; // hands, and descriptions of two arms
+        };
+        let first = &imported.robot.links[0];
+        let up = imported.t_root_base.rotation[2][2];
+        if name.starts_with("kuka") {
+            assert!((up - 1.0).abs() < 1e-12, "{name}: {up}");
+        }
+        n_turned += usize::from(first.alpha_deg == 180.0);
+    }
+    println!("{n_turned} arms whose first axis points downwards");
+    assert!(n_turned > 0 || urdfs().is_empty());
+}

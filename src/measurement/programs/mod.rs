@@ -94,7 +94,10 @@ pub fn find(text: &str) -> Result<Option<Program>, ParseError> {
         found.into_iter().filter(|(_, f)| !f.is_empty()).collect();
     let with_points = found.iter().position(|(_, found)| !found.points.is_empty());
     let Some((language, mut found)) = found.drain(..).nth(with_points.unwrap_or(0)) else {
-        return Ok(None);
+        return match motion(text) {
+            Some((line, remedy)) => Err(targets_in_motions(line, remedy)),
+            None => Ok(None),
+        };
     };
     found.finish();
     let lines = Lines::new(text);
@@ -173,6 +176,35 @@ fn refuse_yaskawa(text: &str) -> Result<(), ParseError> {
     Err(whole("not_angles", detail.into()))
 }
 
+/// The first motion to a joint target that is written into it: its line, counted from 1, and what to export instead.
+fn motion(text: &str) -> Option<(usize, &'static str)> {
+    let motions = [
+        ("ptp{", Language::Kuka.remedy()),
+        ("sptp{", Language::Kuka.remedy()),
+        ("moveabsj[[", Language::Abb.remedy()),
+        (
+            "movej([",
+            "Write them into a table with a row per point, or log actual_q at each of them",
+        ),
+    ];
+    let plain = |line: &str| {
+        let signs = line.chars().filter(|c| !c.is_whitespace()).take(20);
+        signs.collect::<String>().to_lowercase()
+    };
+    text.lines().enumerate().find_map(|(at, line)| {
+        let line = plain(line);
+        let found = motions.iter().find(|(begin, _)| line.starts_with(begin));
+        found.map(|(_, remedy)| (at + 1, *remedy))
+    })
+}
+
+fn targets_in_motions(line: usize, remedy: &str) -> ParseError {
+    let detail = format!(
+        "a robot program whose joint targets are written into its motions (line {line}): nothing in it says which measurement belongs to which motion. {remedy}"
+    );
+    whole("not_angles", detail)
+}
+
 fn no_joint_values(program: &Program) -> ParseError {
     let name = |point: &Unread| format!("{} (line {})", point.name, point.line);
     let named: Vec<String> = program.unread.iter().take(MAX_NAMED).map(name).collect();
@@ -217,6 +249,31 @@ mod tests {
         let error = find(text).unwrap_err();
         assert_eq!(error.issues[0].code, "not_angles");
         error.issues[0].detail.clone()
+    }
+
+    #[test]
+    fn targets_in_motions_are_refused_with_what_to_export() {
+        for (text, remedy) in [
+            (
+                "DEF CAL()\n  PTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n",
+                "E6AXIS",
+            ),
+            (
+                "def cal():\n  movej([0.1, 0.2, 0.3, 0.4, 0.5, 0.6], a=1)\nend\n",
+                "actual_q",
+            ),
+            (
+                "PROC m()\n  MoveAbsJ [[1,2,3,4,5,6],[9E9]], v100;\n",
+                "jointtarget",
+            ),
+        ] {
+            let detail = refusal(text);
+            assert!(
+                detail.contains("(line 2)") && detail.contains(remedy),
+                "{detail}"
+            );
+        }
+        assert!(find("J1 [deg],J2 [deg]\n1,2\n").unwrap().is_none());
     }
 
     const EXTERNAL: &str = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]";

@@ -344,9 +344,13 @@ pub fn surroundings() -> Vec<Habit> {
             "not_a_number",
             "row 9, column q1_deg",
         ),
-        asked(
+        taken(
             "a row that is commented out",
             with_row_after(5, &format!("#{}", lines[3])),
+        ),
+        asked(
+            "many rows that are commented out",
+            with_row_after(5, &format!("#{0}\n#{0}\n#{0}", lines[3])),
             "two_readings",
             "a comment or data",
             "\"comments\": true",

@@ -3,6 +3,7 @@
 mod contents;
 mod forms;
 mod names;
+mod traps;
 
 use crate::workbooks;
 use kincal::measurement::Frame;
@@ -400,20 +401,6 @@ fn a_bad_cell_is_named_with_its_line() {
         ("not_a_number", Some(3), Some(12))
     );
     assert_eq!(issue.column.as_deref(), Some("q2_deg"));
-}
-
-#[test]
-fn another_tables_target_is_no_reflector() {
-    let table = Written {
-        header: std::iter::once("Target".to_owned())
-            .chain(header(DEG, MM))
-            .collect(),
-        front: |r| vec![(r + 1).to_string()],
-        ..Written::default()
-    };
-    let (set, reading) = read(table.text().as_bytes(), "").unwrap();
-    assert!(set.points.iter().all(|point| point.target == 0));
-    assert_eq!(reading.unwrap().understood.unwrap().ignored, ["Target"]);
 }
 
 #[test]

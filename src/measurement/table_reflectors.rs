@@ -1,0 +1,101 @@
+//! Cells that say which reflector a row is of: its number from 0, or its name.
+
+use crate::measurement::csv::MAX_TARGETS;
+use crate::measurement::csv_issue::Issue;
+use std::collections::BTreeSet;
+
+/// Number of rows from which on a column with another reflector in each row names points.
+const MIN_POINTS_NAMED: usize = 4;
+
+/// The reflectors of a table.
+#[derive(Debug, PartialEq)]
+pub(super) struct Reflectors {
+    /// For each row, the number of its reflector, counted from 0.
+    pub(super) numbers: Vec<usize>,
+    /// The names of the reflectors in the order of their numbers; empty if the cells are numbers.
+    pub(super) names: Vec<String>,
+}
+
+/// Numbers the reflectors of the rows: as the file does, or by names in the order in which they appear.
+///
+/// # Errors
+/// `not_an_index` for numbers that are none of a reflector, `two_readings` for a column with another value in each row of a new file. `column` is
+/// its name.
+pub(super) fn reflectors(
+    cells: &[String],
+    column: &str,
+    is_read_again: bool,
+) -> Result<Reflectors, Issue> {
+    let issue = |row, code, detail| Issue {
+        row,
+        column: Some(column.to_owned()),
+        code,
+        detail,
+    };
+    let different: BTreeSet<&str> = cells.iter().map(String::as_str).collect();
+    if !is_read_again && cells.len() >= MIN_POINTS_NAMED && different.len() == cells.len() {
+        let detail = format!(
+            "column {column} has another value in each of {} rows: so it names points, not reflectors (target): leave it aside in the column \
+             mapping: {{\"ignore\": [{column:?}]}}, or say that it has the points' names: {{\"name\": {column:?}}}",
+            cells.len()
+        );
+        return Err(issue(None, "two_readings", detail));
+    }
+    let number = |cell: &String| cell.parse().ok().filter(|number| *number < MAX_TARGETS);
+    if let Some(numbers) = cells.iter().map(number).collect() {
+        let names = vec![];
+        return Ok(Reflectors { numbers, names });
+    }
+    if cells.iter().all(|cell| cell.parse::<f64>().is_ok()) {
+        let row = cells.iter().position(|cell| number(cell).is_none());
+        let detail = format!(
+            "row {}, column {column}: {:?} is not a whole number from 0 to {}",
+            row.unwrap_or(0),
+            cells[row.unwrap_or(0)],
+            MAX_TARGETS - 1
+        );
+        return Err(issue(row, "not_an_index", detail));
+    }
+    let mut names: Vec<String> = Vec::new();
+    let mut numbers = Vec::with_capacity(cells.len());
+    for (row, cell) in cells.iter().enumerate() {
+        let known = names.iter().position(|name| name == cell);
+        numbers.push(known.unwrap_or(names.len()));
+        if known.is_none() {
+            names.push(cell.clone());
+        }
+        if names.len() > MAX_TARGETS {
+            let detail = format!(
+                "column {column} has more than {MAX_TARGETS} different names, and a tool has at most {MAX_TARGETS} reflectors (target): if it names \
+                 points, leave it aside in the column mapping: {{\"ignore\": [{column:?}]}}"
+            );
+            return Err(issue(Some(row), "not_an_index", detail));
+        }
+    }
+    Ok(Reflectors { numbers, names })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Reflectors, reflectors};
+
+    fn numbered(cells: &[&str]) -> Result<Reflectors, &'static str> {
+        let cells: Vec<String> = cells.iter().map(|cell| (*cell).to_owned()).collect();
+        reflectors(&cells, "SMR", false).map_err(|issue| issue.code)
+    }
+
+    #[test]
+    fn reflectors_have_numbers_or_names() {
+        let found = numbered(&["2", "0", "2", "1"]).unwrap();
+        assert_eq!((found.numbers, found.names.len()), (vec![2, 0, 2, 1], 0));
+        let found = numbered(&["B", "A", "B", "1"]).unwrap();
+        assert_eq!(found.numbers, [0, 1, 0, 2]);
+        assert_eq!(found.names, ["B", "A", "1"]);
+        assert_eq!(numbered(&["1", "1", "40"]), Err("not_an_index"));
+        assert_eq!(numbered(&["1", "1", "-1"]), Err("not_an_index"));
+        assert_eq!(numbered(&["P1", "P2", "P3", "P4"]), Err("two_readings"));
+        assert_eq!(numbered(&["1", "2", "3", "4"]), Err("two_readings"));
+        // One measurement with each of three reflectors.
+        assert!(numbered(&["0", "1", "2"]).is_ok());
+    }
+}

@@ -1,0 +1,351 @@
+//! Tables that were read with other values than they have, or refused without need.
+
+use super::*;
+
+/// A table with columns of others, a name in front and a remark behind.
+fn with_remarks(back: fn(usize) -> Vec<String>) -> Written {
+    let mut names = vec!["Name".to_owned()];
+    names.extend(header(
+        |j| format!("J{j} [deg]"),
+        ["X [mm]", "Y [mm]", "Z [mm]"],
+    ));
+    names.push("Remark".into());
+    Written {
+        header: names,
+        front: |row| vec![format!("P{}", row + 1)],
+        back,
+        ..Written::default()
+    }
+}
+
+fn code(text: &str, columns: &str) -> Option<(String, String)> {
+    let error = read(text.as_bytes(), columns).err()?;
+    Some((
+        error.issues[0].code.to_string(),
+        error.issues[0].detail.clone(),
+    ))
+}
+
+fn refused_as(name: &str, text: &str, wanted: &str, hint: &str) {
+    let Some((code, detail)) = code(text, "") else {
+        panic!("{name}: taken\n{text}")
+    };
+    assert!(
+        code == wanted && detail.contains(hint),
+        "{name}: {code} {detail}"
+    );
+}
+
+fn is_read(name: &str, text: &str) {
+    let (set, reading) = read(text.as_bytes(), "").unwrap_or_else(|e| panic!("{name}: {e:?}"));
+    is_true(name, &set);
+    is_read_again(name, text.as_bytes(), &set, &reading.unwrap());
+}
+
+#[test]
+fn a_quote_that_closes_nothing_swallows_no_row() {
+    for back in [
+        |row: usize| vec![if row == 3 { "\"hot" } else { "" }.to_owned()],
+        |row: usize| {
+            vec![
+                if row.is_multiple_of(3) {
+                    "\"hot"
+                } else {
+                    "cold\""
+                }
+                .to_owned(),
+            ]
+        },
+        |_: usize| vec!["\"".to_owned()],
+    ] {
+        is_read("a remark with a quote", &with_remarks(back).text());
+    }
+    let mut in_front = with_remarks(|_| vec!["ok".into()]);
+    in_front.front = |row| vec![format!("\"P{row}")];
+    is_read("names with a quote", &in_front.text());
+    let broken = with_remarks(|_| vec!["\"two\nlines, quoted\"".into()]);
+    let (set, _) = read(broken.text().as_bytes(), "").unwrap();
+    is_true("remarks of two lines", &set);
+    let text = broken.text() + "P10,1,2,3,4,5,6,x,8,9,bad\n";
+    let error = read(text.as_bytes(), "").unwrap_err();
+    assert_eq!(error.issues[0].line, Some(2 * N_ROWS + 2), "{error:?}");
+}
+
+#[test]
+fn header_cells_of_two_lines_are_read() {
+    let text = Written::default().text();
+    let names = header(
+        |j| format!("\"Axis {j}\n[deg]\""),
+        ["\"X\n(mm)\"", "\"Y\n(mm)\"", "\"Z\n(mm)\""],
+    );
+    let (_, rows) = text.split_once('\n').unwrap();
+    is_read(
+        "a header of two lines",
+        &format!("{}\n{rows}", names.join(",")),
+    );
+}
+
+#[test]
+fn a_column_with_another_value_in_each_row_names_no_reflectors() {
+    // In a table of others, a column Target has no meaning of its own.
+    let mut table = Written {
+        header: std::iter::once("Target".to_owned())
+            .chain(header(
+                |j| format!("J{j} [deg]"),
+                ["X [mm]", "Y [mm]", "Z [mm]"],
+            ))
+            .collect(),
+        front: |row| vec![(row + 1).to_string()],
+        ..Written::default()
+    };
+    let (set, reading) = read(table.text().as_bytes(), "").unwrap();
+    assert!(set.points.iter().all(|point| point.target == 0));
+    assert_eq!(reading.unwrap().understood.unwrap().ignored, ["Target"]);
+    // In kincal's own form it has.
+    table.header[1..].clone_from_slice(&own_header());
+    refused_as(
+        "numbers of points",
+        &table.text(),
+        "two_readings",
+        "names points",
+    );
+    let (set, _) = read(table.text().as_bytes(), "\"ignore\": [\"Target\"]").unwrap();
+    assert!(set.points.iter().all(|point| point.target == 0));
+}
+
+#[test]
+fn reflectors_have_names_or_numbers() {
+    let mut table = Written {
+        header: std::iter::once("SMR".to_owned())
+            .chain(own_header())
+            .collect(),
+        front: |row| vec![["B", "A", "C"][row % 3].to_owned()],
+        ..Written::default()
+    };
+    let mapping = "\"target\": \"SMR\"";
+    let (set, reading) = read(table.text().as_bytes(), mapping).unwrap();
+    let targets: Vec<usize> = set.points.iter().map(|point| point.target).collect();
+    assert_eq!(targets, [0, 1, 2, 0, 1, 2, 0, 1, 2]);
+    let reading = reading.unwrap();
+    assert_eq!(
+        reading.understood.as_ref().unwrap().reflectors,
+        ["B", "A", "C"]
+    );
+    is_read_again("names", table.text().as_bytes(), &set, &reading);
+    table.front = |row| vec![(row % 3).to_string()];
+    let (set, reading) = read(table.text().as_bytes(), mapping).unwrap();
+    assert_eq!(set.points[5].target, 2);
+    assert!(reading.unwrap().understood.unwrap().reflectors.is_empty());
+}
+
+/// The table with a row behind its own, with the values of each column as `statistic` has them.
+fn with_statistic(written: &Written, front: &str, statistic: fn(&[f64]) -> f64) -> String {
+    let column = |at: usize| -> Vec<f64> {
+        let rows = truth().into_iter();
+        rows.map(|(q, p)| if at < 6 { q[at] } else { p[at - 6] })
+            .collect()
+    };
+    let cells = (0..9).map(|at| format!("{:.3}", statistic(&column(at))));
+    let cells: Vec<String> = std::iter::once(front.to_owned()).chain(cells).collect();
+    format!("{}{}\n", written.text(), cells.join(","))
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (squares / (values.len() - 1) as f64).sqrt()
+}
+
+fn least(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+fn named_rows() -> Written {
+    Written {
+        header: std::iter::once("Name".to_owned())
+            .chain(header(
+                |j| format!("J{j} [deg]"),
+                ["X [mm]", "Y [mm]", "Z [mm]"],
+            ))
+            .collect(),
+        front: |row| vec![format!("P{}", row + 1)],
+        ..Written::default()
+    }
+}
+
+#[test]
+fn rows_of_statistics_are_no_measurements() {
+    let table = named_rows();
+    for label in ["", "keskiarvo", "P10"] {
+        let text = with_statistic(&table, label, mean);
+        refused_as(label, &text, "summary_row", "row 9 is the mean");
+    }
+    let text = with_statistic(&table, "s", deviation);
+    refused_as("s", &text, "summary_row", "standard deviation");
+    // With the least values below the mean, as reports list them.
+    let last = |statistic| {
+        with_statistic(&table, "", statistic)
+            .lines()
+            .next_back()
+            .unwrap()
+            .to_owned()
+    };
+    let text = format!("{}{}\n{}\n", table.text(), last(mean), last(least));
+    refused_as("two rows", &text, "summary_row", "row 9 is the mean");
+    // On top.
+    let text = table.text();
+    let (names, rows) = text.split_once('\n').unwrap();
+    let text = format!("{names}\n{}\n{rows}", last(mean));
+    refused_as("on top", &text, "summary_row", "row 0 is the mean");
+}
+
+#[test]
+fn poses_that_resemble_statistics_are_measurements() {
+    // A first pose at the least value of every column.
+    let text = with_statistic(&named_rows(), "P10", least);
+    assert_eq!(
+        read(text.as_bytes(), "").unwrap().0.points.len(),
+        N_ROWS + 1
+    );
+    // One pose measured again and again: all rows are the mean within the resolution.
+    let rows: String = (0..30)
+        .map(|row| format!("10,20,30,40,50,60,{}.001,200,300\n", 100 + row % 2 / 2))
+        .collect();
+    let text = format!("{}\n{rows}", own_header().join(","));
+    assert_eq!(read(text.as_bytes(), "").unwrap().0.points.len(), 30);
+    // A joint that sweeps to both sides of its centre, where the last pose is.
+    let row = |deg: f64| {
+        let rad = deg.to_radians();
+        format!(
+            "{deg:.4},0,0,0,0,0,{:.4},{:.4},{:.4}\n",
+            900.0 * rad.cos(),
+            900.0 * rad.sin(),
+            0.02 * deg
+        )
+    };
+    let rows: String = [-60.0, -40.0, -20.0, 20.0, 40.0, 60.0, 0.0]
+        .map(row)
+        .concat();
+    let text = format!("{}\n{rows}", own_header().join(","));
+    assert_eq!(read(text.as_bytes(), "").unwrap().0.points.len(), 7);
+    // A column of remarks that is left aside may have any words.
+    let mut remarks = named_rows();
+    remarks.front = |row| vec![if row == 4 { "max" } else { "far" }.to_owned()];
+    refused_as("remarks", &remarks.text(), "summary_row", "\"max\"");
+    assert!(read(remarks.text().as_bytes(), "\"ignore\": [\"Name\"]").is_ok());
+}
+
+#[test]
+fn one_row_that_was_not_measured_is_refused() {
+    for mark in ["0", "-9999", "99999.9", "-32768", "999999"] {
+        let text = named_rows().text() + &format!("P10,1,2,3,4,5,6,{mark},{mark},{mark}\n");
+        refused_as(mark, &text, "not_measured", mark);
+    }
+    // A coordinate among the others may have any value.
+    let rows: String = (0..12)
+        .map(|row| {
+            format!(
+                "{0},{1},{2},4,{0},{1},{3}.25,9999,{3}.5\n",
+                3 * row,
+                7 - row,
+                row * row,
+                9000 + 300 * row
+            )
+        })
+        .collect();
+    let text = format!(
+        "{}\n{}1,2,3,4,5,6,7000.25,15000,8000.5\n9,2,3,4,5,6,7000.25,4000,8000.5\n",
+        own_header().join(","),
+        rows
+    );
+    assert_eq!(read(text.as_bytes(), "").unwrap().0.points.len(), 14);
+}
+
+#[test]
+fn gons_are_gons() {
+    let gon = |v: f64| format!("{:.6}", v / 0.9);
+    let table = Written {
+        header: header(|j| format!("J{j} [gon]"), ["X [mm]", "Y [mm]", "Z [mm]"]),
+        angle: gon,
+        ..Written::default()
+    };
+    let is_close = |text: &str, columns: &str| {
+        let (set, reading) = read(text.as_bytes(), columns).unwrap();
+        for (point, (q, _)) in set.points.iter().zip(truth()) {
+            for (read, meant) in point.q_rad.iter().zip(q) {
+                assert!(
+                    (read.to_degrees() - meant).abs() < 1e-6,
+                    "{read} for {meant}°"
+                );
+            }
+        }
+        is_read_again("gon", text.as_bytes(), &set, &reading.unwrap());
+    };
+    is_close(&table.text(), "");
+    let text = table.text().replace("[gon]", "[grad]");
+    refused_as("grad", &text, "two_readings", "q1_gon");
+    let columns = by_number(1, "gon", "mm");
+    is_close(&text, &columns);
+    is_close(
+        &table.text().replace(" [gon]", ""),
+        "\"joint_unit\": \"gon\"",
+    );
+    refused_as(
+        "two units",
+        &table.text().replace("J6 [gon]", "J6 [deg]"),
+        "mixed_units",
+        "column J6 [deg] in deg",
+    );
+}
+
+#[test]
+fn rows_may_end_before_columns_of_texts() {
+    let text = with_remarks(|row| {
+        vec![if row == 4 {
+            "warm".into()
+        } else {
+            String::new()
+        }]
+    })
+    .text();
+    let short = text.replace(",\n", "\n");
+    assert_ne!(text, short);
+    is_read("rows without the remark", &short);
+    // Cut off within the last number.
+    let cut = short.trim_end();
+    refused_as(
+        "cut off",
+        &cut[..cut.len() - 2],
+        "wrong_cell_count",
+        "the end of the row is missing",
+    );
+    // A number behind the position: a cell that is missing in the middle would move it into the position.
+    let numbers = with_remarks(|row| vec![format!("2{row}.5")]).text();
+    let lines: Vec<&str> = numbers.lines().collect();
+    let row = lines[3].rsplit_once(',').unwrap().0;
+    refused_as(
+        "a missing number",
+        &numbers.replace(lines[3], row),
+        "wrong_cell_count",
+        "row 2",
+    );
+}
+
+#[test]
+fn rows_of_workbooks_may_end_before_columns_that_are_not_read() {
+    let mut cells = vec![with_remarks(none).header];
+    cells.extend(with_remarks(none).rows());
+    cells[0].push("Temperature".into());
+    cells[3].extend(["warm".to_owned(), "21.5".to_owned()]);
+    for bytes in [
+        workbooks::xlsx(&[("Sheet1", &cells)]),
+        workbooks::ods(&[("Sheet1", &cells)]),
+    ] {
+        let (set, _) = read(&bytes, "").unwrap();
+        is_true("a workbook", &set);
+    }
+}
