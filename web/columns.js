@@ -21,7 +21,7 @@ export async function saidBefore(robot, isPair) {
 }
 
 /** Columns that every file may have. */
-const OTHERS = ["configuration", "target", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
+const OTHERS = ["configuration", "target", "target_name", "subset", "std_mm", "station", "session", "sequence", "measured_at", "temperature_c"];
 const KEYS = [["name", "point's name"], ["number", "point's number"], ["time_s", "time, s"], ["time_ms", "time, ms"]];
 
 /** End of a meaning whose unit nobody has stated yet. */

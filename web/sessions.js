@@ -41,5 +41,6 @@ export function sessionsCard({ pooled }, sets) {
   const chance = pooled.probability < 1e-4 ? "below 0.0001" : number(pooled.probability, 2);
   return el("section.card", {}, el("h2", {}, "Sessions that were fitted together"),
     el("p", {}, el("strong", {}, "They are one robot in one state, as far as these points tell. "), `Each session was first identified by itself. Two sessions of an unchanged robot differ as much as ${sets.length === 2 ? "these" : "the two that are least alike"} with probability ${chance} (sum of squares ${number(pooled.chi_square)} of ${pooled.n_combinations} combinations of parameters that both see). A test of few or noisy points sees large changes only.`),
+    pooled.shared_targets && el("p", {}, `Reflectors that were not mounted anew between sessions, and have one place on the tool: ${pooled.shared_targets.join(", ")}.`),
     table("Links are fitted to all sessions; each has its own base, reflectors and noise. Errors with the links alone.", columns, rows, ""));
 }

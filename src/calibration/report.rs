@@ -348,6 +348,9 @@ pub struct PooledSessions {
     pub n_combinations: usize,
     /// p-value: probability that sessions of an unchanged robot differ at least as much.
     pub probability: f64,
+    /// Names of the targets that at least two sessions share; absent if there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shared_targets: Vec<String>,
 }
 
 /// One of the sessions that were fitted together.

@@ -17,10 +17,12 @@ use crate::calibration::stages::{quiet, stage};
 use crate::calibration::validation::repeated_rows::is_anew;
 use crate::calibration::warnings::overstated_noise::{NOISE_OVERSTATED, OverstatedNoise};
 use crate::calibration::{Error, Monitor, unusable};
-use crate::identification::changes::{Change, Estimate, FALSE_ALARMS, Tested, compare};
+use crate::identification::changes::{
+    Change, Estimate, FALSE_ALARMS, Tested, compare, compare_target,
+};
 use crate::identification::evidence::Noise;
 use crate::identification::parameters::Parameter;
-use crate::measurement::sessions::{first_rows, name};
+use crate::measurement::sessions::{first_rows, name, shared_targets};
 use crate::measurement::split::has_column;
 use crate::measurement::{MeasurementSet, Subset};
 use std::collections::BTreeSet;
@@ -147,7 +149,7 @@ pub struct Pool {
 /// Compares the sessions of a request; `None` for a single upload.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `noise_overstated` if a session states far too much noise to tell, `session_not_comparable` if a session cannot be compared,
+/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `target_moved` if a target of one name was mounted anew between them, `noise_overstated` if a session states far too much noise to tell, `session_not_comparable` if a session cannot be compared,
 /// [`Error::Cancelled`].
 pub fn compare_sessions(
     request: &CalibrationRequest,
@@ -167,7 +169,9 @@ pub fn compare_sessions(
             }
             estimates.push(estimate);
         }
-        pooled(&estimates).map_err(|error| match error {
+        let alarm = share_of_alarms(request);
+        shared_targets_agree(request, &estimates, alarm)?;
+        pooled(&estimates, alarm).map_err(|error| match error {
             Error::Unusable { code, detail } => Error::Unusable {
                 code,
                 detail: detail + &scale_remark(request),
@@ -197,9 +201,62 @@ fn too_coarse(session: usize, overstated: &OverstatedNoise) -> Error {
     unusable(NOISE_OVERSTATED, detail)
 }
 
-fn pooled(estimates: &[Estimate]) -> Result<Pool, Error> {
-    let n = estimates.len();
-    let alarm = FALSE_ALARMS / (n * (n - 1) / 2).max(1) as f64;
+/// Each pair of sessions, the earlier first.
+fn pairs(n_sessions: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n_sessions).flat_map(|later| (0..later).map(move |earlier| (earlier, later)))
+}
+
+/// Probability of a false alarm of each test, so that one of all of them is as rare as stated: robot and shared targets, of each pair of sessions.
+fn share_of_alarms(request: &CalibrationRequest) -> f64 {
+    let sets = &request.sessions;
+    let of_targets = |(a, b): (usize, usize)| shared_targets(&sets[a], &sets[b]).count();
+    let n_tests: usize = pairs(sets.len()).map(|pair| 1 + of_targets(pair)).sum();
+    FALSE_ALARMS / n_tests.max(1) as f64
+}
+
+/// Refuses sessions in which a target of one name was not at one place of the tool.
+fn shared_targets_agree(
+    request: &CalibrationRequest,
+    estimates: &[Estimate],
+    alarm: f64,
+) -> Result<(), Error> {
+    let sets = &request.sessions;
+    for (earlier, later) in pairs(sets.len()) {
+        for (target, in_earlier, in_later) in shared_targets(&sets[earlier], &sets[later]) {
+            let (before, after) = (&estimates[earlier], &estimates[later]);
+            let tested = compare_target(before, in_earlier, after, in_later);
+            let Some(tested) = tested.filter(|tested| tested.probability < alarm) else {
+                continue;
+            };
+            let changes: Vec<&Change> = tested.changes.iter().collect();
+            let detail = format!(
+                "target {target:?} is at different places of the tool in {} and {}, so it was mounted anew or the tool is another one: {} (chi-square {:.1} of {} \
+                 combinations; an unchanged mounting shows as much with probability {}). Give it another target_name in one of the sessions, or none",
+                name(earlier),
+                name(later),
+                match changes.is_empty() {
+                    true => "no single coordinate explains the difference".into(),
+                    false => list(&changes),
+                },
+                tested.chi_square,
+                tested.n_combinations,
+                probability_in_words(tested.probability)
+            );
+            return Err(unusable("target_moved", detail));
+        }
+    }
+    Ok(())
+}
+
+fn names_of_shared_targets(sets: &[MeasurementSet]) -> Vec<String> {
+    let names: BTreeSet<&str> = pairs(sets.len())
+        .flat_map(|(a, b)| shared_targets(&sets[a], &sets[b]))
+        .map(|(name, ..)| name)
+        .collect();
+    names.into_iter().map(str::to_owned).collect()
+}
+
+fn pooled(estimates: &[Estimate], alarm: f64) -> Result<Pool, Error> {
     let mut least_alike: Option<(usize, usize, Tested)> = None;
     for (later, after) in estimates.iter().enumerate() {
         for (earlier, before) in estimates[..later].iter().enumerate() {
@@ -293,6 +350,7 @@ impl Pool {
             chi_square: self.chi_square,
             n_combinations: self.n_combinations,
             probability: self.probability,
+            shared_targets: names_of_shared_targets(&request.sessions),
         }
     }
 }

@@ -15,7 +15,7 @@ use crate::identification::evidence::Noise;
 use crate::identification::parameters::{Parameter, Quantity, deviation_from};
 use crate::identification::problem::variable;
 use crate::identification::uncertainty::Uncertainty;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Rotation3, Vector3};
 
 /// Changes below this share of [`usual_error`] do not count, however exact the data are: sessions are compared along derivatives, which are not
 /// exact.
@@ -32,6 +32,37 @@ pub struct Estimate {
     pub uncertainty: Uncertainty,
     /// Noise of the session about the model.
     pub noise: Noise,
+}
+
+impl Estimate {
+    /// The same estimate with the numbers of two targets exchanged. A number that has no target gets one.
+    fn with_exchanged_targets(&self, a: usize, b: usize) -> Self {
+        let mut estimate = self.clone();
+        let model = &mut estimate.model;
+        let n_targets = model.targets_mm.len().max(a + 1).max(b + 1);
+        model.targets_mm.resize(n_targets, Vector3::zeros());
+        model.targets_mm.swap(a, b);
+        if !model.target_rotations.is_empty() {
+            model
+                .target_rotations
+                .resize(n_targets, Rotation3::identity());
+            model.target_rotations.swap(a, b);
+        }
+        let exchanged = |target: usize| match target {
+            _ if target == a => b,
+            _ if target == b => a,
+            _ => target,
+        };
+        for parameter in &mut estimate.parameters {
+            match parameter {
+                Parameter::Target(target, _) | Parameter::TargetRotation(target, _) => {
+                    *target = exchanged(*target);
+                }
+                _ => {}
+            }
+        }
+        estimate
+    }
 }
 
 /// One joint test, and the changes if it is significant.
@@ -93,6 +124,23 @@ pub fn compare(before: &Estimate, after: &Estimate) -> Option<Comparison> {
         robot,
         placement: placement.into_iter().flatten().collect(),
     })
+}
+
+/// Compares where one target is in the flange frame: `of_before` as it is numbered in the earlier session, `of_after` in the later one. `None` if the two
+/// sessions have nothing in common.
+pub fn compare_target(
+    before: &Estimate,
+    of_before: usize,
+    after: &Estimate,
+    of_after: usize,
+) -> Option<Tested> {
+    let after = after.with_exchanged_targets(of_before, of_after);
+    let of_target = common(
+        before,
+        &after,
+        |p| matches!(p, Parameter::Target(t, _) | Parameter::TargetRotation(t, _) if *t == of_before),
+    );
+    tested(before, &after, &of_target, named_each)
 }
 
 fn common(

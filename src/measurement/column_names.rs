@@ -36,9 +36,10 @@ pub enum Key {
 }
 
 /// Columns with fixed names. The name includes the unit if the column has one.
-pub const PLAIN: [&str; 30] = [
+pub const PLAIN: [&str; 31] = [
     "configuration",
     "target",
+    "target_name",
     "subset",
     "measured_at",
     "std_mm",

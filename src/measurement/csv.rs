@@ -297,6 +297,7 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
         }
         Column::Configuration => point.configuration = label(cell)?,
         Column::Target => point.target = index(cell, MAX_TARGETS - 1)?,
+        Column::TargetName => point.target_name = Some(label(cell)?),
         Column::Subset => point.subset = subset(cell)?,
         Column::MeasuredAt if (reading.is_time)(&label(cell)?) => {}
         Column::MeasuredAt => {

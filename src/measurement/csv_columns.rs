@@ -13,6 +13,7 @@ pub(super) enum Column {
     Position(usize, f64),
     Configuration,
     Target,
+    TargetName,
     Subset,
     MeasuredAt,
     StdMm,
@@ -77,6 +78,7 @@ pub(super) fn column_of(name: &str, n_joints: usize) -> Result<Column, Issue> {
         "z_m" => Column::Position(2, 1000.0),
         "configuration" => Column::Configuration,
         "target" => Column::Target,
+        "target_name" => Column::TargetName,
         "subset" => Column::Subset,
         "measured_at" => Column::MeasuredAt,
         "std_mm" => Column::StdMm,
@@ -100,7 +102,7 @@ fn joint_column(name: &str, n_joints: usize) -> Result<Column, Issue> {
             format!("column {name} has no unit; name it {name}_mm or {name}_m")
         } else {
             format!(
-                "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, subset, \
+                "column {name:?} is not known; known are q1_deg … or q1_rad …, x_mm y_mm z_mm or x_m y_m z_m, configuration, target, target_name, subset, \
                  measured_at, std_mm, station, session, sequence, temperature_c, sweep_joint, kind; of poses quat_w quat_x quat_y quat_z or rx_deg \
                  ry_deg rz_deg, std_x_mm …, cov_xx_mm2 …, std_rotation_deg or std_rx_deg …"
             )

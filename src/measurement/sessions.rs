@@ -1,5 +1,5 @@
-//! Joins several sessions of one robot to one set of points. Each session keeps its own base and its own targets. A posture that several sessions
-//! measured is one configuration.
+//! Joins several sessions of one robot to one set of points. Each session keeps its own base, and its own targets unless they have the same names. A posture
+//! that several sessions measured is one configuration.
 
 use crate::measurement::conventions::Frame;
 use crate::measurement::set::MeasurementSet;
@@ -8,11 +8,12 @@ use std::collections::BTreeMap;
 /// Maximum number of sessions of one job. The number is small because every pair of sessions is compared.
 pub const MAX_SESSIONS: usize = 8;
 
-/// The points of all sessions, one session after the other. All sets must be in the same kind of frame. Stations, sessions, targets and positions in
-/// the measuring order are made unique, so that no two sessions share them.
+/// The points of all sessions, one session after the other. All sets must be in the same kind of frame. Stations, sessions, targets without names and
+/// positions in the measuring order are made unique, so that no two sessions share them.
 pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
     let mut points = Vec::new();
     let mut n_targets = 0;
+    let mut named: BTreeMap<String, usize> = BTreeMap::new();
     for (session, set) in sessions.iter().enumerate() {
         let order = set.measuring_order();
         let n_before = points.len();
@@ -20,9 +21,20 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
         for (place, row) in order.into_iter().enumerate() {
             points[n_before + row].sequence = (n_before + place) as i64;
         }
+        let numbers: Vec<usize> = (0..set.n_targets())
+            .map(|target| {
+                let next = n_targets;
+                let number = match set.target_name(target) {
+                    Some(name) => *named.entry(name.to_owned()).or_insert(next),
+                    None => next,
+                };
+                n_targets += usize::from(number == next);
+                number
+            })
+            .collect();
         let name = name(session);
         for point in &mut points[n_before..] {
-            point.target += n_targets;
+            point.target = numbers[point.target];
             point.station = Some(match &point.station {
                 Some(station) => format!("{name}, station {station}"),
                 None => name.clone(),
@@ -30,7 +42,6 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
             point.configuration = format!("{}/{}", session + 1, point.configuration);
             point.session = Some(name.clone());
         }
-        n_targets += set.n_targets();
     }
     let frame = sessions.first().map_or(Frame::Instrument, |set| set.frame);
     with_shared_configurations(MeasurementSet {
@@ -38,6 +49,19 @@ pub fn joined(sessions: &[MeasurementSet]) -> MeasurementSet {
         // the base of the joined set is that of its first session
         is_levelled: sessions.first().is_some_and(|set| set.is_levelled),
         points,
+    })
+}
+
+/// The targets that two sessions share: the name, and the number in each.
+pub fn shared_targets<'s>(
+    one: &'s MeasurementSet,
+    other: &'s MeasurementSet,
+) -> impl Iterator<Item = (&'s str, usize, usize)> {
+    (0..one.n_targets()).filter_map(|target| {
+        let name = one.target_name(target)?;
+        let is_same = |number: &usize| other.target_name(*number) == Some(name);
+        let number = (0..other.n_targets()).find(is_same)?;
+        Some((name, target, number))
     })
 }
 

@@ -17,6 +17,8 @@ pub struct Point {
     pub configuration: String,
     /// Number of the reflector on the tool, 0-based.
     pub target: usize,
+    /// Name of the reflector, in a set whose points name theirs. Sessions that are fitted together share the targets of one name.
+    pub target_name: Option<String>,
     /// The subset, if the file states it.
     pub subset: Option<Subset>,
     /// Standard uncertainty of each coordinate of this point, mm. Weights are 1/std².
@@ -60,6 +62,7 @@ impl Point {
             position_mm: Vector3::zeros(),
             configuration: String::new(),
             target: 0,
+            target_name: None,
             subset: None,
             std_mm: None,
             station: None,
@@ -84,10 +87,19 @@ impl Point {
 }
 
 impl MeasurementSet {
-    /// A set in which all points have a configuration. Points without a label get the same label if their joint values are equal.
+    /// A set in which all points have a configuration. Points without a label get the same label if their joint values are equal. Targets with names are
+    /// numbered in the order in which the names appear.
     pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {
         let mut configurations = Configurations::default();
+        let mut names: Vec<String> = Vec::new();
         for (row, point) in points.iter_mut().enumerate() {
+            if let Some(name) = &point.target_name {
+                let known = names.iter().position(|known| known == name);
+                point.target = known.unwrap_or(names.len());
+                if known.is_none() {
+                    names.push(name.clone());
+                }
+            }
             if point.configuration.is_empty() {
                 point.configuration =
                     format!("row_{}", configurations.first_row_like(&point.q_rad, row));
@@ -196,6 +208,12 @@ impl MeasurementSet {
             .iter()
             .filter_map(|point| point.std_rotation_rad);
         stated.fold(0.0, f64::max)
+    }
+
+    /// The name of a target, if it has one.
+    pub fn target_name(&self, target: usize) -> Option<&str> {
+        let of_target = self.points.iter().find(|point| point.target == target);
+        of_target?.target_name.as_deref()
     }
 
     /// Number of targets: one more than the largest index.

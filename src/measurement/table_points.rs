@@ -155,6 +155,15 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
 /// Resolves the columns of a table. The issues include errors in the combination of pose columns.
 fn resolved(table: &Table, options: &TableOptions) -> Columns {
     let mut columns = resolve(table, options.mapping, options.n_joints, options.needs);
+    let is_used = |name: &str| columns.used.iter().any(|used| used.means == name);
+    if columns.issues.is_empty() && is_used("target") && is_used("target_name") {
+        columns.issues.push(Issue {
+            row: None,
+            column: Some("target".into()),
+            code: "duplicate_column",
+            detail: "target and target_name both say the reflector: leave one of them out".into(),
+        });
+    }
     if options.needs != Needs::Joints && columns.issues.is_empty() {
         let has = |name: &str| columns.used.iter().any(|used| used.means == name);
         let of_poses = header_issues(&has, options.rotation).into_iter();

@@ -20,10 +20,11 @@ pub(super) struct Reflectors {
 ///
 /// # Errors
 /// `not_an_index` for numbers that are none of a reflector, `two_readings` for a column with another value in each row of a new file. `column` is
-/// its name.
+/// its name. If `are_names`, numbers are names too.
 pub(super) fn reflectors(
     cells: &[String],
     column: &str,
+    are_names: bool,
     is_read_again: bool,
 ) -> Result<Reflectors, Issue> {
     let issue = |row, code, detail| Issue {
@@ -42,11 +43,11 @@ pub(super) fn reflectors(
         return Err(issue(None, "two_readings", detail));
     }
     let number = |cell: &String| cell.parse().ok().filter(|number| *number < MAX_TARGETS);
-    if let Some(numbers) = cells.iter().map(number).collect() {
+    if !are_names && let Some(numbers) = cells.iter().map(number).collect() {
         let names = vec![];
         return Ok(Reflectors { numbers, names });
     }
-    if cells.iter().all(|cell| cell.parse::<f64>().is_ok()) {
+    if !are_names && cells.iter().all(|cell| cell.parse::<f64>().is_ok()) {
         let row = cells.iter().position(|cell| number(cell).is_none());
         let detail = format!(
             "row {}, column {column}: {:?} is not a whole number from 0 to {}",
@@ -81,7 +82,7 @@ mod tests {
 
     fn numbered(cells: &[&str]) -> Result<Reflectors, &'static str> {
         let cells: Vec<String> = cells.iter().map(|cell| (*cell).to_owned()).collect();
-        reflectors(&cells, "SMR", false).map_err(|issue| issue.code)
+        reflectors(&cells, "SMR", false, false).map_err(|issue| issue.code)
     }
 
     #[test]

@@ -54,6 +54,10 @@ struct Summary {
     is_label: bool,
 }
 
+fn is_of_target(column: &Column) -> bool {
+    matches!(column, Column::Target | Column::TargetName)
+}
+
 /// The columns that are read, and their use.
 pub(super) struct Layout {
     /// Indices of the columns whose cells become points. `columns` and `names` are their types and names.
@@ -115,12 +119,19 @@ impl Rows {
 
     /// Numbers the reflectors of the points.
     pub(super) fn number_reflectors(&mut self, layout: &Layout) {
-        let column = layout.columns.iter().position(|c| *c == Column::Target);
+        let column = layout.columns.iter().position(is_of_target);
         let Some(column) = column.filter(|_| self.issues.is_empty()) else {
             return;
         };
         let cells = std::mem::take(&mut self.reflector_cells);
-        match reflectors(&cells, &layout.names[column], layout.is_read_again) {
+        let are_names = layout.columns[column] == Column::TargetName;
+        let found = reflectors(
+            &cells,
+            &layout.names[column],
+            are_names,
+            layout.is_read_again,
+        );
+        match found {
             Ok(found) => {
                 for (point, number) in self.points.iter_mut().zip(found.numbers) {
                     point.target = number;
@@ -373,10 +384,11 @@ impl Rows {
         for (column, place) in layout.places.iter().enumerate() {
             let cell = row.cells.get(*place).unwrap_or("");
             match self.bare((index, row.line), cell, column, layout) {
-                Ok(cell) if layout.columns[column] == Column::Target && !cell.trim().is_empty() => {
+                Ok(cell) if is_of_target(&layout.columns[column]) && !cell.trim().is_empty() => {
                     // numbered when all rows are known
                     reflector = Some(cell.trim().to_owned());
-                    cells.push_field("0");
+                    let is_name = layout.columns[column] == Column::TargetName;
+                    cells.push_field(if is_name { cell } else { "0" });
                 }
                 Ok(cell) => cells.push_field(cell),
                 Err(issue) => {

@@ -36,6 +36,9 @@ pub fn fitted_together(sources: &Sources<'_>) -> Markup {
                 "They are one robot in one state, as far as these points tell: of an unchanged robot, the two sessions that are least alike differ as much with probability "
                 strong { (format!("{:.2}", pooled.probability)) } " (sum of squares " (number(pooled.chi_square)) " of " (pooled.n_combinations)
                 " combinations of parameters that both see). Links are fitted to all of them; each has its own base, reflectors and noise. Errors are rms of the links alone, mm."
+                @if !pooled.shared_targets.is_empty() {
+                    " Reflectors that were not mounted anew between sessions, and have one place on the tool: " (pooled.shared_targets.join(", ")) "."
+                }
             }
             table {
                 thead { tr { th { "Session" } th.n { "Points" } th.n { "Rows from" } th.n { "Noise of a coordinate, mm" } th.n { "Identify" } th.n { "Verify" } } }

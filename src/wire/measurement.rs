@@ -356,7 +356,7 @@ impl MeasurementSetBody {
                 &mut checker,
             );
         }
-        self.check_noise(&mut checker);
+        self.check_alike(&mut checker);
         self.check_kinds(&mut checker);
         checker.finish("invalid_measurements")?;
         let points = self
@@ -372,10 +372,20 @@ impl MeasurementSetBody {
         Ok(set)
     }
 
-    /// Checks that all points state their noise in the same way, or that no point states it.
-    fn check_noise(&self, checker: &mut Checker) {
+    /// Checks that all points state their noise in the same way, or that no point states it; likewise for the names of targets.
+    fn check_alike(&self, checker: &mut Checker) {
         type States = fn(&PointBody) -> bool;
-        let ways: [(&str, &str, States); 3] = [
+        let names = self.points.iter().map(|p| p.target_name.as_deref());
+        let names: BTreeSet<Option<&str>> = names.collect();
+        if names.len() > MAX_TARGETS {
+            let n = names.len();
+            let detail = format!("{n} target_name; a tool has at most {MAX_TARGETS} targets");
+            checker.note("/points", "too_many_targets", detail);
+        }
+        let ways: [(&str, &str, States); 4] = [
+            ("target_name", "mixed_target_names", |p| {
+                p.target_name.is_some()
+            }),
             ("std_mm", "mixed_std_mm", |p| p.std_mm.is_some()),
             ("std_axes_mm", "mixed_std", |p| p.std_axes_mm.is_some()),
             ("covariance_mm2", "mixed_std", |p| {

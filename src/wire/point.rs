@@ -45,6 +45,10 @@ pub struct PointBody {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(maximum = 31)]
     pub target: Option<usize>,
+    /// Name of the reflector, instead of `target`. Targets are numbered in the order in which their names appear. Sessions that are fitted together share
+    /// the targets of one name: the reflector was not mounted anew between them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_name: Option<String>,
     /// Whether the point is fitted (`identify`) or only scored (`verify`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub subset: Option<Subset>,
@@ -110,6 +114,10 @@ impl PointBody {
                 format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"),
             );
         }
+        if self.target.is_some() && self.target_name.is_some() {
+            let detail = "target and target_name both say the reflector: leave one of them out";
+            checker.note(format!("{at}/target_name"), "duplicate_target", detail);
+        }
         if let Some(std) = self
             .std_mm
             .filter(|std| !(MIN_STD_MM..=MAX_STD_MM).contains(std))
@@ -142,6 +150,7 @@ impl PointBody {
         }
         for (label, name) in [
             (&self.configuration, "configuration"),
+            (&self.target_name, "target_name"),
             (&self.station, "station"),
             (&self.session, "session"),
             (&self.measured_at, "measured_at"),
@@ -198,6 +207,7 @@ impl PointBody {
             position_mm: Vector3::from(self.position_mm),
             configuration: self.configuration.clone().unwrap_or_default(),
             target: self.target.unwrap_or(0),
+            target_name: self.target_name.clone(),
             subset: self.subset,
             std_mm: self.std_mm,
             station: self.station.clone(),

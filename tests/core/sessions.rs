@@ -503,3 +503,83 @@ fn two_visits_of_a_measured_robot_are_fitted_together_as_well_as_scipy_does() {
     );
     assert!(found <= AS_GOOD_AS_SCIPY * scipy, "{found} {scipy}");
 }
+
+/// Two sessions of one robot, of 40 and of `n_later` poses, whose reflectors A and B stayed on the tool but for `moved_mm` of A along x. The later one
+/// counts them the other way round.
+fn sessions_with_named_targets(
+    seed: u64,
+    n_later: usize,
+    moved_mm: f64,
+) -> ([MeasurementSet; 2], KinematicModel) {
+    let mut random = Normal::new(seed);
+    let first = true_robot(&paper_robot(), 2, &mut random);
+    let elsewhere = true_robot(&paper_robot(), 2, &mut random).t_instrument_base;
+    let mut second = KinematicModel {
+        t_instrument_base: elsewhere,
+        ..first.clone()
+    };
+    second.targets_mm[0].x += moved_mm;
+    second.targets_mm.swap(0, 1);
+    let campaign = Campaign {
+        n_targets: 2,
+        ..Campaign::PLAIN
+    };
+    let mut session = |truth: &KinematicModel, n: usize, names: [&str; 2]| {
+        let mut set = measure(truth, &poses(n, &mut random), &campaign, &mut random);
+        for point in &mut set.points {
+            point.target_name = Some(names[point.target].to_owned());
+        }
+        MeasurementSet::new(set.frame, set.points)
+    };
+    let sets = [
+        session(&first, 40, ["A", "B"]),
+        session(&second, n_later, ["B", "A"]),
+    ];
+    second.targets_mm.swap(0, 1);
+    (sets, second)
+}
+
+#[test]
+fn targets_of_one_name_are_one_target_of_all_sessions() {
+    let mut better = 0;
+    for seed in 0..10 {
+        let (sets, truth) = sessions_with_named_targets(seed, 8, 0.0);
+        let shared = run(&links_alone(&paper_robot(), &sets)).unwrap();
+        assert_eq!(shared.targets_mm.len(), 2);
+        assert_eq!(shared.pooled.as_ref().unwrap().shared_targets, ["A", "B"]);
+        let unnamed = sets.map(|mut set| {
+            set.points
+                .iter_mut()
+                .for_each(|point| point.target_name = None);
+            set
+        });
+        let own = run(&links_alone(&paper_robot(), &unnamed)).unwrap();
+        assert_eq!(own.targets_mm.len(), 4);
+        // the later session counts B as its first
+        let mut counted = truth.clone();
+        counted.targets_mm.swap(0, 1);
+        let (shared_mm, own_mm) = (unseen_mm(&shared, &truth), unseen_mm(&own, &counted));
+        println!("seed {seed}: {shared_mm:.4} mm shared, {own_mm:.4} mm each its own");
+        better += usize::from(shared_mm < own_mm);
+    }
+    assert!(better >= 8, "{better} of 10");
+}
+
+#[test]
+fn a_target_of_one_name_that_was_mounted_anew_is_refused() {
+    let mut n_false = 0;
+    for seed in 20..40 {
+        let (sets, _) = sessions_with_named_targets(seed, 30, 0.0);
+        n_false += usize::from(run(&links_alone(&paper_robot(), &sets)).is_err());
+    }
+    assert!(n_false <= 2, "{n_false} of 20 unchanged tools were refused");
+    for seed in 40..45 {
+        let (sets, _) = sessions_with_named_targets(seed, 30, 0.5);
+        let (code, detail) = refusal(run(&links_alone(&paper_robot(), &sets)));
+        println!("{detail}");
+        assert_eq!(code, "target_moved");
+        assert!(detail.contains(
+            "target \"A\" is at different places of the tool in session 1 and session 2"
+        ));
+    }
+}
