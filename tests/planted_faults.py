@@ -58,7 +58,7 @@ FAULTS = [
     # Tables
     Fault("a number with two readings is taken", "core", "one_number_with_two_readings", [
         ("if is_grouped && thousands.parse()", "if false && is_grouped && thousands.parse()")], "src/measurement"),
-    Fault("another table's target is a reflector", "core", "another_tables_target_is_no_reflector", [
+    Fault("another table's target is a reflector", "core", "a_column_with_another_value_in_each_row", [
         ("Known::Plain(means) if is_own || is_exact(means) => {", "Known::Plain(means) if true || is_own || is_exact(means) => {")],
         "src/measurement"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
@@ -71,7 +71,7 @@ FAULTS = [
     Fault("any rotation fits", "service", "a_set_whose_rotations_do_not_fit", [
         ("let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);", "let by_rotation = || missed(&|point| Some(0.0 * point.rotation_rad?[1]), no_fit_rad);")], "src/calibration"),
     Fault("any stated noise is right", "core", "a_stated_noise_far_above", [
-        ("let is_overstated = ratio * OVERSTATED * OVERSTATED < redundant as f64;", "let is_overstated = ratio * OVERSTATED * OVERSTATED < 0.0 * redundant as f64;")], "src/calibration"),
+        ("let is_overstated = self.ratio * OVERSTATED * OVERSTATED < redundant as f64;", "let is_overstated = self.ratio * OVERSTATED * OVERSTATED < 0.0 * redundant as f64;")], "src/calibration"),
     Fault("an instrument that is off is released", "service", "a_reference_states_the_scale", [
         ("let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
     Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [

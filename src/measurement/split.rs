@@ -20,11 +20,16 @@ pub enum Error {
     },
     /// A configuration has rows in both subsets.
     #[error(
-        "configuration {configuration:?} has rows in identify and in verify; rows of one configuration belong to one subset"
+        "rows {} and {} are of one configuration ({configuration:?}), and the subset of one is identify, of the other verify; rows of one configuration belong to one subset: \
+         state one for both, or let kincal choose, with verify {{\"source\": \"fraction\", \"fraction\": 0.5}}",
+        .rows[0],
+        .rows[1]
     )]
     ConfigurationOnBothSides {
         /// The configuration.
         configuration: String,
+        /// Two of its rows, 0-based.
+        rows: [usize; 2],
     },
 }
 
@@ -34,12 +39,14 @@ pub enum Error {
 /// If a row has no subset, or a configuration has rows in both subsets.
 pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     let mut subsets = Vec::with_capacity(set.points.len());
-    let mut side: BTreeMap<&str, Subset> = BTreeMap::new();
+    let mut side: BTreeMap<&str, (Subset, usize)> = BTreeMap::new();
     for (row, point) in set.points.iter().enumerate() {
         let subset = point.subset.ok_or(Error::MissingSubset { row })?;
-        if *side.entry(&point.configuration).or_insert(subset) != subset {
+        let (first, first_row) = *side.entry(&point.configuration).or_insert((subset, row));
+        if first != subset {
             return Err(Error::ConfigurationOnBothSides {
                 configuration: point.configuration.clone(),
+                rows: [first_row, row],
             });
         }
         subsets.push(subset);

@@ -3,7 +3,7 @@
 use crate::central_differences::assert_derivatives;
 use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{Normal, true_robot};
-use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
+use kincal::calibration::{CalibrationReport, CalibrationRequest, NOISE_OVERSTATED, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::identification::hand_eye::base_and_target_rotation;
 use kincal::identification::objective::Observation;
@@ -97,6 +97,24 @@ fn derivatives_of_a_poses_rows_are_those_of_central_differences() {
     let x: Vec<f64> = parameters.iter().map(|_| 0.5 * random.draw()).collect();
     assert_eq!((problem.n_rows(), x.len()), (54, 42));
     assert_derivatives(&problem, &parameters, &x);
+}
+
+#[test]
+fn a_stated_noise_of_rotations_far_above_their_scatter_is_told() {
+    let (nominal, mut random) = (nominal(), Normal::new(3));
+    let truth = truth(&nominal, &mut random);
+    let set = measured(&truth, 40, TRACKED, &mut random);
+    for (times, is_told) in [(1.0, false), (2.0, false), (6.0, true), (175.0, true)] {
+        let mut stated = set.clone();
+        for point in &mut stated.points {
+            point.std_rotation_rad = Some(times * TRACKED.rotation_rad);
+        }
+        let report = run(&CalibrationRequest::new(nominal.clone(), stated));
+        let mut warnings = report.warnings.iter();
+        let told = warnings.find(|warning| warning.code == NOISE_OVERSTATED);
+        assert_eq!(told.is_some(), is_told, "{times} times: {told:?}");
+        assert!(told.is_none_or(|warning| warning.detail.contains("component of the rotation")));
+    }
 }
 
 /// Rotations of a closed form without noise, rad: rounding.

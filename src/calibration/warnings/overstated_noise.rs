@@ -3,6 +3,7 @@
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::identification::KinematicModel;
+use crate::identification::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
 
 /// Warning and refusal code.
@@ -13,47 +14,97 @@ const OVERSTATED: f64 = 3.0;
 /// Minimum number of redundant equations for the comparison. With them, right statements are this far off by chance in fewer than one of 10⁶ files.
 const FEWEST_REDUNDANT: usize = 20;
 
-/// Stated noise and scatter, one standard deviation of a coordinate.
+/// Stated noise and scatter, one standard deviation of a coordinate of the position, or of one component of the rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OverstatedNoise {
-    /// The stated noise, rms over the points, mm.
-    pub stated_mm: f64,
-    /// The scatter about the fit, mm.
-    pub scatter_mm: f64,
+    /// The stated noise, rms over the points, in `unit`.
+    pub stated: f64,
+    /// The scatter about the fit, in `unit`.
+    pub scatter: f64,
+    /// `mm` or `°`.
+    pub unit: &'static str,
+}
+
+/// Stated variances and squared residuals of three components each, summed over the points.
+#[derive(Default)]
+struct Sums {
+    n: usize,
+    stated: f64,
+    scatter: f64,
+    ratio: f64,
+}
+
+impl Sums {
+    fn add(&mut self, std: f64, square: f64) {
+        self.n += 1;
+        self.stated += std * std;
+        self.scatter += square;
+        self.ratio += square / (std * std);
+    }
+
+    /// The comparison, if the stated noise is overstated. `per_unit` converts a residual to `unit`.
+    fn overstated(
+        &self,
+        n_parameters: usize,
+        per_unit: f64,
+        unit: &'static str,
+    ) -> Option<OverstatedNoise> {
+        let redundant = (3 * self.n).checked_sub(n_parameters)?;
+        let is_overstated = self.ratio * OVERSTATED * OVERSTATED < redundant as f64;
+        (redundant >= FEWEST_REDUNDANT && is_overstated).then(|| OverstatedNoise {
+            stated: per_unit * (self.stated / self.n as f64).sqrt(),
+            scatter: per_unit * (self.scatter / redundant as f64).sqrt(),
+            unit,
+        })
+    }
 }
 
 impl OverstatedNoise {
-    /// Compares the stated noise of the fitted positions with their residuals. `None` if nothing is stated, if it is about right or too small, or if
-    /// there are too few equations.
+    /// Compares the stated noise of the fitted points with their residuals: of positions, then of rotations. `None` if nothing is stated, if it is about
+    /// right or too small, or if there are too few equations.
     pub fn of(problem: &Problem<'_>, model: &KinematicModel) -> Option<Self> {
         let observed = &problem.observed;
         let points = problem.request.set.points.iter();
         let fitted = points.zip(&observed.all).zip(&observed.subsets);
-        let (mut n, mut stated, mut scatter, mut ratio) = (0, 0.0, 0.0, 0.0);
+        let (mut of_positions, mut of_rotations) = (Sums::default(), Sums::default());
         for ((point, o), subset) in fitted {
-            let std_mm = point.position_std_mm().filter(|std_mm| *std_mm > 0.0);
-            let (Some(std_mm), Subset::Identify, true) = (std_mm, *subset, o.weight > 0.0) else {
+            if *subset != Subset::Identify || o.weight <= 0.0 {
                 continue;
-            };
-            let square = (o.position_mm - model.position(&o.q_rad, o.target)).norm_squared();
-            n += 1;
-            stated += std_mm * std_mm;
-            scatter += square;
-            ratio += square / (std_mm * std_mm);
+            }
+            if let Some(std_mm) = point.position_std_mm().filter(|std_mm| *std_mm > 0.0) {
+                let residual_mm = o.position_mm - model.position(&o.q_rad, o.target);
+                of_positions.add(std_mm, residual_mm.norm_squared());
+            }
+            let std_rad = point.std_rotation_rad.filter(|std_rad| *std_rad > 0.0);
+            if let (Some(std_rad), Some(measured)) = (std_rad, &o.rotation)
+                && let Some(predicted) = model.rotation(&o.q_rad, o.target)
+            {
+                let residual_rad = rotation_residual_rad(&predicted, measured);
+                of_rotations.add(std_rad, residual_rad.norm_squared());
+            }
         }
-        let redundant = (3 * n as usize).checked_sub(problem.parameters.len())?;
-        let is_overstated = ratio * OVERSTATED * OVERSTATED < redundant as f64;
-        (redundant >= FEWEST_REDUNDANT && is_overstated).then(|| Self {
-            stated_mm: (stated / f64::from(n)).sqrt(),
-            scatter_mm: (scatter / redundant as f64).sqrt(),
-        })
+        // Positions and rotations determine the parameters together: each is compared as if it did so alone, which leaves fewer equations.
+        let n_parameters = problem.parameters.len();
+        let of_rotations = || of_rotations.overstated(n_parameters, 1f64.to_degrees(), "°");
+        of_positions
+            .overstated(n_parameters, 1.0, "mm")
+            .or_else(of_rotations)
     }
 
     /// The comparison in words.
     pub fn in_words(&self) -> String {
+        let Self {
+            stated,
+            scatter,
+            unit,
+        } = self;
+        let (space, of) = match *unit {
+            "mm" => (" ", "a coordinate"),
+            _ => ("", "a component of the rotation"),
+        };
         format!(
-            "a noise of {:.3} mm is stated for the instrument, and the points scatter by {:.3} mm about the fit (one standard deviation of a coordinate)",
-            self.stated_mm, self.scatter_mm
+            "a noise of {stated:.3}{space}{unit} is stated for the instrument, and the points scatter by {scatter:.3}{space}{unit} about the fit (one standard \
+             deviation of {of})"
         )
     }
 
@@ -62,9 +113,10 @@ impl OverstatedNoise {
         Warning {
             code: NOISE_OVERSTATED,
             detail: format!(
-                "{}. A stated noise is a lower bound: the stated uncertainty is too large, and changes of the robot stay hidden. State the instrument's noise in mm, \
+                "{}. A stated noise is a lower bound: the stated uncertainty is too large, and changes of the robot stay hidden. State the instrument's noise in {}, \
                  or leave it out",
-                self.in_words()
+                self.in_words(),
+                if self.unit == "mm" { "mm" } else { "degrees" }
             ),
             rows: vec![],
         }
