@@ -61,6 +61,14 @@ FAULTS = [
     Fault("another table's target is a reflector", "core", "a_column_with_another_value_in_each_row", [
         ("Known::Plain(means) if is_own || is_exact(means) => {", "Known::Plain(means) if true || is_own || is_exact(means) => {")],
         "src/measurement"),
+    Fault("a quote swallows rows", "core", "a_quote_that_closes_nothing", [
+        ("(ends_cell && n_numbers(&cell) < NUMBERS_OF_A_ROW)", "ends_cell")], "src/measurement"),
+    Fault("a mean without a name is a measurement", "core", "rows_of_statistics_are_no", [
+        ("(is_told && n_spread >= 3 && n_of_position >= 2)", "(is_told && n_spread >= 300 && n_of_position >= 2)")], "src/measurement"),
+    Fault("a target that was mounted anew is shared", "core", "a_target_of_one_name_that_was_mounted_anew", [
+        ("tested.filter(|tested| tested.probability < alarm)", "tested.filter(|tested| tested.probability < 0.0 * alarm)")], "src/calibration"),
+    Fault("a base points into the floor", "core", "the_base_of_a_description_is_upright", [
+        ("axes[0].direction.z < NOTHING - 1.0", "axes[0].direction.z < NOTHING - 2.0")], "src/exchange"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
         ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "src/measurement"),
     # Rotations, noise and scale
