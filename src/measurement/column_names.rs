@@ -288,27 +288,36 @@ fn differs_by_one(a: &str, b: &str) -> bool {
     same_start + same_end + 1 >= longest
 }
 
-/// The six axes S, L, U, R, B, T of Yaskawa (place, axis counted from 1, unit), if a table has exactly one column for each of them. A single such
-/// letter has no meaning.
-pub(super) fn yaskawa_axes(
+/// The axes of makers that do not count them, without spaces: of Yaskawa, and of Universal Robots.
+const NAMED_AXES: [[&str; 6]; 2] = [
+    ["s", "l", "u", "r", "b", "t"],
+    ["base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"],
+];
+
+/// The six axes of a maker that names them (place, axis counted from 1, unit), if a table has exactly one column for each of them. A single such name has
+/// no meaning.
+pub(super) fn named_axes(
     names: &[(&str, Option<Unit>)],
     taken: &BTreeSet<usize>,
     n_joints: usize,
 ) -> Vec<(usize, usize, Unit)> {
-    let axis = |(place, (name, below)): (usize, &(&str, Option<Unit>))| {
-        let (base, unit) = without_unit(&simplified(name));
-        let letters = ["s", "l", "u", "r", "b", "t"];
-        let axis = letters.iter().position(|name| *name == base.trim())?;
-        let unit = unit.or(*below).unwrap_or(Unit::Missing);
-        let is_known = is_angle(unit) || matches!(unit, Unit::Missing | Unit::TwoReadings);
-        (is_known && !taken.contains(&place)).then_some((place, axis + 1, unit))
+    let axes_of = |maker: [&str; 6]| -> Vec<(usize, usize, Unit)> {
+        let axis = |(place, (name, below)): (usize, &(&str, Option<Unit>))| {
+            let (base, unit) = without_unit(&simplified(name));
+            let base = base.replace([' ', '_'], "");
+            let axis = maker.iter().position(|name| *name == base)?;
+            let unit = unit.or(*below).unwrap_or(Unit::Missing);
+            let is_known = is_angle(unit) || matches!(unit, Unit::Missing | Unit::TwoReadings);
+            (is_known && !taken.contains(&place)).then_some((place, axis + 1, unit))
+        };
+        names.iter().enumerate().filter_map(axis).collect()
     };
-    let axes: Vec<(usize, usize, Unit)> = names.iter().enumerate().filter_map(axis).collect();
-    let numbers: BTreeSet<usize> = axes.iter().map(|(_, axis, _)| *axis).collect();
-    match n_joints == 6 && axes.len() == 6 && numbers.len() == 6 {
-        true => axes,
-        false => vec![],
-    }
+    let is_whole = |axes: &Vec<(usize, usize, Unit)>| {
+        let numbers: BTreeSet<usize> = axes.iter().map(|(_, axis, _)| *axis).collect();
+        axes.len() == 6 && numbers.len() == 6
+    };
+    let found = NAMED_AXES.into_iter().map(axes_of).find(is_whole);
+    found.filter(|_| n_joints == 6).unwrap_or_default()
 }
 
 #[cfg(test)]

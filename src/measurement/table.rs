@@ -272,7 +272,7 @@ impl<'a> Table<'a> {
                     [place] => Ok(place),
                     [] => Err(format!(
                         "there is no column {text:?}; the table has {}",
-                        listed(&self.header)
+                        self.names()
                     )),
                     _ => Err(format!(
                         "{} columns are called {text:?}: name the one that is meant by its number, counted from 1",
@@ -280,6 +280,18 @@ impl<'a> Table<'a> {
                     )),
                 }
             }
+        }
+    }
+
+    /// The names of the columns for messages. Names in another encoding, such as GBK, are readable in UTF-8 only.
+    pub(super) fn names(&self) -> String {
+        let names = listed(&self.header);
+        match self.encoding == Encoding::Windows1252 && !names.is_ascii() {
+            true => {
+                names
+                    + " (read as Windows-1252, because the file is not UTF-8: if these are not its names, save it as CSV in UTF-8)"
+            }
+            false => names,
         }
     }
 
@@ -333,7 +345,7 @@ fn tail(text: Cow<'_, str>, start: usize) -> Cow<'_, str> {
 }
 
 /// The first names of a header, for a message.
-pub(super) fn listed(names: &[String]) -> String {
+fn listed(names: &[String]) -> String {
     let some: Vec<String> = names
         .iter()
         .filter(|name| !name.is_empty())

@@ -3,11 +3,11 @@
 use crate::measurement::column_mapping::Mapping;
 pub use crate::measurement::column_mapping::Needs;
 use crate::measurement::column_meaning::{column, key, key_name, thing};
-use crate::measurement::column_names::{Key, Known, PLAIN, Unit, recognise, yaskawa_axes};
+use crate::measurement::column_names::{Key, Known, PLAIN, Unit, named_axes, recognise};
 use crate::measurement::csv_columns::{Column, missing_columns, mixed_units};
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::pose_names::rotation_columns;
-use crate::measurement::table::{Table, listed};
+use crate::measurement::table::Table;
 use crate::measurement::table_halves::other_half;
 use crate::measurement::table_plain::named_plain;
 use crate::measurement::table_resolution::Resolution;
@@ -127,7 +127,7 @@ impl Resolution<'_> {
             return;
         }
         if joints.is_empty() {
-            joints = yaskawa_axes(&self.names(), &self.taken, self.n_joints);
+            joints = named_axes(&self.names(), &self.taken, self.n_joints);
         }
         let numbers: BTreeSet<usize> = joints.iter().map(|(_, number, _)| *number).collect();
         // Joints are counted from 0 only if their numbers are exactly 0 to n − 1.
@@ -198,7 +198,7 @@ impl Resolution<'_> {
             row: None,
             column: Some(missing.clone()),
             code: "missing_column",
-            detail: format!("{detail}. The table has {}", listed(&self.table.header)),
+            detail: format!("{detail}. The table has {}", self.table.names()),
         })
     }
 
@@ -230,7 +230,7 @@ impl Resolution<'_> {
             .iter()
             .filter_map(|used| column(&used.means, self.n_joints))
             .collect();
-        let all = listed(&self.table.header);
+        let all = self.table.names();
         let is_about = |issue: &Issue| {
             let thing = issue.column.as_deref().map(thing);
             match (self.needs, thing) {

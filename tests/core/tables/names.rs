@@ -159,6 +159,18 @@ pub fn names() -> Vec<Habit> {
             .text(),
         ),
         taken(
+            "the axes of Universal Robots as its pendant names them",
+            Written {
+                header: ["Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3"]
+                    .map(|axis| format!("{axis} [°]"))
+                    .into_iter()
+                    .chain(MM.map(str::to_owned))
+                    .collect(),
+                ..Written::default()
+            }
+            .text(),
+        ),
+        taken(
             "actual_q of Universal Robots is in radians",
             Written {
                 header: header(|j| format!("actual_q_{}", j - 1), MM),

@@ -349,3 +349,17 @@ fn rows_of_workbooks_may_end_before_columns_that_are_not_read() {
         is_true("a workbook", &set);
     }
 }
+
+#[test]
+fn names_in_another_encoding_say_what_to_do() {
+    // The header of a table in GBK.
+    let rows = Written::default().text();
+    let (_, rows) = rows.split_once('\n').unwrap();
+    let mut bytes = b"\xB9\xD8\xBD\xDA1,\xB9\xD8\xBD\xDA2,\xB9\xD8\xBD\xDA3,\xB9\xD8\xBD\xDA4,\xB9\xD8\xBD\xDA5,\xB9\xD8\xBD\xDA6,X [mm],Y [mm],Z [mm]\n".to_vec();
+    bytes.extend(rows.as_bytes());
+    let error = read(&bytes, "").unwrap_err();
+    assert!(
+        error.issues[0].detail.contains("save it as CSV in UTF-8"),
+        "{error:?}"
+    );
+}
