@@ -363,3 +363,53 @@ fn names_in_another_encoding_say_what_to_do() {
         "{error:?}"
     );
 }
+
+#[test]
+fn remarks_of_any_signs_never_change_what_was_measured() {
+    let mut seed = 1u64;
+    let mut random = move |below: usize| {
+        // Knuth's linear congruential generator
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as usize % below
+    };
+    let signs = [
+        "\"", "\"", "\"\"", "a", "1", " ", ",", ";", "\n", "\r\n", "#", "5\"",
+    ];
+    let (mut n_read, mut n_refused) = (0, 0);
+    for _ in 0..3000 {
+        let is_in_front = random(2) == 0;
+        let lines = named_rows().text();
+        let mut lines = lines.lines();
+        let mut text = match is_in_front {
+            true => format!("Remark,{}\n", lines.next().unwrap()),
+            false => format!("{},Remark\n", lines.next().unwrap()),
+        };
+        for line in lines {
+            let remark: String = match random(3) {
+                0 => (0..random(5)).map(|_| signs[random(signs.len())]).collect(),
+                _ => String::new(),
+            };
+            // as a spreadsheet writes it, or as a person does
+            let remark = match random(2) {
+                0 => format!("\"{}\"", remark.replace('"', "\"\"")),
+                _ => remark,
+            };
+            text += &match is_in_front {
+                true => format!("{remark},{line}\n"),
+                false => format!("{line},{remark}\n"),
+            };
+        }
+        match read(text.as_bytes(), "") {
+            Ok((set, reading)) => {
+                is_true(&text, &set);
+                is_read_again(&text, text.as_bytes(), &set, &reading.unwrap());
+                n_read += 1;
+            }
+            Err(_) => n_refused += 1,
+        }
+    }
+    println!("{n_read} tables read, {n_refused} refused");
+    assert!(n_read > 1500, "{n_read} of 3000");
+}
