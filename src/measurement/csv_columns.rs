@@ -198,7 +198,12 @@ pub(super) fn mixed_units<'n>(columns: impl Iterator<Item = (Column, &'n str)>) 
             let detail = format!(
                 "{what} are in two different units: column {other} is in {known}, column {name} in {unit}; use one unit for all of them"
             );
-            return Some(column_issue(name, "mixed_units", detail));
+            return Some(Issue {
+                row: None,
+                column: None,
+                code: "mixed_units",
+                detail,
+            });
         }
     }
     None
