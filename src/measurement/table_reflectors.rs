@@ -37,7 +37,7 @@ pub(super) fn reflectors(
     if !is_read_again && cells.len() >= MIN_POINTS_NAMED && different.len() == cells.len() {
         let detail = format!(
             "column {column} has another value in each of {} rows: so it names points, not reflectors (target): leave it aside in the column \
-             mapping: {{\"ignore\": [{column:?}]}}, or say that it has the points' names: {{\"name\": {column:?}}}",
+             mapping: {{\"ignore\": [{column:?}]}}, or say that it has the points' names, in the column mapping: {{\"name\": {column:?}}}",
             cells.len()
         );
         return Err(issue(None, "two_readings", detail));
