@@ -29,6 +29,8 @@ use std::collections::BTreeSet;
 
 /// Refusal code: the sessions are not of one robot in one state.
 pub const SESSIONS_DIFFER: &str = "sessions_differ";
+/// Refusal code: a target of one name is at different places of the tool.
+const TARGET_MOUNTED_ANEW: &str = "target_mounted_anew";
 /// Minimum redundancy for a session's own noise estimate. With less, the pooled noise of all sessions is used.
 const FEWEST_REDUNDANT: f64 = 10.0;
 /// Lower limit of a session's noise as a share of the largest one, so that no session decides alone.
@@ -149,7 +151,7 @@ pub struct Pool {
 /// Compares the sessions of a request; `None` for a single upload.
 ///
 /// # Errors
-/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `target_moved` if a target of one name was mounted anew between them, `noise_overstated` if a session states far too much noise to tell, `session_not_comparable` if a session cannot be compared,
+/// [`Error::Unusable`] with code `sessions_differ` if they are not one robot in one state, `target_mounted_anew` if a target of one name was mounted anew between them, `noise_overstated` if a session states far too much noise to tell, `session_not_comparable` if a session cannot be compared,
 /// [`Error::Cancelled`].
 pub fn compare_sessions(
     request: &CalibrationRequest,
@@ -242,7 +244,7 @@ fn shared_targets_agree(
                 tested.n_combinations,
                 probability_in_words(tested.probability)
             );
-            return Err(unusable("target_moved", detail));
+            return Err(unusable(TARGET_MOUNTED_ANEW, detail));
         }
     }
     Ok(())

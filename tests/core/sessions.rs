@@ -577,7 +577,7 @@ fn a_target_of_one_name_that_was_mounted_anew_is_refused() {
         let (sets, _) = sessions_with_named_targets(seed, 30, 0.5);
         let (code, detail) = refusal(run(&links_alone(&paper_robot(), &sets)));
         println!("{detail}");
-        assert_eq!(code, "target_moved");
+        assert_eq!(code, "target_mounted_anew");
         assert!(detail.contains(
             "target \"A\" is at different places of the tool in session 1 and session 2"
         ));
