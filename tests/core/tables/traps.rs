@@ -374,8 +374,9 @@ fn remarks_of_any_signs_never_change_what_was_measured() {
             .wrapping_add(1_442_695_040_888_963_407);
         (seed >> 33) as usize % below
     };
+    // not #: a row that begins with it is a row that was left out
     let signs = [
-        "\"", "\"", "\"\"", "a", "1", " ", ",", ";", "\n", "\r\n", "#", "5\"",
+        "\"", "\"", "\"\"", "a", "1", " ", ",", ";", "\n", "\r\n", "5\"",
     ];
     let (mut n_read, mut n_refused) = (0, 0);
     for _ in 0..3000 {
