@@ -154,8 +154,8 @@ fn reaching(t_root_link: &IsometryMatrix3<f64>, next: &Axis) -> Link {
     let beta = libm::atan2(v.x, across);
     Link {
         a_mm: p.x + v.x * along,
-        // not −0, for which half a turn would be −180°
-        alpha_rad: libm::atan2(0.0 - v.y, v.z),
+        // half a turn is 180°, not −180°
+        alpha_rad: libm::atan2(if v.y.abs() < ROUNDING_RAD { 0.0 } else { -v.y }, v.z),
         beta_rad: if beta.abs() < ROUNDING_RAD { 0.0 } else { beta },
         ..Link::default()
     }

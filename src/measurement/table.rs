@@ -12,7 +12,7 @@ use crate::measurement::table_header::{
 use crate::measurement::table_lines::{
     Line, cells, comment_mark, declared_separator, is_numeric, lines, with_tabs,
 };
-use crate::measurement::table_quotes::Rows;
+use crate::measurement::table_quotes::{LineNumbers, Rows};
 use crate::measurement::table_text::{Encoding, Source};
 use std::borrow::Cow;
 
@@ -42,8 +42,9 @@ pub struct Table<'a> {
     pub length_unit: Option<&'static str>,
     /// The row on which `text` begins.
     first_line: usize,
-    /// The line of the file on which each row begins, counted from 1; none if each row is one line.
-    starts: Option<Vec<usize>>,
+    line_numbers: LineNumbers,
+    /// Whether quotes that close nothing were read as plain characters, or cells with line breaks were joined.
+    pub plain_quotes: bool,
     /// Number of lines above the data that are neither header nor units.
     pub n_skipped_above: usize,
     /// Whether lines that begin like comments are comments. `None`: such a line is a comment, unless it looks like a row of data; then it is
@@ -81,8 +82,23 @@ impl<'a> Table<'a> {
     /// # Errors
     /// [`ParseError`] if the table is ambiguous or cannot be read.
     pub fn find(source: Source<'a>, mapping: &Mapping) -> Result<Self, ParseError> {
+        let as_it_is = mapping.is_complete && !mapping.plain_quotes;
+        if as_it_is || !source.text.contains('"') {
+            return Self::of_rows(Rows::unchanged(source.text.clone()), source, mapping);
+        }
+        let mut mapping = mapping.clone();
+        if mapping.separator.is_none() {
+            // Where cells begin depends on the separator, and the separator on the header, whose cells may have line breaks.
+            let rows = Rows::new(source.text.clone(), None)?;
+            let first = Self::of_rows(rows, source.clone(), &mapping)?;
+            mapping.separator = Some(first.separator);
+        }
+        let rows = Rows::new(source.text.clone(), mapping.separator)?;
+        Self::of_rows(rows, source, &mapping)
+    }
+
+    fn of_rows(rows: Rows<'a>, source: Source<'a>, mapping: &Mapping) -> Result<Self, ParseError> {
         let is_open = !source.text.ends_with(['\n', '\r']);
-        let rows = Rows::new(source.text);
         let text: &str = &rows.text;
         let above: Vec<Line> = lines(text).take(MAX_PREAMBLE).collect();
         let first = above.iter().position(|line| !line.text.trim().is_empty());
@@ -103,7 +119,7 @@ impl<'a> Table<'a> {
         let header = match mapping.header_row {
             Some(HeaderRow::None) => None,
             Some(HeaderRow::Line(line)) => {
-                let line = rows.line_of_text(line);
+                let line = rows.numbers.row_of_line(line);
                 Some(stated_header(text, line, &separators, mapping)?)
             }
             None => found_header(&above, body, &separators, mapping)?,
@@ -140,7 +156,7 @@ impl<'a> Table<'a> {
         let length_unit = stated_length_unit(&above[..n_above]);
         let over = header_line.and_then(|line| lines(text).nth(line.checked_sub(2)?));
         let over = over.map_or(vec![], |line| cells(line.text, separator));
-        let header_line = header_line.map(|line| rows.line_of_file(line));
+        let header_line = header_line.map(|row| rows.numbers.line_of_file(row));
         let spaced = match separator {
             Separator::Spaces => {
                 let spaced = lines(&text[start..]).map(|line| with_tabs(line.text) + "\n");
@@ -153,7 +169,8 @@ impl<'a> Table<'a> {
             comments_are_told(rows, separator, names.len())
         });
         Ok(Self {
-            starts: rows.starts,
+            line_numbers: rows.numbers,
+            plain_quotes: rows.is_changed,
             text: match spaced {
                 Some(spaced) => spaced.into(),
                 None => tail(rows.text, start),
@@ -200,9 +217,10 @@ impl<'a> Table<'a> {
     fn line(&self, row: usize) -> usize {
         let of_program = self.program.as_ref();
         let begins = of_program.and_then(|program| program.lines.get(row - self.first_line));
-        let starts = self.starts.as_ref();
-        let begins = begins.or_else(|| starts.and_then(|starts| starts.get(row - 1)));
-        begins.copied().unwrap_or(row)
+        match begins {
+            Some(line) => *line,
+            None => self.line_numbers.line_of_file(row),
+        }
     }
 
     /// Number of lines of the text above a record. The CSV reader counts empty lines before a record as part of the record; this is corrected.

@@ -9,7 +9,7 @@ use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::pose_names::rotation_columns;
 use crate::measurement::table::Table;
 use crate::measurement::table_halves::other_half;
-use crate::measurement::table_plain::named_plain;
+use crate::measurement::table_plain::{is_of_target, named_plain};
 use crate::measurement::table_resolution::Resolution;
 pub use crate::measurement::table_resolution::{Columns, Used};
 use std::collections::BTreeSet;
@@ -97,7 +97,7 @@ impl Resolution<'_> {
             .any(|(_, known)| *known == Known::Key(Key::Name));
         for (place, known) in &known {
             // In the file of an instrument, a column "Target" contains the names of points.
-            let is_target = matches!(known, Known::Plain(means) if means == "target");
+            let is_target = matches!(known, Known::Plain(means) if is_of_target(means));
             if self.needs == Needs::Positions
                 && is_target
                 && !self.taken.contains(place)

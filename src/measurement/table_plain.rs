@@ -29,10 +29,13 @@ pub(super) fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)])
             // in a table of the robot a configuration may be the posture of the arm
             means != "configuration"
                 && (name.trim() == means || is_of_noise && name.trim().eq_ignore_ascii_case(means))
-                && (means != "target" || has_label || resolution.needs != Needs::Positions)
+                && (!is_of_target(means) || has_label || resolution.needs != Needs::Positions)
         };
+        // The only label of an instrument's file: another maker's Target_Name is the name of a point.
+        let is_only_label =
+            |means: &str| means == "target_name" && !has_label && !resolution.needs_joints();
         match known {
-            Known::Plain(means) if is_own || is_exact(means) => {
+            Known::Plain(means) if !is_only_label(means) && (is_own || is_exact(means)) => {
                 if resolution.has(means) {
                     let detail = format!("column {name} appears twice");
                     resolution.issue(Some(name), "duplicate_column", detail);
@@ -45,6 +48,11 @@ pub(super) fn named_plain(resolution: &mut Resolution, known: &[(usize, Known)])
             _ => {}
         }
     }
+}
+
+/// Whether a column says which reflector a row is of.
+pub(super) fn is_of_target(means: &str) -> bool {
+    matches!(means, "target" | "target_name")
 }
 
 fn unknown(resolution: &mut Resolution, place: usize, name: String, is_own: bool) {

@@ -6,7 +6,7 @@ use crate::measurement::conventions::Decimal;
 use crate::measurement::csv::Reading;
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES, ParseError};
-use crate::measurement::csv_pose::header_issues;
+use crate::measurement::csv_pose::{PoseColumn, header_issues};
 use crate::measurement::programs::Unread;
 use crate::measurement::rotation_convention::RotationConvention;
 use crate::measurement::set::Point;
@@ -29,6 +29,8 @@ pub struct Understood {
     pub sheet: Option<String>,
     /// The line of the header, counted from 1.
     pub header_row: Option<usize>,
+    /// Whether quotes that close nothing were read as plain characters, or cells with line breaks were joined.
+    pub plain_quotes: bool,
     /// Whether lines that begin like comments are comments, if the mapping stated it.
     pub comments: Option<bool>,
     /// The columns that are read, with their names in the file.
@@ -258,6 +260,9 @@ impl<'t> Parts<'t> {
             n_named: named.max(last),
             n_read: last,
             is_open: table.is_open,
+            ends_with_number: read
+                .iter()
+                .any(|(place, column, _)| place + 1 == last && is_number(column)),
             has_places: matches!(table.encoding, Encoding::Xlsx | Encoding::Ods),
             ignored: (options.mapping.ignore.iter())
                 .filter_map(|column| table.place(column).ok())
@@ -276,16 +281,6 @@ impl<'t> Parts<'t> {
         if self.table.encoding == Encoding::Program {
             return Ok(Decimal::Point);
         }
-        let is_number = |column: &Column| {
-            matches!(
-                column,
-                Column::Joint(..)
-                    | Column::Position(..)
-                    | Column::StdMm
-                    | Column::TemperatureC
-                    | Column::OfPose(_)
-            )
-        };
         let numbers: Vec<(usize, Option<Column>)> = self
             .layout
             .places
@@ -318,6 +313,7 @@ impl<'t> Parts<'t> {
             encoding: self.table.encoding,
             sheet: options.mapping.sheet.clone(),
             header_row: self.table.header_line,
+            plain_quotes: self.table.plain_quotes,
             comments: self.table.comments,
             ignored: ignored.map(|place| self.table.name(place)).collect(),
             columns: used
@@ -335,6 +331,15 @@ impl<'t> Parts<'t> {
                 .as_ref()
                 .map_or(vec![], |program| program.unread.clone()),
         }
+    }
+}
+
+/// Whether the cells of a column are numbers.
+fn is_number(column: &Column) -> bool {
+    match column {
+        Column::OfPose(column) => *column != PoseColumn::Kind,
+        Column::Joint(..) | Column::Position(..) | Column::StdMm | Column::TemperatureC => true,
+        _ => false,
     }
 }
 

@@ -6,6 +6,8 @@ use std::collections::BTreeSet;
 
 /// Number of rows from which on a column with another reflector in each row names points.
 const MIN_POINTS_NAMED: usize = 4;
+/// Number of different cells from which on a column names points if each is in two rows on average, or fewer: points that were measured twice.
+const MIN_NAMED_TWICE: usize = 8;
 
 /// The reflectors of a table.
 #[derive(Debug, PartialEq)]
@@ -34,10 +36,13 @@ pub(super) fn reflectors(
         detail,
     };
     let different: BTreeSet<&str> = cells.iter().map(String::as_str).collect();
-    if !is_read_again && cells.len() >= MIN_POINTS_NAMED && different.len() == cells.len() {
+    let are_all_different = different.len() == cells.len() && cells.len() >= MIN_POINTS_NAMED;
+    let are_twice = different.len() >= MIN_NAMED_TWICE && 2 * different.len() >= cells.len();
+    if !is_read_again && (are_all_different || are_twice) {
         let detail = format!(
-            "column {column} has another value in each of {} rows: so it names points, not reflectors (target): leave it aside in the column \
+            "column {column} has {} different values in {} rows: so it names points, not reflectors (target): leave it aside in the column \
              mapping: {{\"ignore\": [{column:?}]}}, or say that it has the points' names, in the column mapping: {{\"name\": {column:?}}}",
+            different.len(),
             cells.len()
         );
         return Err(issue(None, "two_readings", detail));
@@ -47,7 +52,12 @@ pub(super) fn reflectors(
         let names = vec![];
         return Ok(Reflectors { numbers, names });
     }
-    if !are_names && cells.iter().all(|cell| cell.parse::<f64>().is_ok()) {
+    // Most cells are numbers: the others are faults, not names.
+    let n_numbers = cells
+        .iter()
+        .filter(|cell| cell.parse::<f64>().is_ok())
+        .count();
+    if !are_names && 2 * n_numbers > cells.len() {
         let row = cells.iter().position(|cell| number(cell).is_none());
         let detail = format!(
             "row {}, column {column}: {:?} is not a whole number from 0 to {}",
@@ -89,13 +99,17 @@ mod tests {
     fn reflectors_have_numbers_or_names() {
         let found = numbered(&["2", "0", "2", "1"]).unwrap();
         assert_eq!((found.numbers, found.names.len()), (vec![2, 0, 2, 1], 0));
-        let found = numbered(&["B", "A", "B", "1"]).unwrap();
+        let found = numbered(&["B", "A", "B", "C"]).unwrap();
         assert_eq!(found.numbers, [0, 1, 0, 2]);
-        assert_eq!(found.names, ["B", "A", "1"]);
+        assert_eq!(found.names, ["B", "A", "C"]);
         assert_eq!(numbered(&["1", "1", "40"]), Err("not_an_index"));
         assert_eq!(numbered(&["1", "1", "-1"]), Err("not_an_index"));
         assert_eq!(numbered(&["P1", "P2", "P3", "P4"]), Err("two_readings"));
         assert_eq!(numbered(&["1", "2", "3", "4"]), Err("two_readings"));
+        assert_eq!(numbered(&["0", "1", "0", "O"]), Err("not_an_index"));
+        let twice: Vec<String> = (0..20).map(|row| format!("P{}", row / 2)).collect();
+        let twice: Vec<&str> = twice.iter().map(String::as_str).collect();
+        assert_eq!(numbered(&twice), Err("two_readings"));
         // One measurement with each of three reflectors.
         assert!(numbered(&["0", "1", "2"]).is_ok());
     }

@@ -76,6 +76,8 @@ pub(super) struct Layout {
     pub(super) has_places: bool,
     /// Whether the last line has no line end.
     pub(super) is_open: bool,
+    /// Whether the last column that is read has numbers. A text that moves into another column is not noticed.
+    pub(super) ends_with_number: bool,
     /// The columns that the caller leaves aside.
     pub(super) ignored: Vec<usize>,
     /// Whether the file is a stored upload that is read again in the same way.
@@ -367,7 +369,7 @@ impl Rows {
                 table.header.len(),
                 table.separator.byte(),
             );
-            if too_many || n_cells < layout.n_read {
+            if too_many || n_cells < layout.n_read || !layout.ends_with_number {
                 self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
                 return self.issues.len() < MAX_ISSUES;
             }

@@ -120,15 +120,24 @@ fn joined(
 ) -> Result<(MeasurementSet, Reading), Invalid> {
     let (points, found) = join(robot, instrument, how)
         .map_err(|error| invalid(vec![Issue::at("/join", error.code, error.detail)]))?;
+    let set = MeasurementSet::new(frame, points);
+    let mut of_instrument = UnderstoodBody::from(&instrument.understood);
+    // numbered as they appear in the rows that have a partner
+    let names: Option<Vec<String>> = (0..set.n_targets())
+        .map(|target| set.target_name(target).map(str::to_owned))
+        .collect();
+    if let Some(names) = names {
+        of_instrument.reflectors = names;
+    }
     let reading = Reading {
         joined: Some(JoinedFiles {
             robot: UnderstoodBody::from(&robot.understood),
-            instrument: UnderstoodBody::from(&instrument.understood),
+            instrument: of_instrument,
             join: JoinBody::from(&found),
         }),
         ..Reading::default()
     };
-    Ok((MeasurementSet::new(frame, points), reading))
+    Ok((set, reading))
 }
 
 /// A stored upload, and how it was interpreted.

@@ -32,6 +32,9 @@ pub struct UnderstoodBody {
     /// Line of the header, counted from 1; null if the file has no header.
     #[schema(required)]
     pub header_row: Option<usize>,
+    /// True if quotes that close nothing were read as plain characters, or cells with line breaks were joined.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub plain_quotes: bool,
     /// Whether lines that begin like comments are comments, if the mapping stated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub comments: Option<bool>,
@@ -225,6 +228,7 @@ impl From<&Understood> for UnderstoodBody {
             encoding: found.encoding.as_str().into(),
             sheet: found.sheet.clone(),
             header_row: found.header_row,
+            plain_quotes: found.plain_quotes,
             comments: found.comments,
             columns: found.columns.iter().map(column).collect(),
             ignored: found
@@ -289,6 +293,7 @@ impl UnderstoodBody {
             decimal: Some(self.decimal),
             separator: Separator::parse(&self.separator),
             header_row: Some(self.header_row.map_or(HeaderRow::None, HeaderRow::Line)),
+            plain_quotes: self.plain_quotes,
             comments: self.comments,
             sheet: self.sheet.clone(),
             is_complete: true,
