@@ -98,6 +98,7 @@ fn bounded() -> Vec<Bounded> {
         ("PointBody", "position_mm", three(MAX_COORDINATE_MM)),
         ("PointBody", "quaternion", quaternion()),
         ("PointBody", "configuration", label()),
+        ("PointBody", "target_name", label()),
         ("PointBody", "station", label()),
         ("PointBody", "session", label()),
         ("PointBody", "measured_at", vec![Time]),
