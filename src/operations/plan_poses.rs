@@ -3,6 +3,7 @@
 use crate::calibration::DEFAULT_VERIFY_FRACTION;
 use crate::identification::objective::Observation;
 use crate::identification::pose_rows::MeasuredRotation;
+use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Robot;
 use crate::measurement::{MeasurementSet, Point};
 use crate::planning::{self, Noise, Plan, PlanRequest, SetUp, TooLittleRoom};
@@ -131,13 +132,6 @@ fn warnings(request: &PosePlanBody, plan: &Plan) -> Vec<Warning> {
 
 fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
     let name = |set_up: usize| Some(request.set_ups.get(set_up)?.name.clone());
-    let worst = (0..plan.predicted.len())
-        .max_by(|a, b| {
-            plan.predicted[*a]
-                .mean_mm
-                .total_cmp(&plan.predicted[*b].mean_mm)
-        })
-        .unwrap_or(0);
     PosePlanAnswer {
         configurations: plan
             .configurations
@@ -153,8 +147,8 @@ fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
             })
             .collect(),
         observability_index_o1: plan.observability_index_o1,
-        predicted_std_mm: ToolUncertaintyReport::from(plan.predicted[worst]),
-        predicted_std_mm_random: ToolUncertaintyReport::from(plan.predicted_random[worst]),
+        predicted_std_mm: of_all_set_ups(&plan.predicted),
+        predicted_std_mm_random: of_all_set_ups(&plan.predicted_random),
         warnings: warnings(request, plan),
         set_ups: request
             .set_ups
@@ -168,6 +162,16 @@ fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
             })
             .collect(),
     }
+}
+
+/// The largest mean and the largest value of all set-ups; they may be of different ones.
+fn of_all_set_ups(predicted: &[ToolUncertainty]) -> ToolUncertaintyReport {
+    let largest =
+        |value: fn(&ToolUncertainty) -> f64| predicted.iter().map(value).fold(0.0, f64::max);
+    ToolUncertaintyReport::from(ToolUncertainty {
+        mean_mm: largest(|tool| tool.mean_mm),
+        max_mm: largest(|tool| tool.max_mm),
+    })
 }
 
 /// The points of each station. The base may have been elsewhere in each.

@@ -165,8 +165,8 @@ pub struct PosePlanAnswer {
     pub configurations: Vec<PlannedConfiguration>,
     /// Observability index O1 of the planned configurations.
     pub observability_index_o1: f64,
-    /// Predicted standard deviation of the tool position over the workspace, with the sets in `measured` and the plan together. With several set-ups, in
-    /// the frame of the one in which it is largest.
+    /// Predicted standard deviation of the tool position over the workspace, with the sets in `measured` and the plan together. With several set-ups, each
+    /// in its own frame: the largest mean, and the largest maximum.
     pub predicted_std_mm: ToolUncertaintyReport,
     /// Predicted standard deviation with the same number of random configurations instead of the plan.
     pub predicted_std_mm_random: ToolUncertaintyReport,
