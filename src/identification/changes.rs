@@ -286,10 +286,10 @@ impl Known {
             .iter()
             .map(|c| (c.before, c.after))
             .collect();
-        if u.features == v.features {
-            let n_features =
-                (u.prior_std.len() - u.n_parameters).min(v.prior_std.len() - v.n_parameters);
-            pairs.extend((0..n_features).map(|k| (u.n_parameters + k, v.n_parameters + k)));
+        if u.features.is_alike(&v.features) {
+            // joints that follow others have no prior
+            let first = |of: &Uncertainty| of.n_parameters + of.features.followings.len();
+            pairs.extend((first(u)..u.prior_std.len()).zip(first(v)..v.prior_std.len()));
         }
         let mean_square = |a: f64, b: f64| ((a * a + b * b) / 2.0).sqrt();
         Self {

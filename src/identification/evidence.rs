@@ -79,6 +79,40 @@ pub struct Triangle {
     n_rows: usize,
 }
 
+/// See [`Triangle::beyond`].
+pub struct Beyond {
+    /// Derivatives by the last coordinates, upper triangle.
+    pub columns: DMatrix<f64>,
+    /// Residuals of the same rows.
+    pub residuals: DVector<f64>,
+    /// Sum of squares of all rows that do not depend on the last coordinates, mm².
+    pub rest: f64,
+    /// Degrees of freedom.
+    pub n_free: f64,
+}
+
+impl Beyond {
+    /// Spectrum for estimating the variance of the last coordinates.
+    pub fn spectrum(&self) -> Option<Spectrum> {
+        Spectrum::new(&self.residuals, &self.columns, self.rest, self.n_free)
+    }
+
+    /// The coordinate that explains most by itself, if chance explains as much with a smaller probability than `chance`.
+    pub fn most_significant(&self, chance: f64) -> Option<usize> {
+        let along = |j: &usize| {
+            let column = self.columns.column(*j);
+            let along = column.dot(&self.residuals) / column.norm().max(f64::MIN_POSITIVE);
+            along * along
+        };
+        let best = (0..self.columns.ncols()).max_by(|i, j| along(i).total_cmp(&along(j)))?;
+        let left = self.residuals.norm_squared() + self.rest - along(&best);
+        let n_free = self.n_free - 1.0;
+        let is_significant =
+            n_free >= 1.0 && f_tail(along(&best) / (left / n_free), 1.0, n_free) < chance;
+        is_significant.then_some(best)
+    }
+}
+
 /// Solution of the linear problem for given noise and widths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Posterior {
@@ -199,18 +233,6 @@ impl Triangle {
         self.n_rows += more;
     }
 
-    /// The triangle of the first `n` coordinates; the others stay at the fit.
-    pub fn leading(&self, n: usize) -> Self {
-        Self {
-            r: self.r.view((0, 0), (n, n)).into_owned(),
-            right: self.right[..n].to_vec(),
-            expected: self.expected[..n].to_vec(),
-            is_flat: self.is_flat[..n].to_vec(),
-            rest: self.rest + self.right[n..].iter().map(|v| v * v).sum::<f64>(),
-            n_rows: self.n_rows,
-        }
-    }
-
     /// Sets the expected values of the first coordinates from a problem. All others are expected at 0.
     pub fn expect(&mut self, problem: &Problem<'_>) {
         for (j, variable) in problem.variables.iter().enumerate() {
@@ -229,9 +251,24 @@ impl Triangle {
         &posterior.root * (posterior.root.transpose() * self.r.transpose()) / sigma_mm
     }
 
-    /// Spectrum for estimating the variance of the last coordinates, from `first` on: the information that the rows and the priors of all other
-    /// coordinates leave.
-    pub fn spectrum(&self, x: &[f64], evidence: &Evidence, first: usize) -> Option<Spectrum> {
+    /// The triangle of some coordinates, in the given order; the others stay at the fit.
+    pub fn of_columns(&self, columns: &[usize]) -> Self {
+        let (n, p) = (columns.len(), self.right.len());
+        let mut stacked = self.r.select_columns(columns);
+        let mut right = self.right.clone();
+        triangularise(stacked.as_mut_slice(), p, &mut right);
+        Self {
+            r: stacked.rows(0, n).upper_triangle(),
+            expected: columns.iter().map(|j| self.expected[*j]).collect(),
+            is_flat: columns.iter().map(|j| self.is_flat[*j]).collect(),
+            rest: self.rest + right[n..].iter().map(|v| v * v).sum::<f64>(),
+            right: right[..n].to_vec(),
+            n_rows: self.n_rows,
+        }
+    }
+
+    /// Rows of the last coordinates, from `first` on: what the rows and the priors of all other coordinates leave of them.
+    pub fn beyond(&self, x: &[f64], evidence: &Evidence, first: usize) -> Beyond {
         let p = self.right.len();
         let n = p + first;
         let (mut stacked, mut right) = (DMatrix::zeros(n, p), vec![0.0; n]);
@@ -242,19 +279,15 @@ impl Triangle {
             right[p + j] = evidence.sigma_mm * (x[j] - self.expected[j]) / width;
         }
         triangularise(stacked.as_mut_slice(), n, &mut right);
-        let left = stacked
-            .view((first, first), (p - first, p - first))
-            .upper_triangle();
-        let rest = self.rest + right[p..].iter().map(|v| v * v).sum::<f64>();
+        let columns = stacked.view((first, first), (p - first, p - first));
         // rows of priors count as data, except for flat priors
         let n_flat = self.is_flat[..first].iter().filter(|flat| **flat).count();
-        let n_free = self.n_rows as f64 - n_flat as f64;
-        Spectrum::new(
-            &DVector::from_column_slice(&right[first..p]),
-            &left,
-            rest,
-            n_free,
-        )
+        Beyond {
+            columns: columns.upper_triangle(),
+            residuals: DVector::from_column_slice(&right[first..p]),
+            rest: self.rest + right[p..].iter().map(|v| v * v).sum::<f64>(),
+            n_free: self.n_rows as f64 - n_flat as f64,
+        }
     }
 
     /// R, right side, and sum of squares of the rest.

@@ -34,6 +34,7 @@ pub mod steps;
 pub mod swarm;
 pub mod uncertainty;
 mod uncertainty_problem;
+mod uncertainty_solution;
 pub mod variance;
 pub mod whitening;
 pub mod workspace;

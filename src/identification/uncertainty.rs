@@ -5,7 +5,9 @@
 //! `residual = J·δ + Φ·u + c + e`
 //!
 //! - δ: deviations of the parameters from the identified ones, with the priors of the estimate;
-//! - u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm;
+//! - u: effects that links cannot describe: the features Φ of [`misfit`](super::misfit), each normal about 0 with standard deviation σm. Harmonics of
+//!   higher orders than the first have a σm of their own. A joint that follows another one has no prior, and is a part of the problem only if it is
+//!   significant;
 //! - c: the error that all points of one configuration share, σc;
 //! - e: white noise of the instrument and of the robot's repeatability, σ. If it differs between directions, all rows are whitened first.
 //!
@@ -20,8 +22,9 @@ use crate::identification::estimate::evidence_at;
 use crate::identification::misfit::Misfit;
 use crate::identification::objective::{Observation, weighted_jacobian};
 use crate::identification::parameters::Parameter;
+use crate::identification::uncertainty_problem::Rows;
 pub use crate::identification::uncertainty_problem::Session;
-use crate::identification::uncertainty_problem::{Rows, Solved};
+use crate::identification::uncertainty_solution::Solved;
 use nalgebra::{DMatrix, Vector3};
 
 /// Errors of an identification, as standard deviations.
@@ -31,7 +34,7 @@ pub struct Uncertainty {
     pub noise_std_mm: f64,
     /// σc, mm: error that points of one configuration share; 0 if it is not significant.
     pub configuration_std_mm: f64,
-    /// σm, rad per unit feature; 0 if it is not significant.
+    /// σm, rad per unit feature, the larger of both; 0 if none is significant.
     pub misfit_std_rad: f64,
     /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none if σm is 0). Each column is one
     /// standard deviation of an independent cause. The last column is the mean of the posterior.
@@ -40,7 +43,7 @@ pub struct Uncertainty {
     pub of_noise: DMatrix<f64>,
     /// Prior standard deviation of each parameter and feature, mm or rad.
     pub prior_std: Vec<f64>,
-    /// The misfit that the features belong to.
+    /// The misfit that the features belong to: the joints that were found to follow others, and the other sources unless σm is 0.
     pub features: Misfit,
     /// Number of parameters, p.
     pub n_parameters: usize,
@@ -59,17 +62,47 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     let (links, alone) = evidence_at(session.problem, session.model);
     let mut solved = rows.solve(&links, 0.0);
     let mut freedom = solved.triangle.freedom(&solved.posterior);
-    let shared = rows.shared(&solved);
+    let shared = rows.shared(&solved.columns, &solved.posterior, solved.evidence.sigma_mm);
     if shared.ratio > 0.0 {
         solved = rows.solve(&links, shared.ratio);
         freedom = shared.freedom;
     }
     let Solved {
+        followings,
         triangle,
         evidence,
         posterior,
-        misfit_std_rad,
+        usual_std_rad,
+        higher_std_rad,
+        ..
     } = solved;
+    let usual = usual_std_rad > 0.0;
+    let features = Misfit {
+        followings: followings
+            .iter()
+            .map(|k| session.misfit.followings[*k])
+            .collect(),
+        harmonics: session
+            .misfit
+            .harmonics
+            .iter()
+            .copied()
+            .filter(|order| match order {
+                1 => usual,
+                _ => higher_std_rad > 0.0,
+            })
+            .collect(),
+        gravity: if usual {
+            session.misfit.gravity.clone()
+        } else {
+            vec![]
+        },
+        held: if usual {
+            session.misfit.held.clone()
+        } else {
+            vec![]
+        },
+    };
     // the placements of stations are not needed outside
     let stations = columns.n_parameters..columns.without_features();
     let kept: Vec<usize> = (0..posterior.step.len())
@@ -91,7 +124,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
     root.iter().all(|v| v.is_finite()).then(|| Uncertainty {
         noise_std_mm: evidence.sigma_mm,
         configuration_std_mm: evidence.sigma_mm * shared.ratio.sqrt(),
-        misfit_std_rad,
+        misfit_std_rad: usual_std_rad.max(higher_std_rad),
         of_noise: in_units(&triangle.by_noise(&posterior, evidence.sigma_mm)),
         root,
         prior_std: kept
@@ -101,7 +134,7 @@ pub fn uncertainty(session: Session<'_>) -> Option<Uncertainty> {
         n_parameters: columns.n_parameters,
         freedom: freedom.max(1.0),
         stds_from_minimum: alone.stds_from_fit(),
-        features: session.misfit.clone(),
+        features,
     })
 }
 
@@ -112,9 +145,14 @@ impl Uncertainty {
         root * root.transpose()
     }
 
-    /// Difference between the most probable value of a parameter and the identified one, mm or rad.
+    /// Difference between the most probable value of a parameter or feature and the identified one, mm or rad.
     pub fn mean(&self, parameter: usize) -> f64 {
         self.root[(parameter, self.root.ncols() - 1)]
+    }
+
+    /// Standard deviation of the posterior of a parameter or feature, mm or rad. The mean is not counted.
+    pub fn posterior_std(&self, row: usize) -> f64 {
+        self.root.row(row).columns(0, self.root.ncols() - 1).norm()
     }
 
     /// Change of a parameter's most probable value if another parameter changes by 1: an entry of I − C·P⁻¹.

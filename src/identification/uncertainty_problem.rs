@@ -1,18 +1,15 @@
-//! The rows of the wider problem of [`uncertainty`](super::uncertainty), and their solution.
+//! The rows of the wider problem of [`uncertainty`](super::uncertainty).
 
 use crate::identification::KinematicModel;
 use crate::identification::distributions::f_tail;
-use crate::identification::evidence::{Evidence, Posterior, Triangle};
+use crate::identification::evidence::{Posterior, Triangle};
 use crate::identification::misfit::Misfit;
 use crate::identification::objective::Observation;
 use crate::identification::problem::Problem;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::ops::Range;
 
-/// Scale of the half-Cauchy prior of σm, rad: joints usually rotate by 0.3 mrad under the weight of an arm's end.
-const USUAL_MISFIT_RAD: f64 = 3e-4;
-/// Number of searches for σm, each with the noise of the previous one.
-const SEARCHES: usize = 3;
 /// Significance level for errors that configurations share.
 const CHANCE: f64 = 0.05;
 /// Maximum of σc²/σ², for points of a configuration that agree to the last bit.
@@ -45,7 +42,10 @@ pub struct Session<'a> {
 pub(super) struct Columns {
     pub(super) n_parameters: usize,
     n_stations: usize,
-    n_features: usize,
+    /// Features of the misfit: pairs of joints that may follow each other, harmonics of higher orders than the first, and the usual ones.
+    pub(super) n_followings: usize,
+    n_higher: usize,
+    n_usual: usize,
 }
 
 impl Columns {
@@ -53,8 +53,18 @@ impl Columns {
         self.n_parameters + 6 * self.n_stations
     }
 
+    pub(super) fn higher(&self) -> Range<usize> {
+        let first = self.without_features() + self.n_followings;
+        first..first + self.n_higher
+    }
+
+    pub(super) fn usual(&self) -> Range<usize> {
+        let first = self.higher().end;
+        first..first + self.n_usual
+    }
+
     fn all(&self) -> usize {
-        self.without_features() + self.n_features
+        self.usual().end
     }
 }
 
@@ -66,9 +76,9 @@ struct Place {
 
 /// The rows of a session, with the identified robot's coordinates and the points of each configuration.
 pub(super) struct Rows<'a> {
-    session: &'a Session<'a>,
+    pub(super) session: &'a Session<'a>,
     pub(super) columns: Columns,
-    x: Vec<f64>,
+    pub(super) x: Vec<f64>,
     points_of: Vec<Vec<usize>>,
     /// Place of each observation's rows.
     places: Vec<Place>,
@@ -142,10 +152,14 @@ impl<'a> Rows<'a> {
             points_of[*configuration].push(point);
         }
         points_of.retain(|points| !points.is_empty());
+        let n_features = misfit.features(model, [].into_iter()).ncols();
+        let n_higher = misfit.n_higher_harmonics(model.links.len());
         let columns = Columns {
             n_parameters: problem.variables.len(),
             n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
-            n_features: misfit.features(model, [].into_iter()).ncols(),
+            n_followings: misfit.followings.len(),
+            n_higher,
+            n_usual: n_features - misfit.followings.len() - n_higher,
         };
         let mut n_blocks = 0;
         let place = |o: &Observation| {
@@ -187,7 +201,7 @@ impl<'a> Rows<'a> {
             }
         }
         matrix
-            .columns_mut(self.columns.without_features(), self.columns.n_features)
+            .columns_mut(self.columns.without_features(), features.ncols())
             .copy_from(&features);
         let mut blocks: Vec<usize> = points.iter().map(|p| self.places[*p].block).collect();
         blocks.dedup();
@@ -207,12 +221,10 @@ impl<'a> Rows<'a> {
                 .view_mut((3 * k, 0), (3, self.columns.n_parameters))
                 .copy_from(&of_blocks.rows(first, 3));
             if o.rotation.is_some() {
+                let turns = -misfit.turns(model, o);
                 matrix
-                    .view_mut(
-                        (3 * k, self.columns.without_features()),
-                        (3, self.columns.n_features),
-                    )
-                    .copy_from(&-misfit.turns(model, o));
+                    .view_mut((3 * k, self.columns.without_features()), turns.shape())
+                    .copy_from(&turns);
             }
             // a displaced station moves what was measured from it
             if let Some(station) = stations[*point] {
@@ -306,7 +318,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    fn triangle(&self, ratio: f64) -> Triangle {
+    pub(super) fn triangle(&self, ratio: f64) -> Triangle {
         let mut triangle = Triangle::empty(self.columns.all());
         let mut some: Vec<(DMatrix<f64>, Vec<f64>)> = Vec::new();
         let mut n_points = 0;
@@ -327,11 +339,10 @@ impl<'a> Rows<'a> {
     }
 
     /// Analysis of variance of the residuals: between the means of configurations, and within configurations.
-    pub(super) fn shared(&self, solved: &Solved) -> Shared {
-        let posterior = &solved.posterior;
-        let n = posterior.step.len();
+    /// `columns` are those of the solution.
+    pub(super) fn shared(&self, columns: &[usize], posterior: &Posterior, sigma_mm: f64) -> Shared {
         let step = DVector::from_column_slice(&posterior.step);
-        let root = &posterior.root / solved.evidence.sigma_mm;
+        let root = &posterior.root / sigma_mm;
         let (mut between_mm2, mut within_mm2) = (0.0, 0.0);
         let (mut n_between, mut n_within, mut n_configurations) = (0.0, 0.0, 0.0);
         let (mut weights, mut n_means) = (0.0, 0.0);
@@ -340,8 +351,8 @@ impl<'a> Rows<'a> {
                 break;
             }
             let (matrix, residuals) = self.of(points);
-            let matrix = matrix.columns(0, n);
-            let left = DVector::from_vec(residuals) + matrix * &step;
+            let matrix = matrix.select_columns(columns);
+            let left = DVector::from_vec(residuals) + &matrix * &step;
             let taken = matrix * &root;
             let common = self.common(points);
             let along = common.means(left.len());
@@ -374,60 +385,6 @@ impl<'a> Rows<'a> {
         Shared {
             ratio: ((between / within - 1.0) / of_one).min(MOST_SHARED),
             freedom: n_means,
-        }
-    }
-}
-
-/// Solution of the wider problem.
-pub(super) struct Solved {
-    pub(super) triangle: Triangle,
-    pub(super) evidence: Evidence,
-    pub(super) posterior: Posterior,
-    pub(super) misfit_std_rad: f64,
-}
-
-impl Rows<'_> {
-    /// The posterior, with σm and σ. `links` has the widths of the estimate of links alone.
-    pub(super) fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
-        let (columns, problem) = (&self.columns, self.session.problem);
-        let least_mm = problem.least_sigma_mm;
-        let mut x = problem.coordinates(self.session.model);
-        x.resize(columns.all(), 0.0);
-        let without = columns.without_features();
-        let triangle = self.triangle(ratio);
-        let of_links = triangle.leading(without);
-        let mut evidence = links.clone();
-        evidence.widths.resize(without, Evidence::FLAT);
-        let mut posterior = of_links.solve(&x[..without], &evidence);
-        evidence.sigma_mm = of_links.noise_mm(&posterior).max(least_mm);
-        let mut misfit_std_rad = 0.0;
-        for _ in 0..SEARCHES {
-            let Some(spectrum) = triangle.spectrum(&x, &evidence, without) else {
-                break;
-            };
-            misfit_std_rad = spectrum.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm);
-            if misfit_std_rad == 0.0 {
-                evidence.widths.truncate(without);
-                posterior = of_links.solve(&x[..without], &evidence);
-                evidence.sigma_mm = of_links.noise_mm(&posterior).max(least_mm);
-                break;
-            }
-            evidence.widths.resize(columns.all(), misfit_std_rad);
-            evidence.widths[without..].fill(misfit_std_rad);
-            posterior = triangle.solve(&x, &evidence);
-            evidence.sigma_mm = triangle.noise_mm(&posterior).max(least_mm);
-        }
-        let triangle = match misfit_std_rad > 0.0 {
-            true => triangle,
-            false => of_links,
-        };
-        evidence.widths.truncate(triangle.n_coordinates());
-        let posterior = triangle.solve(&x[..triangle.n_coordinates()], &evidence);
-        Solved {
-            triangle,
-            evidence,
-            posterior,
-            misfit_std_rad,
         }
     }
 }

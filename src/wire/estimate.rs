@@ -4,7 +4,7 @@ use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::identification::evidence::Noise;
-use crate::identification::misfit::Misfit;
+use crate::identification::misfit::{Following, Misfit};
 use crate::identification::parameters::{
     Parameter, complete_parameters, target_rotation_parameters,
 };
@@ -51,10 +51,20 @@ struct StoredUncertainty {
     of_noise: Rows,
     prior_std: Vec<f64>,
     gravity: Vec<[f64; 3]>,
+    /// Joint and followed joint, from 0.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    followings: Vec<(usize, usize)>,
+    #[serde(default = "first_harmonics")]
+    harmonics: Vec<usize>,
     held: Vec<String>,
     n_parameters: usize,
     freedom: f64,
     stds_from_minimum: f64,
+}
+
+/// What versions covered that stored no orders of harmonics.
+fn first_harmonics() -> Vec<usize> {
+    vec![1]
 }
 
 /// A matrix, row by row.
@@ -119,6 +129,13 @@ impl StoredEstimate {
                     .iter()
                     .map(|g| (*g).into())
                     .collect(),
+                followings: uncertainty
+                    .features
+                    .followings
+                    .iter()
+                    .map(|f| (f.joint, f.followed))
+                    .collect(),
+                harmonics: uncertainty.features.harmonics.clone(),
                 held: names(&uncertainty.features.held),
                 n_parameters: uncertainty.n_parameters,
                 freedom: uncertainty.freedom,
@@ -212,6 +229,12 @@ impl TryFrom<&StoredEstimate> for Estimate {
                 prior_std: found.prior_std.clone(),
                 features: Misfit {
                     gravity: found.gravity.iter().map(|g| Vector3::from(*g)).collect(),
+                    followings: found
+                        .followings
+                        .iter()
+                        .map(|&(joint, followed)| Following { joint, followed })
+                        .collect(),
+                    harmonics: found.harmonics.clone(),
                     held: parameters(&found.held)?,
                 },
                 n_parameters: found.n_parameters,

@@ -156,6 +156,7 @@ fn a_simulated_real_robot_is_predicted_to_fifty_micrometres_at_unseen_poses() {
     let bent = NonlinearErrors {
         sag_rad: 1e-3,
         harmonic_rad: 2e-4,
+        ..NonlinearErrors::NONE
     };
     for seed in 0..5 {
         let found = identified(
@@ -354,6 +355,7 @@ fn outside_of_what_was_measured_corrections_fade_into_the_links() {
         &NonlinearErrors {
             sag_rad: 1e-3,
             harmonic_rad: 0.0,
+            ..NonlinearErrors::NONE
         },
         &mut random,
     );
@@ -449,6 +451,7 @@ fn the_same_request_gives_the_same_bits_and_sessions_are_left_out_whole() {
     let bent = NonlinearErrors {
         sag_rad: 1e-3,
         harmonic_rad: 2e-4,
+        ..NonlinearErrors::NONE
     };
     let (_, mut set) = nonlinear_set(
         &paper_robot(),

@@ -2,8 +2,8 @@
 
 use crate::data::{paper_robot, paper_set, real_data, robot};
 use crate::simulation::{
-    Campaign, Normal, found, intervals_held, limited, measure, poses, position_with_sag,
-    robot_of_the_priors, tool_intervals_held, true_robot,
+    Campaign, NonlinearErrors, Normal, found, identified, intervals_held, limited, measure, poses,
+    position_with_sag, robot_of_the_priors, tool_intervals_held, true_robot,
 };
 use kincal::calibration::request::{CorrectionsChoice, Loss};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Method, Preset, calibrate};
@@ -561,6 +561,90 @@ fn what_corrections_find_beyond_the_links_is_counted_in_what_is_stated_of_the_li
                 stated_mm.is_none_or(|stated_mm| true_mm < 1.5 * stated_mm),
                 "{amplitude_rad}, seed {seed}: {true_mm} mm, stated {stated_mm:?}"
             );
+        }
+    }
+}
+
+/// Gears of a wrist that are not compensated, and joints whose errors go round several times in a turn.
+#[test]
+fn joints_that_follow_each_other_and_harmonics_of_some_orders_are_counted() {
+    let none = NonlinearErrors::NONE;
+    let errors = [
+        NonlinearErrors {
+            follows: 0.005,
+            ..none
+        },
+        NonlinearErrors {
+            follows: 0.02,
+            ..none
+        },
+        NonlinearErrors {
+            harmonic_rad: 3e-4,
+            order: 2.0,
+            ..none
+        },
+        NonlinearErrors {
+            harmonic_rad: 3e-4,
+            order: 3.0,
+            ..none
+        },
+    ];
+    for bent in errors {
+        let ratio = |seed| {
+            let found = identified(&limited(paper_robot()), &Campaign::PLAIN, &bent, seed, 200);
+            found
+                .report
+                .tool_uncertainty
+                .map_or(f64::NAN, |tool| tool.mean_mm)
+                / found.links_mm
+        };
+        let mut ratios: Vec<f64> = (0..9).map(ratio).collect();
+        ratios.sort_by(f64::total_cmp);
+        println!("{bent:?}: stated over true {ratios:.2?}");
+        assert!(
+            (0.67..1.5).contains(&ratios[4]) && ratios[0] > 0.5,
+            "{bent:?}: {ratios:.2?}"
+        );
+    }
+}
+
+#[test]
+fn a_joint_that_follows_another_one_is_named_and_no_other_misfit_is_taken_for_it() {
+    let none = NonlinearErrors::NONE;
+    let follows = |follows| NonlinearErrors { follows, ..none };
+    let sags = NonlinearErrors {
+        sag_rad: 1e-3,
+        ..none
+    };
+    let bent = NonlinearErrors {
+        sag_rad: 1e-3,
+        harmonic_rad: 3e-4,
+        ..none
+    };
+    for (errors, share) in [
+        (follows(0.005), Some(0.005)),
+        (follows(-0.02), Some(-0.02)),
+        (none, None),
+        (sags, None),
+        (bent, None),
+    ] {
+        for seed in 0..8 {
+            let found = identified(&limited(paper_robot()), &Campaign::PLAIN, &errors, seed, 10);
+            let mut warnings = found.report.warnings.iter();
+            let told = warnings.find(|w| w.code == "joint_follows");
+            println!("{errors:?}, seed {seed}: {told:?}");
+            assert_eq!(told.is_some(), share.is_some(), "{errors:?}, seed {seed}");
+            let (Some(told), Some(share)) = (told, share) else {
+                continue;
+            };
+            let detail = &told.detail;
+            assert!(detail.starts_with("joint 6 turns by"), "{detail}");
+            let stated = detail
+                .split("add ")
+                .nth(1)
+                .and_then(|rest| rest.split(' ').next());
+            let stated: f64 = stated.unwrap().parse().unwrap();
+            assert!((stated - share).abs() < 0.1 * share.abs(), "{detail}");
         }
     }
 }

@@ -368,12 +368,18 @@ pub struct NonlinearErrors {
     pub sag_rad: f64,
     /// Amplitude of each joint's first harmonic, half of it of the second; phases are random.
     pub harmonic_rad: f64,
+    /// Order of that first harmonic; the second has twice the order.
+    pub order: f64,
+    /// Joint 6 follows joint 5 by this share of its value.
+    pub follows: f64,
 }
 
 impl NonlinearErrors {
     pub const NONE: Self = Self {
         sag_rad: 0.0,
         harmonic_rad: 0.0,
+        order: 1.0,
+        follows: 0.0,
     };
 }
 
@@ -387,11 +393,19 @@ pub struct NonlinearRobot {
 impl NonlinearRobot {
     /// True position of a target, mm.
     pub fn position(&self, q_rad: &[f64], target: usize) -> Vector3<f64> {
+        let NonlinearErrors {
+            harmonic_rad,
+            order,
+            follows,
+            ..
+        } = self.nonlinear;
         let turned = |(q, phase): (&f64, &[f64; 2])| {
-            q + self.nonlinear.harmonic_rad
-                * ((q + phase[0]).sin() + 0.5 * (2.0 * q + phase[1]).sin())
+            q + harmonic_rad
+                * ((order * q + phase[0]).sin() + 0.5 * (2.0 * order * q + phase[1]).sin())
         };
-        let q_rad: Vec<f64> = q_rad.iter().zip(&self.phases_rad).map(turned).collect();
+        let q_5_rad = q_rad[4];
+        let mut q_rad: Vec<f64> = q_rad.iter().zip(&self.phases_rad).map(turned).collect();
+        q_rad[5] += follows * q_5_rad;
         position_with_sag(&self.truth, &q_rad, target, self.nonlinear.sag_rad)
     }
 }

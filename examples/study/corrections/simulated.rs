@@ -70,6 +70,7 @@ pub fn real_robots(n: usize) {
         let bent = simulation::NonlinearErrors {
             sag_rad,
             harmonic_rad,
+            ..simulation::NonlinearErrors::NONE
         };
         let found: Vec<_> = (0..n)
             .map(|seed| {
@@ -97,6 +98,7 @@ pub fn time() {
         let bent = simulation::NonlinearErrors {
             sag_rad: 1e-3,
             harmonic_rad: 2e-4,
+            ..simulation::NonlinearErrors::NONE
         };
         let (mut random, nominal) = (Normal::new(1), paper_robot());
         let set = simulation::nonlinear_set(&nominal, &campaign, &bent, &mut random).1;

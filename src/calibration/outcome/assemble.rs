@@ -24,6 +24,7 @@ use crate::calibration::validation::session_fit::SessionScatter;
 use crate::calibration::validation::verdict;
 use crate::calibration::validation::verification_set::refits;
 use crate::calibration::validation::verification_set::{Layout, PlacedCorrected};
+use crate::calibration::warnings::following;
 use crate::calibration::warnings::last_joint::{LastJoint, impossible_reflector, last_joint};
 use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::overstated_noise::OverstatedNoise;
@@ -435,6 +436,8 @@ pub fn report(
         let warning = orientation::warning(report.flange_rotation, n_links);
         report.warnings.extend(warning);
     }
+    let followings = report.uncertainty.iter().flat_map(following::warnings);
+    report.warnings.extend(followings);
     let is_base_frame = request.set.frame == Frame::Base;
     report.warnings.extend(
         is_base_frame

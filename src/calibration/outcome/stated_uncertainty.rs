@@ -5,7 +5,7 @@ use crate::calibration::problem::Problem;
 use crate::calibration::report::{SubsetErrors, Warning};
 use crate::calibration::solve::most_probable::Held;
 use crate::identification::KinematicModel;
-use crate::identification::misfit::{Misfit, gravity_directions};
+use crate::identification::misfit::{Following, HARMONICS, Misfit, gravity_directions};
 use crate::identification::objective::{Observation, residuals};
 use crate::identification::parameters::{Parameter, complete_parameters, deviation_from};
 use crate::identification::start::fit_base_and_targets;
@@ -31,7 +31,9 @@ pub fn estimated(
     let robot = &problem.request.robot;
     let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
     let misfit = Misfit {
+        followings: Following::of_arm(robot.links.len()),
         gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
+        harmonics: HARMONICS.to_vec(),
         held: complete_parameters(robot.links.len(), problem.screening.targets.len())
             .into_iter()
             .filter(is_held)

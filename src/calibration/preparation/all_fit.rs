@@ -5,7 +5,7 @@ use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::motions::{derivatives, fit_motions, parameters_of};
 use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
 use crate::calibration::request::CalibrationRequest;
-use crate::identification::misfit::{features, gravity_directions};
+use crate::identification::misfit::{Misfit, gravity_directions};
 use crate::identification::objective::weighted_residuals;
 use crate::identification::outliers::{Linearised, ROUNDING_PER_REACH};
 use crate::identification::problem::reach_mm;
@@ -57,12 +57,18 @@ pub(super) fn fit_all(
     let residuals = weighted_residuals(&model, &observed.all);
     let linear = Linearised::new(&residuals, derivatives, rounding_mm);
     watch.goes_on();
-    let gravity = gravity_directions(request.robot.mounting.as_ref().map(|m| &m.gravity_in_base));
+    let mounting = request.robot.mounting.as_ref();
+    let misfit = Misfit {
+        followings: vec![],
+        gravity: gravity_directions(mounting.map(|m| &m.gravity_in_base)),
+        harmonics: vec![1],
+        held: vec![],
+    };
     let poses = observed
         .all
         .iter()
         .map(|o| (o.q_rad.as_slice(), o.target, o.weight));
-    let features = features(&model, poses, &gravity);
+    let features = misfit.features(&model, poses);
     if !watch.goes_on() {
         return Err(Error::Cancelled);
     }

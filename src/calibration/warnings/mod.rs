@@ -1,5 +1,6 @@
 //! Warnings of a report.
 
+pub mod following;
 pub mod last_joint;
 pub mod orientation;
 pub mod overstated_noise;
