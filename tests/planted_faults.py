@@ -418,6 +418,8 @@ FAULTS = [
         ("let n_placed = n_placed_where(refit, set);", "let n_placed = n_placed_where(refit && false, set);")], "src/calibration"),
     Fault("corrections without a veto", "core", "have_a_veto", [
         ("if (corrected_mm <= links_mm && corrected_rad <= links_rad) || errors_mm.is_empty()", "if corrected_mm <= links_mm + 1e9 || errors_mm.is_empty()")]),
+    Fault("joints that follow others are not looked for", "core", "a_joint_that_follows_another_one", [
+        ("const CHANCE_OF_FOLLOWING: f64 = 1e-6;", "const CHANCE_OF_FOLLOWING: f64 = 0.0;")], "src/identification"),
     Fault("uncertainty of what did not converge", "core", "did_not_converge", [
         ("const AT_MINIMUM_STDS: f64 = 1.0", "const AT_MINIMUM_STDS: f64 = 1e12")]),
     Fault("a lower bound without what is not linear", "core", "never_above_the_cost", [
