@@ -48,9 +48,6 @@ pub struct ServerArguments {
 
 impl ServerArguments {
     /// A client of that server.
-    ///
-    /// # Errors
-    /// As [`Client::new`].
     pub fn client(&self) -> anyhow::Result<Client> {
         Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
     }
@@ -128,9 +125,6 @@ impl Client {
 
     /// GET with an answer in any format, repeated while the server is busy. An unreachable server is an error immediately, because a person is
     /// waiting.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut attempt = 0;
         loop {
@@ -218,9 +212,6 @@ impl Client {
     }
 
     /// POST of a body with this content type and a JSON answer.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn post(
         &self,
         path: &str,
@@ -231,9 +222,6 @@ impl Client {
     }
 
     /// Request with a JSON body and a JSON answer.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn send(
         &self,
         method: Method,
@@ -246,9 +234,6 @@ impl Client {
 
     /// Request with a body and an answer in any format. Retries send the same `Idempotency-Key`, so it takes effect once; routes that store nothing
     /// ignore the key.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn write(
         &self,
         method: Method,

@@ -154,9 +154,6 @@ impl Submission {
 
     /// Replaces an error with the stored answer, if the same request took effect meanwhile. A client may retry while its first request still runs.
     /// The checks of the retry then see the changes of the first request, and may fail because of them.
-    ///
-    /// # Errors
-    /// That of `result`.
     pub async fn or_replay(
         &self,
         store: &Store,

@@ -69,17 +69,11 @@ pub fn rules(queue: &config::QueueConfig) -> AttemptLimits {
 }
 
 /// Opens the database, starts the workers, and accepts requests.
-///
-/// # Errors
-/// [`Error`], which says what is wrong and how to correct it.
 pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     start_with(config, execution::compute).await
 }
 
 /// As [`start`], with another function for the workers' computation. Studies pass a function that measures [`execution::compute`].
-///
-/// # Errors
-/// As [`start`].
 pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<RunningServer, Error> {
     config.check()?;
     let tls = config

@@ -123,9 +123,6 @@ impl MeasurementSetInput {
     }
 
     /// Reads a stored set.
-    ///
-    /// # Errors
-    /// [`crate::store::Error`].
     pub async fn read(store: &Store, id: &str) -> Result<Self> {
         Ok(Self {
             row: measurement_sets::get(store, id).await?,
@@ -134,9 +131,6 @@ impl MeasurementSetInput {
     }
 
     /// Reads the stored sets that a job fits or scores: the first, and those of further sessions.
-    ///
-    /// # Errors
-    /// [`crate::store::Error`].
     pub async fn read_of(store: &Store, job: &JobRow) -> Result<(Self, Vec<Self>)> {
         let first = Self::read(store, &job.measurement_set_id).await?;
         let mut further = Vec::new();
@@ -282,9 +276,6 @@ impl JobInputs {
     }
 
     /// Reads the robot's uploads too, with which the points are compared.
-    ///
-    /// # Errors
-    /// [`crate::store::Error`].
     pub async fn with_known_uploads(self, store: &Store) -> Result<JobInputs> {
         let known = load_known(store, &self.job).await?;
         Ok(JobInputs { known, ..self })

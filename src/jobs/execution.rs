@@ -212,9 +212,6 @@ impl Calibrated {
 }
 
 /// Runs the core, times its stages and passes its progress on.
-///
-/// # Errors
-/// As [`compute`].
 pub fn run_calibration(
     request: &CalibrationRequest,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,

@@ -21,9 +21,6 @@ const N_CONFIGURATIONS: usize = 100;
 const SAME_MM: f64 = 1e-9;
 
 /// As [`import_with`], with [`ImportDigits::Exact`].
-///
-/// # Errors
-/// As [`import_with`].
 pub fn import(
     bytes: &[u8],
     format: ImportFormat,

@@ -70,9 +70,6 @@ impl Column {
 }
 
 /// Parses a table in CSV or JSON.
-///
-/// # Errors
-/// [`Invalid`] with the row and column, or a JSON pointer, of each error.
 pub fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
     if bytes.len() <= MAX_TABLE_BYTES && is_json(bytes) {
         table(&csv_of_json(bytes)?)
@@ -83,9 +80,6 @@ pub fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
 
 /// Parses a table with one row per link, from base to flange. Required columns: a, alpha, d, and theta_offset or theta, each with its unit. Optional
 /// columns: beta, min, max, link. The numbers of a link column increase by 1.
-///
-/// # Errors
-/// [`Invalid`] with the row and column of each error.
 pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     if bytes.len() > MAX_TABLE_BYTES {
         let detail = format!(

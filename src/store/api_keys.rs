@@ -133,33 +133,21 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 }
 
 /// The key with this hash; none if it is unknown or revoked.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
     read::first(store.readers(), FIND, key_sha256).await
 }
 
 /// One key, revoked or not.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// All keys, including revoked ones, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
     listing::page(store, &LIST, &[], &ListRequest::all(request)).await
 }
 
 /// Revokes a key; revoking it again changes nothing.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
     let row: ApiKeyRow = sqlx::query_as(REVOKE)
         .bind(id)

@@ -107,9 +107,6 @@ pub async fn archive(
 }
 
 /// Restores an archived item; restoring an item that is not archived changes nothing.
-///
-/// # Errors
-/// [`Error::Database`].
 pub async fn restore(tx: &mut Tx, kind: Archivable, id: &str, robot_id: &str) -> Result<()> {
     super::robots::lock(tx, robot_id).await?;
     let restored = sqlx::query(RESTORE)

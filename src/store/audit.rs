@@ -50,17 +50,11 @@ const ACTOR: &str =
     "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
 
 /// The end of the chain.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn head(store: &Store) -> Result<AuditHead> {
     Ok(sqlx::query_as(HEAD).fetch_one(store.readers()).await?)
 }
 
 /// The entries after number `after`, in order, at most `limit`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>> {
     Ok(sqlx::query_as(LIST)
         .bind(after)
@@ -70,9 +64,6 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
 }
 
 /// Actor of the first entry of this event and subject: usually the id of a key.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn actor(store: &Store, subject: &str, event: AuditEvent) -> Result<Option<String>> {
     Ok(sqlx::query_scalar(ACTOR)
         .bind(subject)

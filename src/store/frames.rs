@@ -75,9 +75,6 @@ impl Audited for FramesRow {
 }
 
 /// Stores frames.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     let query = sqlx::query_as(INSERT)
         .bind(IdPrefix::Frames.new_id())
@@ -96,9 +93,6 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 }
 
 /// The frames with this id.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
     read::one(store.readers(), GET, id).await
 }

@@ -356,25 +356,16 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 }
 
 /// One job.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// One job, as this transaction sees it.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
     read::one(tx.connection(), GET, id).await
 }
 
 /// A robot's jobs, filtered by status, kind and archived state.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,
@@ -384,9 +375,6 @@ pub async fn search(
 }
 
 /// As [`search`], for all robots, or only for the robots in `only`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search_all(
     store: &Store,
     only: Option<&[String]>,
@@ -431,9 +419,6 @@ async fn document(store: &Store, query: &'static str, id: &str) -> Result<String
 }
 
 /// Whether any job is queued.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
         .fetch_optional(store.readers())
@@ -442,9 +427,6 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
 }
 
 /// Whether a suspect job is queued. A suspect is a job during which a process died.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_SUSPECT_QUEUED)
         .fetch_optional(store.readers())
@@ -454,9 +436,6 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
 
 /// Cancels a job. A queued job is cancelled at once. For a running job the cancellation is requested, and the worker sees the request at its next
 /// heartbeat. A job that has ended does not change.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
     let changed = sqlx::query(CANCEL)
         .bind(id)

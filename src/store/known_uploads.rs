@@ -57,9 +57,6 @@ const IS_USED: &str = "
 
 /// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` is true for
 /// a job of kind `verify`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn newest(
     store: &Store,
     robot_id: &str,
@@ -78,9 +75,6 @@ pub async fn newest(
 }
 
 /// Whether a job of a kind other than `check` has used an upload of the robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn is_used(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<bool> {
     let n: i64 = sqlx::query_scalar(IS_USED)
         .bind(robot_id)

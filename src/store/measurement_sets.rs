@@ -196,25 +196,16 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 }
 
 /// One measurement set.
-///
-/// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// The uploaded bytes of one measurement set.
-///
-/// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     read::value(store.readers(), BODY, id).await
 }
 
 /// A robot's measurement sets, filtered by name and archived state.
-///
-/// # Errors
-/// [`Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,

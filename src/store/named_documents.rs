@@ -147,9 +147,6 @@ pub struct NewNamedDocument<'a> {
 }
 
 /// Stores the next version of a document.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocumentRow> {
     let prefix = match new.kind {
         NamedDocumentKind::Columns => IdPrefix::Columns,
@@ -172,9 +169,6 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
 }
 
 /// The version that is in force under this name.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn newest(
     store: &Store,
     robot_id: &str,
@@ -194,9 +188,6 @@ pub async fn newest(
 }
 
 /// The version with this id.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
     // PostgreSQL cannot compare text with a NUL character, so no document has such an id.
     if id.contains('\0') {
@@ -206,9 +197,6 @@ pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
 }
 
 /// A robot's documents of one kind that are in force, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     robot_id: &str,

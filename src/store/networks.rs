@@ -210,9 +210,6 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<Netwo
 }
 
 /// Stores the residual network of a job.
-///
-/// # Errors
-/// As [`insert`].
 pub async fn insert_residual(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
     insert_by(INSERT_RESIDUAL, tx, job_id, new).await
 }
@@ -238,25 +235,16 @@ async fn insert_by(
 }
 
 /// One network.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// The weights of one network.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
     read::value(store.readers(), WEIGHTS, id).await
 }
 
 /// The robot's usable networks of this model and preset, newest first, at most `limit`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn newest(
     store: &Store,
     robot_id: &str,
@@ -275,9 +263,6 @@ pub async fn newest(
 
 /// The robot's usable residual networks, newest first, at most `limit`. Leaves out networks trained on the upload with this hash, on an upload
 /// accepted with `insist`, or for a withdrawn set.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn newest_residual(
     store: &Store,
     robot_id: &str,
@@ -293,9 +278,6 @@ pub async fn newest_residual(
 }
 
 /// A robot's networks of both kinds, filtered by archived state.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,

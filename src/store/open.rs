@@ -101,9 +101,6 @@ impl Store {
     }
 
     /// Opens an existing database without migrating its schema.
-    ///
-    /// # Errors
-    /// As [`Store::open`].
     pub async fn open_as_it_is(location: StoreLocation) -> Result<Store> {
         as_it_is(location).await
     }

@@ -86,9 +86,6 @@ const LIST: &str = "
     where replace($1, r.id, '') <> $1";
 
 /// A page of the list of robots, with the facts that decide what each robot needs next. `only` limits the list to the robots that a key may see.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     only: Option<&[String]>,

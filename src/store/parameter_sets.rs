@@ -223,17 +223,11 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 }
 
 /// One parameter set.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// The robot's released parameter set.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
     read::first(store.readers(), ACTIVE, robot_id).await
 }
@@ -252,9 +246,6 @@ pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSet
 
 /// The robot's newest parameter set that was identified from other uploads than these measurement sets (ids separated by commas). Sets whose
 /// identification found the fit `except` are left out.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn of_another_upload(
     store: &Store,
     robot_id: &str,
@@ -270,9 +261,6 @@ pub async fn of_another_upload(
 }
 
 /// A robot's parameter sets, filtered by status and archived state.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,
@@ -346,9 +334,6 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 }
 
 /// Rolls back: withdraws the active set and releases a superseded set (`release`) in one transaction.
-///
-/// # Errors
-/// As [`release`].
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
     let active = active_in(tx, &set.robot_id).await?;
@@ -371,9 +356,6 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
 }
 
 /// Withdraws a set in any state. If it was the active set, the robot has no active set afterwards.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<ParameterSetRow> {
     lock_and_get(tx, id).await?;
     let changed = sqlx::query(WITHDRAW)

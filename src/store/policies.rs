@@ -104,9 +104,6 @@ impl Audited for PolicyChange {
 }
 
 /// A robot's policy.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
     let row: Option<PolicyRow> = sqlx::query_as(GET)
         .bind(robot_id)
@@ -124,9 +121,6 @@ pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
 }
 
 /// Sets a robot's policy and increments its version.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> Result<PolicyRow> {
     // The lock waits until a release of this robot that is under way has ended. A later release sees the new policy.
     robots::lock(tx, robot_id).await?;

@@ -6,9 +6,6 @@ use sqlx::{Any, Decode, Executor, FromRow, Type};
 use super::Result;
 
 /// The row that a query finds.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub(super) async fn one<T>(
     from: impl Executor<'_, Database = Any>,
     sql: &'static str,
@@ -21,9 +18,6 @@ where
 }
 
 /// The row that a query finds, or none.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub(super) async fn first<T>(
     from: impl Executor<'_, Database = Any>,
     sql: &'static str,
@@ -36,9 +30,6 @@ where
 }
 
 /// The value that a query finds.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub(super) async fn value<T>(
     from: impl Executor<'_, Database = Any>,
     sql: &'static str,

@@ -44,9 +44,6 @@ row! {
 }
 
 /// Stores a summary, unless the job already has one.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such job, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()> {
     sqlx::query(INSERT)
         .bind(job_id)
@@ -71,9 +68,6 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
 }
 
 /// Ids of succeeded jobs without a summary, which an older version ended. In the order of their ids, at most `limit` ids after `after`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn jobs_without(store: &Store, after: &str, limit: i64) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
         .bind(after)

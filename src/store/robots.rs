@@ -209,9 +209,6 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
 }
 
 /// Puts the robot into the state `check_robot`, because a session does not fit it.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
     sqlx::query(ASK_FOR_CHECK)
         .bind(id)
@@ -228,9 +225,6 @@ pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Resul
 }
 
 /// Ends the state `check_robot`, because a session fits the robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
     let changed = sqlx::query(FITS_AGAIN)
         .bind(id)
@@ -243,9 +237,6 @@ pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
 }
 
 /// Ends the state `check_robot` with a person's reason.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<RobotRow> {
     lock(tx, id).await?;
     let query = sqlx::query(CHECKED_NOW).bind(id).bind(reason).bind(by);
@@ -256,9 +247,6 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
 }
 
 /// Stores a robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     let query = sqlx::query_as(INSERT)
         .bind(IdPrefix::Robot.new_id())
@@ -271,9 +259,6 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 }
 
 /// One robot.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
     read::one(store.readers(), GET, id).await
 }
@@ -283,9 +268,6 @@ pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
 }
 
 /// Robots, newest first; with `only`, only the robots with these ids.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     only: Option<&[String]>,
@@ -295,9 +277,6 @@ pub async fn list(
 }
 
 /// Robots, filtered by name, serial number and archived state; with `only`, only the robots with these ids.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     only: Option<&[String]>,

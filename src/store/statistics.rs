@@ -36,9 +36,6 @@ const JOBS: &str = "
     order by status";
 
 /// Statistics for each status; a status without jobs has no row.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn jobs(store: &Store) -> Result<Vec<JobStatistics>> {
     Ok(sqlx::query_as(JOBS).fetch_all(store.readers()).await?)
 }

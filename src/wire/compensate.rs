@@ -201,9 +201,6 @@ impl CompensateAnswer {
 
 impl CompensateBody {
     /// Makes all checks that need only the request and the number of joints.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         for (pointer, n) in [

@@ -323,9 +323,6 @@ impl CorrectionsContent {
     }
 
     /// Checks a document from outside the service (a parameter set in a file) against a robot with `n` links.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to every part that does not fit.
     pub fn check(&self, n: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.version != CORRECTIONS_VERSION {

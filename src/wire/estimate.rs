@@ -78,9 +78,6 @@ pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
 
 impl StoredEstimate {
     /// The stored form of an estimate.
-    ///
-    /// # Errors
-    /// As [`geometry_sha256`].
     pub fn new(
         estimate: &Estimate,
         model: Model,

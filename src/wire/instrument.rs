@@ -112,9 +112,6 @@ pub fn resolve(
 
 impl Stated {
     /// Checks the values and converts them to the core's noise model.
-    ///
-    /// # Errors
-    /// [`Invalid`] with the parameter or JSON pointer of each invalid value.
     pub fn noise(&self, frame: Frame) -> Result<InstrumentNoise, Invalid> {
         let InstrumentBody {
             range_std_mm,

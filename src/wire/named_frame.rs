@@ -138,9 +138,6 @@ pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
 
 impl WorkFrameBody {
     /// Checks the body and computes the work frame.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn work_frame(&self) -> Result<WorkFrame, Invalid> {
         self.check()?;
         if self.points.is_none() {
@@ -311,9 +308,6 @@ impl WorkFrameBody {
     }
 
     /// The answer for a stored work frame.
-    ///
-    /// # Errors
-    /// As [`Self::work_frame`].
     pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
         let frame = self.work_frame()?;
         let is_measured = !frame.residuals_mm.is_empty();

@@ -206,9 +206,6 @@ impl ParameterSetContent {
     }
 
     /// Checks a document from outside the service (a parameter set in a file) against a robot with `n_links` links.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to every part that does not fit.
     pub fn check(&self, n_links: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.length(

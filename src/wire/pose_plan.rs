@@ -277,9 +277,6 @@ impl PosePlanBody {
     }
 
     /// Makes all checks that need only the request.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         self.check_numbers(&mut checker);

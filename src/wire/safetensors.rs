@@ -105,9 +105,6 @@ pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
 }
 
 /// Writes a residual network.
-///
-/// # Errors
-/// As [`write`].
 pub fn write_residual(
     network: &ResidualNetwork,
     origin: ResidualOrigin,
@@ -191,9 +188,6 @@ pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
 }
 
 /// Reads a residual network and checks all sizes.
-///
-/// # Errors
-/// As [`read`].
 pub fn read_residual(bytes: &[u8]) -> Result<ResidualNetwork, Error> {
     let metadata = read_metadata(bytes, NetworkKind::Residual)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);

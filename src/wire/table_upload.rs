@@ -89,9 +89,6 @@ pub struct UploadOptions<'a> {
 }
 
 /// Reads the files of an upload.
-///
-/// # Errors
-/// [`Invalid`] with the file, line, row and column of each error.
 pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, Reading), Invalid> {
     let mut mappings = Vec::new();
     for (part, _) in &files.files {

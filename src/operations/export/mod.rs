@@ -32,9 +32,6 @@ pub struct Exported {
 }
 
 /// Exports a parameter set.
-///
-/// # Errors
-/// [`Error`].
 pub fn export(
     source: &Source<'_>,
     format: ExportFormat,
