@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -95,26 +95,10 @@ fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
         .map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
 }
 
-impl Audited for ApiKeyRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let created =
-            ExpectedEntry::created(AuditEvent::KeyCreated, self.created_at_ms, as_created(self));
-        vec![
-            created,
-            ExpectedEntry {
-                event: AuditEvent::KeyRevoked,
-                now: as_revoked(self),
-                by: None,
-            },
-        ]
-    }
-}
+audited!(ApiKeyRow, id, |row| vec![
+    ExpectedEntry::at(AuditEvent::KeyCreated, row.created_at_ms, as_created(row)),
+    ExpectedEntry::new(AuditEvent::KeyRevoked, as_revoked(row)),
+]);
 
 /// Stores a key.
 ///

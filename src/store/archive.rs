@@ -4,7 +4,7 @@
 use crate::wire::names;
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::read;
 use super::{AuditEvent, Conflict, Error, Result, Tx};
@@ -61,21 +61,9 @@ fn as_archived(row: &ArchivedRow) -> Value {
     json!({"kind": row.kind, "robot_id": row.robot_id, "archived_by": row.archived_by, "archived_at_ms": row.archived_at_ms})
 }
 
-impl Audited for ArchivedRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            event: AuditEvent::Archived,
-            now: Some((self.archived_at_ms, as_archived(self))),
-            by: Some("archived_by"),
-        }]
-    }
-}
+audited!(ArchivedRow, id, |row| vec![
+    ExpectedEntry::at(AuditEvent::Archived, row.archived_at_ms, as_archived(row)).by("archived_by")
+]);
 
 /// Archives an item; archiving it again changes nothing. Returns when it was archived.
 ///

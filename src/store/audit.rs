@@ -32,14 +32,39 @@ pub(super) struct ExpectedEntry {
 }
 
 impl ExpectedEntry {
-    pub(super) fn created(event: AuditEvent, at_ms: i64, detail: Value) -> Self {
-        ExpectedEntry {
-            event,
-            now: Some((at_ms, detail)),
-            by: None,
-        }
+    pub(super) fn new(event: AuditEvent, now: Option<(i64, Value)>) -> Self {
+        let by = None;
+        Self { event, now, by }
+    }
+
+    pub(super) fn at(event: AuditEvent, at_ms: i64, detail: Value) -> Self {
+        Self::new(event, Some((at_ms, detail)))
+    }
+
+    pub(super) fn by(self, field: &'static str) -> Self {
+        let by = Some(field);
+        Self { by, ..self }
     }
 }
+
+/// Implements [`Audited`] with the file's query `BY_ID`: the row, its field that is the subject, and its expected entries.
+macro_rules! audited {
+    ($row:ident, $($subject:ident).+, |$this:ident| $entries:expr) => {
+        impl $crate::store::audit::Audited for $row {
+            const BY_ID: &'static str = BY_ID;
+
+            fn subject(&self) -> &str {
+                &self.$($subject).+
+            }
+
+            fn expected_entries(&self) -> Vec<ExpectedEntry> {
+                let $this = self;
+                $entries
+            }
+        }
+    };
+}
+pub(super) use audited;
 
 pub(super) const ALL_QUERIES: &[&str] = &[LIST, ACTOR];
 

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::read;
@@ -58,21 +58,11 @@ fn as_created(row: &FramesRow) -> Value {
         "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})
 }
 
-impl Audited for FramesRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry::created(
-            AuditEvent::FramesCreated,
-            self.created_at_ms,
-            as_created(self),
-        )]
-    }
-}
+audited!(FramesRow, id, |row| vec![ExpectedEntry::at(
+    AuditEvent::FramesCreated,
+    row.created_at_ms,
+    as_created(row)
+)]);
 
 /// Stores frames.
 pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -278,33 +278,21 @@ pub(super) fn as_failed(error_json: &str) -> Value {
     json!({"error_sha256": canonical::sha256_hex(error_json.as_bytes())})
 }
 
-impl Audited for JobWithClient {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.job.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let JobWithClient { client, job } = self;
-        let failed = job
-            .error_json
-            .as_deref()
-            .map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
-        vec![
-            ExpectedEntry::created(
-                AuditEvent::JobCreated,
-                job.created_at_ms,
-                as_created(job, client),
-            ),
-            ExpectedEntry {
-                event: AuditEvent::JobFailed,
-                now: failed,
-                by: None,
-            },
-        ]
-    }
-}
+audited!(JobWithClient, job.id, |row| {
+    let JobWithClient { client, job } = row;
+    let failed = job.error_json.as_deref().map(as_failed);
+    vec![
+        ExpectedEntry::at(
+            AuditEvent::JobCreated,
+            job.created_at_ms,
+            as_created(job, client),
+        ),
+        ExpectedEntry::new(
+            AuditEvent::JobFailed,
+            failed.map(|failed| (job.finished_at_ms.unwrap_or_default(), failed)),
+        ),
+    ]
+});
 
 /// Stores a job as queued, unless `limit` jobs of its robot are waiting already. On PostgreSQL, clients that post at the same moment may exceed the
 /// limit by one job each. Everything that the job refers to must be committed already, because a worker reads it as soon as it has claimed the job.

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -144,26 +144,15 @@ fn as_created(row: &MeasurementSetRow) -> Value {
     created
 }
 
-impl Audited for MeasurementSetRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        // The column `uploaded_by` is newer than the audit chain, so some older sets have an entry but no uploader.
-        let by = self.uploaded_by.is_some().then_some("uploaded_by");
-        vec![ExpectedEntry {
-            by,
-            ..ExpectedEntry::created(
-                AuditEvent::MeasurementSetCreated,
-                self.created_at_ms,
-                as_created(self),
-            )
-        }]
-    }
-}
+// The column `uploaded_by` is newer than the audit chain, so some older sets have an entry but no uploader.
+audited!(MeasurementSetRow, id, |row| vec![ExpectedEntry {
+    by: row.uploaded_by.is_some().then_some("uploaded_by"),
+    ..ExpectedEntry::at(
+        AuditEvent::MeasurementSetCreated,
+        row.created_at_ms,
+        as_created(row)
+    )
+}]);
 
 /// Stores a measurement set.
 ///

@@ -4,7 +4,7 @@
 use crate::wire::names;
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -116,20 +116,9 @@ impl NamedDocumentRow {
     }
 }
 
-impl Audited for NamedDocumentRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            by: Some("created_by"),
-            ..ExpectedEntry::created(self.event(), self.created_at_ms, self.as_created())
-        }]
-    }
-}
+audited!(NamedDocumentRow, id, |row| vec![
+    ExpectedEntry::at(row.event(), row.created_at_ms, row.as_created()).by("created_by")
+]);
 
 /// A named document to be stored.
 #[derive(Clone, Copy, Debug)]

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -185,21 +185,11 @@ fn as_created(row: &NetworkRow) -> Value {
         "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
 }
 
-impl Audited for NetworkRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry::created(
-            AuditEvent::NetworkCreated,
-            self.created_at_ms,
-            as_created(self),
-        )]
-    }
-}
+audited!(NetworkRow, id, |row| vec![ExpectedEntry::at(
+    AuditEvent::NetworkCreated,
+    row.created_at_ms,
+    as_created(row)
+)]);
 
 /// Stores the network of link parameters of a job.
 ///

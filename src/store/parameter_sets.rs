@@ -3,7 +3,7 @@
 
 use serde_json::json;
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::estimates;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries};
@@ -174,33 +174,15 @@ const WITHDRAW: &str = "
 
 const BY_ID: &str = rows_after!(columns!(), "parameter_set");
 
-impl Audited for ParameterSetRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![
-            ExpectedEntry::created(
-                AuditEvent::ParameterSetCreated,
-                self.created_at_ms,
-                as_created(self),
-            ),
-            ExpectedEntry {
-                event: AuditEvent::ParameterSetReleased,
-                now: as_released(self),
-                by: Some("released_by"),
-            },
-            ExpectedEntry {
-                event: AuditEvent::ParameterSetWithdrawn,
-                now: as_withdrawn(self),
-                by: Some("withdrawn_by"),
-            },
-        ]
-    }
-}
+audited!(ParameterSetRow, id, |row| vec![
+    ExpectedEntry::at(
+        AuditEvent::ParameterSetCreated,
+        row.created_at_ms,
+        as_created(row)
+    ),
+    ExpectedEntry::new(AuditEvent::ParameterSetReleased, as_released(row)).by("released_by"),
+    ExpectedEntry::new(AuditEvent::ParameterSetWithdrawn, as_withdrawn(row)).by("withdrawn_by"),
+]);
 
 /// Stores the parameter set of a job, as a candidate.
 ///

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::{AuditEvent, Result, Store, Tx, robots};
 use crate::wire::policy::{DecisionRule, PolicyBody};
@@ -87,21 +87,14 @@ fn as_changed(set: &PolicyChange) -> Value {
     entry
 }
 
-impl Audited for PolicyChange {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.robot_id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            event: AuditEvent::RobotPolicyChanged,
-            now: Some((self.changed_at_ms, as_changed(self))),
-            by: Some("changed_by"),
-        }]
-    }
-}
+audited!(PolicyChange, robot_id, |row| vec![
+    ExpectedEntry::at(
+        AuditEvent::RobotPolicyChanged,
+        row.changed_at_ms,
+        as_changed(row)
+    )
+    .by("changed_by")
+]);
 
 /// A robot's policy.
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -164,34 +164,15 @@ fn as_checked(row: &RobotRow) -> Value {
     json!({"reason": row.checked_reason, "checked_by": row.checked_by, "checked_at_ms": row.checked_at_ms, "checked_seq": row.checked_seq})
 }
 
-impl Audited for RobotRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let checked = self.checked_at_ms.map(|at_ms| (at_ms, as_checked(self)));
-        vec![
-            ExpectedEntry::created(
-                AuditEvent::RobotCreated,
-                self.created_at_ms,
-                as_created(self),
-            ),
-            ExpectedEntry {
-                event: AuditEvent::RobotChecked,
-                now: checked,
-                by: Some("checked_by"),
-            },
-            ExpectedEntry {
-                event: AuditEvent::RobotEdited,
-                now: as_edited(self),
-                by: None,
-            },
-        ]
-    }
-}
+audited!(RobotRow, id, |row| vec![
+    ExpectedEntry::at(AuditEvent::RobotCreated, row.created_at_ms, as_created(row)),
+    ExpectedEntry::new(
+        AuditEvent::RobotChecked,
+        row.checked_at_ms.map(|at_ms| (at_ms, as_checked(row)))
+    )
+    .by("checked_by"),
+    ExpectedEntry::new(AuditEvent::RobotEdited, as_edited(row)),
+]);
 
 /// As [`lock`], for the robot of a job.
 pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {

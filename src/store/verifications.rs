@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::{from_row, row};
 use super::policies::ABSENT;
 use super::read;
@@ -238,21 +238,11 @@ const JOBS_WITHOUT: &str = "
             and (j.kind in ('verify', 'check') or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
 
-impl Audited for VerificationRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.job_id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            event: AuditEvent::VerificationKept,
-            now: Some((self.created_at_ms, self.audit_entry())),
-            by: None,
-        }]
-    }
-}
+audited!(VerificationRow, job_id, |row| vec![ExpectedEntry::at(
+    AuditEvent::VerificationKept,
+    row.created_at_ms,
+    row.audit_entry()
+)]);
 
 /// Stores what a job found. The transaction must be the one that ends the job, and it must have locked the robot's row. Returns the stored row;
 /// `None` if the job has facts already.
