@@ -170,11 +170,7 @@ fn finished(
 fn held_uncertainty_unknown() -> Warning {
     let detail = "how uncertain the parameters are that were held cannot be told from the session that they were identified from, so no \
                   uncertainty is stated";
-    Warning {
-        code: "held_uncertainty_unknown",
-        detail: detail.into(),
-        rows: vec![],
-    }
+    Warning::new("held_uncertainty_unknown", detail)
 }
 
 /// Warning if parameters other than the identified ones have changed. If the new session determines all parameters, the two sessions are compared:
@@ -215,11 +211,7 @@ fn others_changed(
         "other parameters have changed than those that were identified: {found}. The identified values make up for what was held, so no \
          uncertainty is stated. Identify what has changed, or leave `parameters` out"
     );
-    Some(Warning {
-        code: "other_parameters_changed",
-        detail,
-        rows: vec![],
-    })
+    Some(Warning::new("other_parameters_changed", detail))
 }
 
 /// Removes the uncertainty from the report and records why.

@@ -236,6 +236,17 @@ pub struct Warning {
     pub rows: Vec<usize>,
 }
 
+impl Warning {
+    /// A warning that is not about rows.
+    pub fn new(code: &'static str, detail: impl Into<String>) -> Self {
+        Self {
+            code,
+            detail: detail.into(),
+            rows: vec![],
+        }
+    }
+}
+
 /// Uncertainty of the flange's rotation in the robot's base, over the workspace: one standard deviation each, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlangeRotation {

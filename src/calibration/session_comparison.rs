@@ -161,11 +161,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
             probability_in_words(robot.probability),
             scale_remark(request)
         );
-        warnings.push(Warning {
-            code: ROBOT_CHANGED,
-            detail,
-            rows: vec![],
-        });
+        warnings.push(Warning::new(ROBOT_CHANGED, detail));
     }
     // Each set-up of an instrument has its own base.
     let is_own = |change: &&Change| {
@@ -183,11 +179,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
             "the base in its frame, or targets on the tool, are elsewhere than at the last identification, which is no change of the robot{and}: {}",
             list(&elsewhere)
         );
-        warnings.push(Warning {
-            code: "placement_changed",
-            detail,
-            rows: vec![],
-        });
+        warnings.push(Warning::new("placement_changed", detail));
     }
     Changes {
         all: robot.changes.iter().chain(placement).map(named).collect(),

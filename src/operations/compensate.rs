@@ -274,12 +274,10 @@ fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -
         .warnings
         .iter()
         .filter(|warning| warning.code == INSTRUMENT_SCALE);
-    let told = orientation_unknown(provenance, n_links).map(|_| Warning {
-        code: ORIENTATION_NOT_KNOWN.into(),
-        detail: "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the reflector as \
-                 it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off by the difference"
-            .into(),
-        rows: vec![],
+    let told = orientation_unknown(provenance, n_links).map(|_| {
+        let detail = "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the reflector as \
+                 it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off by the difference";
+        Warning::new(ORIENTATION_NOT_KNOWN, detail)
     });
     told.into_iter().chain(scale.cloned()).collect()
 }
@@ -307,15 +305,14 @@ fn reflector_length(
             "reflector and tools are off by that length if the reflector is ahead of the flange by it",
         ),
     };
-    Some(Warning {
-        code: "reflector_length".into(),
-        detail: format!(
+    Some(Warning::new(
+        "reflector_length",
+        format!(
             "d of the last link is {:+.3} mm from nominal. The model holds the reflector at the flange's origin, so an error of this link cannot be              told from a reflector that is ahead of the flange. It counts as {counts}; {otherwise}. `position_std_mm` contains {:.3} mm for this:              measure how far the reflector's centre is from the flange",
             held.change_mm,
             held.flange_error_mm()
         ),
-        rows: vec![],
-    })
+    ))
 }
 
 fn has_tool(request: &CompensateBody) -> bool {

@@ -144,11 +144,7 @@ fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
          to identify from show too little of the robot. The verified parameters are delivered as they are; see the errors on the points to verify, and \
          measure again, with the subsets mixed"
     );
-    Warning {
-        code: "subsets_differ",
-        detail,
-        rows: vec![],
-    }
+    Warning::new("subsets_differ", detail)
 }
 
 impl<'a> Problem<'a> {

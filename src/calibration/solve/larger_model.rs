@@ -68,11 +68,7 @@ pub fn warning(
          an instrument's frame, read them in the frame instrument",
         target.x, target.y, target.z
     );
-    Ok(Some(Warning {
-        code: MODEL_TOO_SMALL,
-        detail,
-        rows: vec![],
-    }))
+    Ok(Some(Warning::new(MODEL_TOO_SMALL, detail)))
 }
 
 /// Root mean square of the weighted residuals, mm.
