@@ -1,9 +1,8 @@
 //! `kincal release|withdraw|rollback|checked|cancel`: decisions of people about a parameter set, a robot or a job.
 
-use super::runtime::block_on;
 use super::subject::{OfJob, OfParameterSet, OfRobot};
 use reqwest::Method;
-use serde_json::{Value, json};
+use serde_json::json;
 
 /// The parameter set, and the reason for the decision.
 #[derive(Debug, clap::Args)]
@@ -67,14 +66,11 @@ pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
     if let Some(change_reason) = &arguments.change_reason {
         body["change_reason"] = json!(change_reason);
     }
-    let (was_released, set) = block_on(async {
-        let (client, path) = of.at("")?;
-        // A key may release without being allowed to read; then the status before the release is unknown.
-        match client.get(&path).await {
-            Ok(set) if set["status"] == "released" => Ok((true, set)),
-            _ => Ok((false, decide(of, "/release", &body).await?)),
-        }
-    })?;
+    // A key may release without being allowed to read; then the status before the release is unknown.
+    let (was_released, set) = match of.get("") {
+        Ok(set) if set["status"] == "released" => (true, set),
+        _ => (false, of.post("/release", &body)?),
+    };
     of.output.print(&set, || match was_released {
         true => format!("{id} was released already; nothing changed"),
         false => format!("{id} is released: the cell gets it from now on"),
@@ -84,18 +80,13 @@ pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
 /// `kincal withdraw`.
 pub fn withdraw(arguments: &WithdrawArguments) -> anyhow::Result<()> {
     let DecisionArguments { set: of, reason } = &arguments.decision;
-    let set = block_on(decide(of, "/withdraw", &json!({"reason": reason})))?;
+    let set = of.post("/withdraw", &json!({"reason": reason}))?;
     of.output.print(&set, || {
         format!(
             "{} is withdrawn; `kincal params` shows whether another one is active",
             of.id
         )
     })
-}
-
-async fn decide(set: &OfParameterSet, action: &str, body: &Value) -> anyhow::Result<Value> {
-    let (client, path) = set.at(action)?;
-    client.send(Method::POST, &path, body).await
 }
 
 /// `kincal checked`.
@@ -130,10 +121,7 @@ pub fn roll_back(arguments: &RollbackArguments) -> anyhow::Result<()> {
 /// `kincal cancel`.
 pub fn cancel(arguments: &CancelArguments) -> anyhow::Result<()> {
     let of = &arguments.job;
-    let job = block_on(async {
-        let (client, path) = of.at("/cancel")?;
-        client.send(Method::POST, &path, &json!({})).await
-    })?;
+    let job = of.post("/cancel", &json!({}))?;
     of.output.print(&job, || match job["status"].as_str() {
         Some("running") => format!("{} is asked to stop", of.id),
         status => format!("{} is {}", of.id, status.unwrap_or("over")),

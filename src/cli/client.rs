@@ -1,6 +1,7 @@
 //! HTTP client of the REST interface, with retries.
 
 use super::failure::Failed;
+use super::runtime::block_on;
 use super::usage::Usage;
 use crate::http::tls;
 use crate::wire::id::is_plausible;
@@ -50,6 +51,21 @@ impl ServerArguments {
     /// A client of that server.
     pub fn client(&self) -> anyhow::Result<Client> {
         Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
+    }
+
+    /// [`Client::get`] of a command that asks once.
+    pub fn get(&self, path: &str) -> anyhow::Result<Value> {
+        block_on(async { self.client()?.get(path).await })
+    }
+
+    /// [`Client::read`] of a command that asks once.
+    pub fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
+        block_on(async { self.client()?.read(path).await })
+    }
+
+    /// [`Client::send`] with POST, of a command that asks once.
+    pub fn post(&self, path: &str, body: &impl Serialize) -> anyhow::Result<Value> {
+        block_on(async { self.client()?.send(Method::POST, path, body).await })
     }
 }
 
