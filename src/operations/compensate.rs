@@ -78,7 +78,7 @@ pub fn compensate(
     };
     let error = from.estimate.filter(has_target);
     let error = error.map(|estimate| ToolError::new(robot, estimate, base, point));
-    let mut answer = Answer::new(request, base, error.is_some());
+    let mut answer = Answer::new(base, error.is_some());
     answer.document.left_out = left_out(compensation.anchor(), base, {
         let is_measured = provenance.measuring_frame == Some(Frame::Base);
         is_measured.then(|| identified.model().t_instrument_base)
@@ -130,10 +130,12 @@ struct Answer {
 }
 
 impl Answer {
-    fn new(request: &CompensateBody, base: Base, has_std: bool) -> Self {
-        let n = request.q_deg.len() + request.targets.len();
-        let mut document = CompensateAnswer::with_capacity(n, ErrorFrame::from(base));
-        document.position_std_mm = has_std.then(Vec::new);
+    fn new(base: Base, has_std: bool) -> Self {
+        let document = CompensateAnswer {
+            frame: ErrorFrame::from(base),
+            position_std_mm: has_std.then(Vec::new),
+            ..CompensateAnswer::default()
+        };
         Self {
             document,
             poses: vec![],
