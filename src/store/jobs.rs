@@ -398,10 +398,7 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 }
 
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
-    let row: DocumentRow = sqlx::query_as(query)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?;
+    let row: DocumentRow = read::one(store.readers(), query, id).await?;
     let status = row.status;
     row.document.ok_or(Conflict::JobStatus { status }.into())
 }

@@ -219,10 +219,7 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
 pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
-    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
-        .bind(robot_id)
-        .fetch_optional(store.readers())
-        .await?;
+    let row: Option<_> = read::first(store.readers(), BEFORE_ACTIVE, robot_id).await?;
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
@@ -319,10 +316,8 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
     let active = active_in(tx, &set.robot_id).await?;
-    let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
-        .bind(&set.robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let before: Option<ParameterSetRow> =
+        read::first(tx.connection(), BEFORE_ACTIVE, &set.robot_id).await?;
     // Checked again inside the transaction, because another release may have changed which set a rollback releases.
     let is_before = before.is_some_and(|before| before.id == release.id);
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
-use super::{AuditEvent, Result, Store, Tx, robots};
+use super::{AuditEvent, Result, Store, Tx, read, robots};
 use crate::wire::policy::{DecisionRule, PolicyBody};
 
 row! {
@@ -98,18 +98,12 @@ audited!(PolicyChange, robot_id, |row| vec![
 
 /// A robot's policy.
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET)
-        .bind(robot_id)
-        .fetch_optional(store.readers())
-        .await?;
+    let row: Option<_> = read::first(store.readers(), GET, robot_id).await?;
     Ok(row.unwrap_or_default())
 }
 
 pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET)
-        .bind(robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let row: Option<_> = read::first(tx.connection(), GET, robot_id).await?;
     Ok(row.unwrap_or_default())
 }
 

@@ -270,10 +270,7 @@ pub async fn insert(
     if query.execute(tx.connection()).await?.rows_affected() == 0 {
         return Ok(None);
     }
-    let row: VerificationRow = sqlx::query_as(OF_JOB)
-        .bind(job_id)
-        .fetch_one(tx.connection())
-        .await?;
+    let row: VerificationRow = read::one(tx.connection(), OF_JOB, job_id).await?;
     tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());
     Ok(Some(row))
 }

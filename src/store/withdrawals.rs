@@ -1,7 +1,7 @@
 //! Withdrawn parameter sets of a robot, with which a set that is to be released is compared.
 
 use super::from_row::row;
-use super::{Result, Store, Tx};
+use super::{Result, Store, Tx, read};
 
 pub(super) const ALL_QUERIES: &[&str] = &[HELD, OF_ROBOT, COUNT];
 
@@ -44,12 +44,10 @@ pub async fn of_robot(store: &Store, robot_id: &str, limit: i64) -> Result<Vec<W
 
 /// Number of withdrawn parameter sets of a robot.
 pub async fn count(store: &Store, robot_id: &str) -> Result<i64> {
-    let query = sqlx::query_scalar(COUNT).bind(robot_id);
-    Ok(query.fetch_one(store.readers()).await?)
+    read::value(store.readers(), COUNT, robot_id).await
 }
 
 /// As [`count`], in a transaction.
 pub(super) async fn count_in(tx: &mut Tx, robot_id: &str) -> Result<i64> {
-    let query = sqlx::query_scalar(COUNT).bind(robot_id);
-    Ok(query.fetch_one(tx.connection()).await?)
+    read::value(tx.connection(), COUNT, robot_id).await
 }
