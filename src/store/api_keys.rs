@@ -32,16 +32,13 @@ row! {
 
 list_row!(ApiKeyRow);
 
-/// An API key to be stored.
+/// An API key to be stored, with fields of [`ApiKeyRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewApiKey {
-    /// Name of the holder; need not be unique.
     pub name: String,
-    /// SHA-256 of the key, hexadecimal.
     pub key_sha256: String,
-    /// JSON list of scopes.
     pub scopes_json: String,
-    /// JSON list of the robots that the key is limited to; none for all robots.
     pub robots_json: Option<String>,
 }
 

@@ -26,16 +26,14 @@ row! {
     }
 }
 
-/// Frames to be stored.
+/// Frames to be stored, with fields of [`FramesRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewFrames {
-    /// Its robot.
     pub robot_id: String,
-    /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
     pub body: Hashed<Vec<u8>>,
-    /// Frames and circles in JSON.
     pub result_json: String,
 }
 

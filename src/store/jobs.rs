@@ -111,36 +111,26 @@ row! {
     }
 }
 
-/// A job to be stored. The row names everything that the result depends on, so that every attempt computes the same result.
+/// A job to be stored, with fields of [`JobRow`]. It names everything that the result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewJob {
-    /// Its robot.
     pub robot_id: String,
     /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
     pub robot_version: i64,
-    /// The set to identify from, or to verify on. With several sessions, the set of the first session.
     pub measurement_set_id: String,
     /// The sets of further sessions, in their order.
     pub further_set_ids: Vec<String>,
-    /// A separate set to verify on.
     pub verify_set_id: Option<String>,
-    /// Frames computed from sweeps.
     pub frames_id: Option<String>,
-    /// The network to start from.
     pub network_input_id: Option<String>,
-    /// The residual network from which training continues.
     pub residual_network_input_id: Option<String>,
-    /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
     /// Whether the job holds parameters at the values of that set. The result then depends on the sources of that set.
     pub holds_parameter_set: bool,
-    /// `identify`, `verify` or `check`.
     pub kind: Kind,
-    /// The requested method.
     pub method: Method,
-    /// The whole request in JSON.
     pub request_json: String,
-    /// Jobs with a higher number run first; usually 0.
     pub priority: i64,
     /// The client that posts the job. Among jobs of equal priority the queue takes one job of each client in turn.
     pub client: String,

@@ -54,36 +54,24 @@ row! {
 
 list_row!(MeasurementSetRow, sort_name);
 
-/// A measurement set to be stored.
+/// A measurement set to be stored, with fields of [`MeasurementSetRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewMeasurementSet {
-    /// Its robot.
     pub robot_id: String,
-    /// Its name; need not be unique.
     pub name: Option<String>,
-    /// `base` or `instrument`.
     pub frame: Frame,
-    /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
     pub body: Vec<u8>,
-    /// SHA-256 of the uploaded bytes, hexadecimal.
     pub sha256: String,
-    /// Number of points.
     pub n_points: i64,
-    /// Number of arm configurations.
     pub n_configurations: i64,
-    /// Number of targets on the tool.
     pub n_targets: i64,
-    /// JSON list of warnings.
     pub warnings_json: String,
-    /// Id of the key that uploads it.
     pub uploaded_by: Option<String>,
-    /// The serial number that the uploader states.
     pub serial_number: Option<String>,
-    /// Code of the suspicion that the uploader overrides with `insist`.
     pub insisted_on: Option<String>,
-    /// How the bytes were interpreted; none for JSON.
     pub reading_json: Option<String>,
 }
 

@@ -120,16 +120,13 @@ audited!(NamedDocumentRow, id, |row| vec![
     ExpectedEntry::at(row.event(), row.created_at_ms, row.as_created()).by("created_by")
 ]);
 
-/// A named document to be stored.
+/// A named document to be stored, with fields of [`NamedDocumentRow`].
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // as in the row
 pub struct NewNamedDocument<'a> {
-    /// Its robot.
     pub robot_id: &'a str,
-    /// Its kind.
     pub kind: NamedDocumentKind,
-    /// Its name.
     pub name: &'a str,
-    /// Its content in JSON.
     pub content_json: &'a str,
     /// Id of the API key that stores it.
     pub by: &'a str,

@@ -53,18 +53,15 @@ row! {
     }
 }
 
-/// A network to be stored with the job that trained it.
+/// A network to be stored with the job that trained it, with fields of [`NetworkRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewNetwork {
-    /// The model of that job.
     pub model: Model,
-    /// The preset of that job.
     pub preset: Preset,
-    /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
     /// The weights in safetensors format.
     pub weights: Hashed<Vec<u8>>,
-    /// SHA-256 of the tensors, hexadecimal.
     pub weights_sha256: String,
 }
 

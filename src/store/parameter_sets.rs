@@ -20,12 +20,11 @@ use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 
-/// A parameter set to be stored with the job that identified it.
+/// A parameter set to be stored with the job that identified it, with fields of [`ParameterSetRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewParameterSet {
-    /// The parameters in JSON.
     pub body_json: String,
-    /// SHA-256 of the parameters, hexadecimal.
     pub sha256: String,
     /// The estimate that later sessions are compared with, see `wire::estimate`.
     pub estimate_json: Option<Hashed<String>>,

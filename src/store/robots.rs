@@ -62,21 +62,18 @@ impl RobotRow {
 
 /// The part of the robot's row that a release depends on; fields as in [`RobotRow`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[allow(missing_docs)] // as in the row
 pub struct RobotCheck {
-    /// `check_job_id`.
     pub job_id: Option<String>,
-    /// `check_seq`.
     pub check_seq: i64,
-    /// `checked_seq`.
     pub checked_seq: i64,
 }
 
-/// A robot to be stored.
+/// A robot to be stored, with fields of [`RobotRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewRobot {
-    /// Its name; need not be unique.
     pub name: String,
-    /// The robot document in JSON.
     pub body_json: String,
 }
 
