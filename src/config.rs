@@ -183,14 +183,10 @@ impl WorkerConfig {
         }
         Ok(())
     }
-
-    /// Number of workers to start.
-    pub fn n_workers(&self) -> usize {
-        n_workers(self.workers)
-    }
 }
 
-fn n_workers(asked: Option<usize>) -> usize {
+/// Number of workers to start.
+pub fn n_workers(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
@@ -285,11 +281,6 @@ impl ServeConfig {
             });
         }
         Ok(())
-    }
-
-    /// Number of workers to start.
-    pub fn n_workers(&self) -> usize {
-        n_workers(self.workers)
     }
 }
 

@@ -6,7 +6,7 @@ use serde_json::json;
 
 /// The parameter set, and the reason for the decision.
 #[derive(Debug, clap::Args)]
-struct DecisionArguments {
+pub struct DecisionArguments {
     #[command(flatten)]
     set: OfParameterSet,
     /// Reason; it is kept with the decision.
@@ -24,26 +24,9 @@ pub struct ReleaseArguments {
     change_reason: Option<String>,
 }
 
-/// Withdraw a parameter set: the cell no longer gets it.
+/// The robot, and the reason for the decision.
 #[derive(Debug, clap::Args)]
-pub struct WithdrawArguments {
-    #[command(flatten)]
-    decision: DecisionArguments,
-}
-
-/// State why a robot in the state `check_robot` is in order.
-#[derive(Debug, clap::Args)]
-pub struct CheckedArguments {
-    #[command(flatten)]
-    robot: OfRobot,
-    /// Reason; it is kept with the decision.
-    #[arg(long, value_name = "TEXT")]
-    reason: String,
-}
-
-/// Withdraw the active parameter set, and make the one that it superseded active again.
-#[derive(Debug, clap::Args)]
-pub struct RollbackArguments {
+pub struct RobotDecisionArguments {
     #[command(flatten)]
     robot: OfRobot,
     /// Reason; it is kept with the decision.
@@ -78,8 +61,8 @@ pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal withdraw`.
-pub fn withdraw(arguments: &WithdrawArguments) -> anyhow::Result<()> {
-    let DecisionArguments { set: of, reason } = &arguments.decision;
+pub fn withdraw(arguments: &DecisionArguments) -> anyhow::Result<()> {
+    let DecisionArguments { set: of, reason } = arguments;
     let set = of.post("/withdraw", &json!({"reason": reason}))?;
     of.output.print(&set, || {
         format!(
@@ -90,7 +73,7 @@ pub fn withdraw(arguments: &WithdrawArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal checked`.
-pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
+pub fn checked(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
     let of = &arguments.robot;
     let robot = of.send(
         Method::POST,
@@ -106,7 +89,7 @@ pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal rollback`.
-pub fn roll_back(arguments: &RollbackArguments) -> anyhow::Result<()> {
+pub fn roll_back(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
     let of = &arguments.robot;
     let body = json!({"reason": arguments.reason});
     let set = of.send(Method::POST, "/parameter-sets/rollback", &body)?;

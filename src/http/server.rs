@@ -1,6 +1,6 @@
 //! Starts and stops the service, for `kincal serve`, `kincal demo` and the tests.
 
-use crate::config::{self, STOP_WITHIN, ServeConfig};
+use crate::config::{self, STOP_WITHIN, ServeConfig, n_workers};
 use crate::http::accept::{self, ConnectionContext};
 use crate::http::{App, tls};
 use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, backfill, execution};
@@ -96,7 +96,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
     let workers = WorkerPool::start(
         store.clone(),
         compute,
-        config.n_workers(),
+        n_workers(config.workers),
         rules(&config.queue),
         signals.clone(),
     );

@@ -9,7 +9,6 @@ use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::kinematics::{Link, Payload, Robot};
 use crate::release::{orientation_unknown, wrong_robot};
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::compensate::{
     CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, OWN_FRAMES, ToolPose,
 };
@@ -170,7 +169,7 @@ impl Answer {
         let q_deg = corrected.q_controller_rad.iter();
         answer
             .q_deg
-            .push(q_deg.map(|rad| to_degrees(*rad)).collect());
+            .push(q_deg.map(|rad| rad.to_degrees()).collect());
         answer
             .position_error_before_mm
             .push(corrected.position_error_before_mm);
@@ -179,7 +178,7 @@ impl Answer {
             .push(corrected.position_error_after_mm);
         answer
             .orientation_error_after_deg
-            .push(to_degrees(corrected.orientation_error_after_rad));
+            .push(corrected.orientation_error_after_rad.to_degrees());
         answer.status.push(corrected.status);
         answer.extrapolated.push(extrapolated);
         if let (Some(all), Some(std_mm)) = (&mut answer.position_std_mm, std_mm) {
@@ -263,7 +262,7 @@ impl TargetFrame {
 }
 
 fn in_radians(q_deg: &[f64]) -> Vec<f64> {
-    q_deg.iter().map(|deg| to_radians(*deg)).collect()
+    q_deg.iter().map(|deg| deg.to_radians()).collect()
 }
 
 /// Warnings of the answer. For positions of the measured reflector the answer is valid even if the flange's rotation is not known, so only a warning
@@ -371,9 +370,9 @@ fn left_out(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<
         (Base::Robot, None) => anchor.t_base_anchored,
     };
     LeftOut {
-        base_turn_deg: to_degrees(base.rotation.angle()),
+        base_turn_deg: f64::to_degrees(base.rotation.angle()),
         base_shift_mm: base.translation.vector.norm(),
-        flange_turn_deg: to_degrees(flange.rotation.angle()),
+        flange_turn_deg: f64::to_degrees(flange.rotation.angle()),
         flange_shift_mm: flange.translation.vector.norm(),
     }
 }

@@ -12,7 +12,6 @@ use crate::measurement::table::{Next, Table as Cells};
 use crate::measurement::table_numbers::decimal_of;
 use crate::measurement::table_text::Source;
 use crate::operations::import_json::{csv_of_json, is_json};
-use crate::wire::angle::to_radians;
 use crate::wire::issue::{Invalid, Issue};
 
 /// Maximum size of a table, bytes. A dozen rows with nine columns have two KiB.
@@ -59,7 +58,7 @@ impl Column {
     /// A number of the column in mm or rad.
     fn converted(&self, number: f64) -> f64 {
         match self.unit {
-            "deg" => to_radians(number),
+            "deg" => number.to_radians(),
             "rad" => number,
             unit => {
                 let factor = LENGTHS.iter().find(|(name, _)| *name == unit);

@@ -4,7 +4,6 @@ use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::canonical;
 use crate::wire::corrections::CorrectionsContent;
 use crate::wire::frames::Transform;
@@ -291,10 +290,10 @@ impl From<&Link> for IdentifiedLink {
     fn from(link: &Link) -> Self {
         Self {
             a_mm: link.a_mm,
-            alpha_deg: to_degrees(link.alpha_rad),
+            alpha_deg: link.alpha_rad.to_degrees(),
             d_mm: link.d_mm,
-            theta_offset_deg: to_degrees(link.theta_offset_rad),
-            beta_deg: to_degrees(link.beta_rad),
+            theta_offset_deg: link.theta_offset_rad.to_degrees(),
+            beta_deg: link.beta_rad.to_degrees(),
         }
     }
 }
@@ -303,10 +302,10 @@ impl From<&IdentifiedLink> for Link {
     fn from(link: &IdentifiedLink) -> Self {
         Self {
             a_mm: link.a_mm,
-            alpha_rad: to_radians(link.alpha_deg),
+            alpha_rad: link.alpha_deg.to_radians(),
             d_mm: link.d_mm,
-            theta_offset_rad: to_radians(link.theta_offset_deg),
-            beta_rad: to_radians(link.beta_deg),
+            theta_offset_rad: link.theta_offset_deg.to_radians(),
+            beta_rad: link.beta_deg.to_radians(),
         }
     }
 }

@@ -250,7 +250,7 @@ pub fn warnings(
     match &report.verify {
         None => warnings.push(Warning::new(
             "no_verify_points",
-            "no points were kept to verify: the errors after are those of the fit itself".into(),
+            "no points were kept to verify: the errors after are those of the fit itself",
         )),
         Some(_) if is_evidence => {
             let to_verify = report
@@ -294,7 +294,7 @@ pub fn warnings(
     {
         warnings.push(Warning::new(
             "not_converged",
-            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"".into(),
+            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"",
         ));
     }
     warnings
