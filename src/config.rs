@@ -174,9 +174,6 @@ pub struct WorkerConfig {
 
 impl WorkerConfig {
     /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error`], which says what is wrong and how to correct it.
     pub fn check(&self) -> Result<(), Error> {
         if self.database.database_url.is_none() {
             return Err(Error::NoSharedDatabase);
@@ -265,9 +262,6 @@ impl ServeConfig {
     }
 
     /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error`], which says what is wrong and how to correct it.
     pub fn check(&self) -> Result<(), Error> {
         if self.no_auth && !self.listen.ip().is_loopback() {
             return Err(Error::NoAuthBeyondLoopback {

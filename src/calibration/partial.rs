@@ -41,9 +41,6 @@ pub struct Held {
 
 /// As [`calibrate`](crate::calibration::calibrate()), but from the links of an earlier identification. "Before" in the report is the robot with these links. Parameters that are not
 /// free keep their values. Their covariance is taken from the earlier session (consider parameters: Schmidt 1966).
-///
-/// # Errors
-/// As [`calibrate`](crate::calibration::calibrate()).
 pub fn calibrate_partially(
     request: &CalibrationRequest,
     held: &Held,

@@ -35,9 +35,6 @@ const LEAST_PROBABILITY: f64 = 1e-9;
 
 /// Compares `own`, the estimate of the request's session, with the previous session that the request names. `None` if there is none, or if nothing
 /// can be identified from it alone.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn changes(
     request: &CalibrationRequest,
     own: &Estimate,
@@ -71,9 +68,6 @@ pub fn kept<'a>(previous: &'a PreviousSession, parameters: &[Parameter]) -> Opti
 }
 
 /// The estimate of the request's own session, without its priors and options.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn estimate_of_request(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,

@@ -212,9 +212,6 @@ fn respond(outcome: IdempotentOutcome) -> Result<Response, Error> {
 }
 
 /// An answer in JSON that is stored with the Idempotency-Key.
-///
-/// # Errors
-/// [`Error::Internal`] if it cannot be serialised.
 pub fn stored_json(
     status: u16,
     location: Option<String>,

@@ -178,9 +178,6 @@ pub struct Calibrated {
 
 impl Calibrated {
     /// The report as it is stored and answered.
-    ///
-    /// # Errors
-    /// If it cannot be serialised. Finite numbers always can; others were refused before.
     pub fn report(
         &self,
         job_id: &str,

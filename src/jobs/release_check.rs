@@ -87,9 +87,6 @@ pub struct ReleaseCheck {
 
 impl ReleaseCheck {
     /// The release to be written, if every gate is passed.
-    ///
-    /// # Errors
-    /// [`ReleaseCheckError::Refused`].
     pub fn release(self, reason: String) -> Result<Release, ReleaseCheckError> {
         if !self.decision.is_releasable() {
             let failed = self.decision.failed().map(Gate::issue);

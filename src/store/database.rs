@@ -203,9 +203,6 @@ impl Tx {
     }
 
     /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing do not call this function, because they must work even then.
-    ///
-    /// # Errors
-    /// [`Error::LowDiskSpace`].
     pub(crate) fn require_disk_space(&self) -> Result<()> {
         self.store.low_disk_space().map_or(Ok(()), Err)
     }

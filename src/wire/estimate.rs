@@ -65,9 +65,6 @@ struct Rows {
 }
 
 /// Hash of the part of a robot that an estimate depends on: the nominal links without joint limits, and the joint map.
-///
-/// # Errors
-/// If the robot cannot be serialised. This does not happen for finite numbers.
 pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
     let mut links = robot.links.clone();
     links

@@ -119,9 +119,6 @@ pub struct ToolAnswer {
 }
 
 /// Checks the name of a work frame or tool.
-///
-/// # Errors
-/// [`Invalid`] for a name that is not allowed.
 pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
     let mut checker = Checker::default();
     checker.words("/name", name, max);

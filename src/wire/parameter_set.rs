@@ -235,9 +235,6 @@ impl ParameterSetContent {
     }
 
     /// The hash of the content, which the PC of a robot cell can check.
-    ///
-    /// # Errors
-    /// If the content cannot be serialised. This does not happen for finite numbers.
     pub fn sha256(&self) -> Result<String, serde_json::Error> {
         canonical::canonical_sha256(self)
     }

@@ -37,9 +37,6 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = [ROBOT_CHANGED, "placement_changed"];
 
 /// Builds the report of the API, with its hash.
-///
-/// # Errors
-/// If the content cannot be serialised. This does not happen for a report without NaN.
 pub fn build(core: &CalibrationReport, run: &RunContext<'_>) -> Result<Report, serde_json::Error> {
     let mut report = without_hash(core, run);
     report.result_sha256 = result_sha256(&report, core, run.network_sha256)?;

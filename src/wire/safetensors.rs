@@ -165,9 +165,6 @@ fn file_of(metadata: NetworkMetadata, tensors: &[NamedTensor<'_>]) -> Result<Sto
 }
 
 /// Reads a network of link parameters and checks all sizes.
-///
-/// # Errors
-/// [`Error`] if the file is not a valid network of this kind.
 pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     let metadata = read_metadata(bytes, NetworkKind::LinkParameters)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);

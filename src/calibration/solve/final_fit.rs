@@ -74,9 +74,6 @@ const ROUNDING_PER_REACH: f64 = 1e-6;
 
 /// Fits all points, starting from the verified fit. Returns no fit but a warning if the verify points do not belong to the others: no single robot
 /// fits both.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn final_fit<'a>(
     verified: &Problem<'a>,
     model: &KinematicModel,

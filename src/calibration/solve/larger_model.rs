@@ -21,9 +21,6 @@ const BETTER: f64 = 5.0;
 pub const MODEL_TOO_SMALL: &str = "model_too_small";
 
 /// Warning if the paper's model fits the points poorly and the complete model fits them well.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn warning(
     problem: &Problem<'_>,
     found: &KinematicModel,

@@ -143,9 +143,6 @@ impl<'a> Layout<'a> {
     }
 
     /// Places a robot on these points. Its links stay; base and targets stay, or are placed anew.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
     pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
         let mut observed = self.measured.clone();
         if !self.is_placed_anew {
