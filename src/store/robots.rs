@@ -18,7 +18,6 @@ row! {
         pub id: String,
         /// Its name; need not be unique.
         pub name: String,
-        /// The robot document in JSON.
         pub body_json: String,
         /// When it was stored.
         pub created_at_ms: i64,
@@ -40,7 +39,6 @@ row! {
         pub version: i64,
         /// Version of the robot in which its joint map last changed.
         pub joint_map_version: i64,
-        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Its name in lower case, for sorting lists.
         pub sort_name: String,

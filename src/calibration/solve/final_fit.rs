@@ -36,7 +36,6 @@ pub struct Final<'a> {
     pub corrected: Option<CorrectedModel>,
     /// Its uncertainty, whether or not it can be stated.
     pub uncertainty: Option<Uncertainty>,
-    /// Its errors, for the report.
     pub errors: FinalErrors,
 }
 
