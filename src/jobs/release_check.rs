@@ -343,7 +343,6 @@ fn run_gates(
         identification: &parsed.identification,
         identification_seq: parsed.identification_seq,
         verify_set_seq: parsed.verify_set_seq,
-        parameter_set_id: &request.set.id,
         content: &parsed.content,
         active: parsed.active.as_ref(),
         sessions: &parsed.sessions,

@@ -58,7 +58,6 @@ pub struct Facts<'a> {
     pub identification_seq: i64,
     /// Age of the separate upload that the job verified on, as a number in the audit chain; 0 for none.
     pub verify_set_seq: i64,
-    pub parameter_set_id: &'a str,
     pub content: &'a ParameterSetContent,
     /// The active set, if there is one.
     pub active: Option<&'a ParameterSetContent>,

@@ -87,6 +87,18 @@ pub struct UploadOptions<'a> {
     pub is_time: fn(&str) -> bool,
 }
 
+impl UploadOptions<'_> {
+    fn of_file<'m>(&self, mapping: &'m Mapping, part: FilePart) -> TableOptions<'m> {
+        TableOptions {
+            mapping,
+            n_joints: self.n_joints,
+            needs: needs(part),
+            rotation: self.rotation,
+            is_time: self.is_time,
+        }
+    }
+}
+
 /// Reads the files of an upload.
 pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, Reading), Invalid> {
     let mut mappings = Vec::new();
@@ -240,14 +252,8 @@ fn one(
 ) -> Result<Content, Invalid> {
     let mut mapping = mapping.clone();
     let read = source(bytes, &mut mapping).and_then(|source| {
-        let options = TableOptions {
-            mapping: &mapping,
-            n_joints: options.n_joints,
-            needs: needs(part),
-            rotation: options.rotation,
-            is_time: options.is_time,
-        };
-        table_points::read(source, &options).map_err(|error| table_error(&error))
+        table_points::read(source, &options.of_file(&mapping, part))
+            .map_err(|error| table_error(&error))
     });
     read.map_err(|error| of_file(error, part))
 }
@@ -265,14 +271,7 @@ pub fn preview(
     let mut mapping = options.columns.mapping(part)?;
     state_decimal(&mut mapping, options.decimal)?;
     let source = source(bytes, &mut mapping).map_err(|error| of_file(error, part))?;
-    let options = TableOptions {
-        mapping: &mapping,
-        n_joints: options.n_joints,
-        needs: needs(part),
-        rotation: options.rotation,
-        is_time: options.is_time,
-    };
-    table_points::preview(source, &options, n_rows)
+    table_points::preview(source, &options.of_file(&mapping, part), n_rows)
         .map_err(|error| of_file(table_error(&error), part))
 }
 
