@@ -292,9 +292,10 @@ mod tests {
     }
 
     fn corrected(program: &Program, q_deg: &[&[f64]]) -> Vec<u8> {
-        let mut answer = CompensateAnswer::default();
-        answer.q_deg = q_deg.iter().map(|q_deg| q_deg.to_vec()).collect();
-        program.with(&answer)
+        program.with(&CompensateAnswer {
+            q_deg: q_deg.iter().map(|q_deg| q_deg.to_vec()).collect(),
+            ..CompensateAnswer::default()
+        })
     }
 
     #[test]
