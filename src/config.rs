@@ -174,23 +174,16 @@ pub struct WorkerConfig {
 
 impl WorkerConfig {
     /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error`], which says what is wrong and how to correct it.
     pub fn check(&self) -> Result<(), Error> {
         if self.database.database_url.is_none() {
             return Err(Error::NoSharedDatabase);
         }
         Ok(())
     }
-
-    /// Number of workers to start.
-    pub fn n_workers(&self) -> usize {
-        n_workers(self.workers)
-    }
 }
 
-fn n_workers(asked: Option<usize>) -> usize {
+/// Number of workers to start.
+pub fn n_workers(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
@@ -269,9 +262,6 @@ impl ServeConfig {
     }
 
     /// Checks the settings.
-    ///
-    /// # Errors
-    /// [`Error`], which says what is wrong and how to correct it.
     pub fn check(&self) -> Result<(), Error> {
         if self.no_auth && !self.listen.ip().is_loopback() {
             return Err(Error::NoAuthBeyondLoopback {
@@ -285,11 +275,6 @@ impl ServeConfig {
             });
         }
         Ok(())
-    }
-
-    /// Number of workers to start.
-    pub fn n_workers(&self) -> usize {
-        n_workers(self.workers)
     }
 }
 

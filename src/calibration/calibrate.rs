@@ -36,9 +36,6 @@ pub fn calibrate(
 }
 
 /// As [`calibrate`], with what comes `then`, for which the problem is still there: the one that the delivered parameters were fitted to.
-///
-/// # Errors
-/// As [`calibrate`].
 pub fn calibrate_then<T>(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,

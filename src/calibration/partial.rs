@@ -41,9 +41,6 @@ pub struct Held {
 
 /// As [`calibrate`](crate::calibration::calibrate()), but from the links of an earlier identification. "Before" in the report is the robot with these links. Parameters that are not
 /// free keep their values. Their covariance is taken from the earlier session (consider parameters: Schmidt 1966).
-///
-/// # Errors
-/// As [`calibrate`](crate::calibration::calibrate()).
 pub fn calibrate_partially(
     request: &CalibrationRequest,
     held: &Held,
@@ -170,11 +167,7 @@ fn finished(
 fn held_uncertainty_unknown() -> Warning {
     let detail = "how uncertain the parameters are that were held cannot be told from the session that they were identified from, so no \
                   uncertainty is stated";
-    Warning {
-        code: "held_uncertainty_unknown",
-        detail: detail.into(),
-        rows: vec![],
-    }
+    Warning::new("held_uncertainty_unknown", detail)
 }
 
 /// Warning if parameters other than the identified ones have changed. If the new session determines all parameters, the two sessions are compared:
@@ -215,11 +208,7 @@ fn others_changed(
         "other parameters have changed than those that were identified: {found}. The identified values make up for what was held, so no \
          uncertainty is stated. Identify what has changed, or leave `parameters` out"
     );
-    Some(Warning {
-        code: "other_parameters_changed",
-        detail,
-        rows: vec![],
-    })
+    Some(Warning::new("other_parameters_changed", detail))
 }
 
 /// Removes the uncertainty from the report and records why.

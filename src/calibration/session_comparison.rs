@@ -35,9 +35,6 @@ const LEAST_PROBABILITY: f64 = 1e-9;
 
 /// Compares `own`, the estimate of the request's session, with the previous session that the request names. `None` if there is none, or if nothing
 /// can be identified from it alone.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn changes(
     request: &CalibrationRequest,
     own: &Estimate,
@@ -71,9 +68,6 @@ pub fn kept<'a>(previous: &'a PreviousSession, parameters: &[Parameter]) -> Opti
 }
 
 /// The estimate of the request's own session, without its priors and options.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn estimate_of_request(
     request: &CalibrationRequest,
     monitor: &mut Monitor<'_>,
@@ -161,11 +155,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
             probability_in_words(robot.probability),
             scale_remark(request)
         );
-        warnings.push(Warning {
-            code: ROBOT_CHANGED,
-            detail,
-            rows: vec![],
-        });
+        warnings.push(Warning::new(ROBOT_CHANGED, detail));
     }
     // Each set-up of an instrument has its own base.
     let is_own = |change: &&Change| {
@@ -183,11 +173,7 @@ fn in_words(comparison: &Comparison, request: &CalibrationRequest) -> Changes {
             "the base in its frame, or targets on the tool, are elsewhere than at the last identification, which is no change of the robot{and}: {}",
             list(&elsewhere)
         );
-        warnings.push(Warning {
-            code: "placement_changed",
-            detail,
-            rows: vec![],
-        });
+        warnings.push(Warning::new("placement_changed", detail));
     }
     Changes {
         all: robot.changes.iter().chain(placement).map(named).collect(),

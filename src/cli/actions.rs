@@ -1,13 +1,12 @@
 //! `kincal release|withdraw|rollback|checked|cancel`: decisions of people about a parameter set, a robot or a job.
 
-use super::runtime::block_on;
 use super::subject::{OfJob, OfParameterSet, OfRobot};
 use reqwest::Method;
-use serde_json::{Value, json};
+use serde_json::json;
 
 /// The parameter set, and the reason for the decision.
 #[derive(Debug, clap::Args)]
-struct DecisionArguments {
+pub struct DecisionArguments {
     #[command(flatten)]
     set: OfParameterSet,
     /// Reason; it is kept with the decision.
@@ -25,26 +24,9 @@ pub struct ReleaseArguments {
     change_reason: Option<String>,
 }
 
-/// Withdraw a parameter set: the cell no longer gets it.
+/// The robot, and the reason for the decision.
 #[derive(Debug, clap::Args)]
-pub struct WithdrawArguments {
-    #[command(flatten)]
-    decision: DecisionArguments,
-}
-
-/// State why a robot in the state `check_robot` is in order.
-#[derive(Debug, clap::Args)]
-pub struct CheckedArguments {
-    #[command(flatten)]
-    robot: OfRobot,
-    /// Reason; it is kept with the decision.
-    #[arg(long, value_name = "TEXT")]
-    reason: String,
-}
-
-/// Withdraw the active parameter set, and make the one that it superseded active again.
-#[derive(Debug, clap::Args)]
-pub struct RollbackArguments {
+pub struct RobotDecisionArguments {
     #[command(flatten)]
     robot: OfRobot,
     /// Reason; it is kept with the decision.
@@ -67,14 +49,11 @@ pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
     if let Some(change_reason) = &arguments.change_reason {
         body["change_reason"] = json!(change_reason);
     }
-    let (was_released, set) = block_on(async {
-        let (client, path) = of.at("")?;
-        // A key may release without being allowed to read; then the status before the release is unknown.
-        match client.get(&path).await {
-            Ok(set) if set["status"] == "released" => Ok((true, set)),
-            _ => Ok((false, decide(of, "/release", &body).await?)),
-        }
-    })?;
+    // A key may release without being allowed to read; then the status before the release is unknown.
+    let (was_released, set) = match of.get("") {
+        Ok(set) if set["status"] == "released" => (true, set),
+        _ => (false, of.post("/release", &body)?),
+    };
     of.output.print(&set, || match was_released {
         true => format!("{id} was released already; nothing changed"),
         false => format!("{id} is released: the cell gets it from now on"),
@@ -82,9 +61,9 @@ pub fn release(arguments: &ReleaseArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal withdraw`.
-pub fn withdraw(arguments: &WithdrawArguments) -> anyhow::Result<()> {
-    let DecisionArguments { set: of, reason } = &arguments.decision;
-    let set = block_on(decide(of, "/withdraw", &json!({"reason": reason})))?;
+pub fn withdraw(arguments: &DecisionArguments) -> anyhow::Result<()> {
+    let DecisionArguments { set: of, reason } = arguments;
+    let set = of.post("/withdraw", &json!({"reason": reason}))?;
     of.output.print(&set, || {
         format!(
             "{} is withdrawn; `kincal params` shows whether another one is active",
@@ -93,13 +72,8 @@ pub fn withdraw(arguments: &WithdrawArguments) -> anyhow::Result<()> {
     })
 }
 
-async fn decide(set: &OfParameterSet, action: &str, body: &Value) -> anyhow::Result<Value> {
-    let (client, path) = set.at(action)?;
-    client.send(Method::POST, &path, body).await
-}
-
 /// `kincal checked`.
-pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
+pub fn checked(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
     let of = &arguments.robot;
     let robot = of.send(
         Method::POST,
@@ -115,7 +89,7 @@ pub fn checked(arguments: &CheckedArguments) -> anyhow::Result<()> {
 }
 
 /// `kincal rollback`.
-pub fn roll_back(arguments: &RollbackArguments) -> anyhow::Result<()> {
+pub fn roll_back(arguments: &RobotDecisionArguments) -> anyhow::Result<()> {
     let of = &arguments.robot;
     let body = json!({"reason": arguments.reason});
     let set = of.send(Method::POST, "/parameter-sets/rollback", &body)?;
@@ -130,10 +104,7 @@ pub fn roll_back(arguments: &RollbackArguments) -> anyhow::Result<()> {
 /// `kincal cancel`.
 pub fn cancel(arguments: &CancelArguments) -> anyhow::Result<()> {
     let of = &arguments.job;
-    let job = block_on(async {
-        let (client, path) = of.at("/cancel")?;
-        client.send(Method::POST, &path, &json!({})).await
-    })?;
+    let job = of.post("/cancel", &json!({}))?;
     of.output.print(&job, || match job["status"].as_str() {
         Some("running") => format!("{} is asked to stop", of.id),
         status => format!("{} is {}", of.id, status.unwrap_or("over")),

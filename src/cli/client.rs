@@ -1,6 +1,7 @@
 //! HTTP client of the REST interface, with retries.
 
 use super::failure::Failed;
+use super::runtime::block_on;
 use super::usage::Usage;
 use crate::http::tls;
 use crate::wire::id::is_plausible;
@@ -48,11 +49,23 @@ pub struct ServerArguments {
 
 impl ServerArguments {
     /// A client of that server.
-    ///
-    /// # Errors
-    /// As [`Client::new`].
     pub fn client(&self) -> anyhow::Result<Client> {
         Client::new(&self.server, self.key.clone(), self.ca_cert.as_deref())
+    }
+
+    /// [`Client::get`] of a command that asks once.
+    pub fn get(&self, path: &str) -> anyhow::Result<Value> {
+        block_on(async { self.client()?.get(path).await })
+    }
+
+    /// [`Client::read`] of a command that asks once.
+    pub fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
+        block_on(async { self.client()?.read(path).await })
+    }
+
+    /// [`Client::send`] with POST, of a command that asks once.
+    pub fn post(&self, path: &str, body: &impl Serialize) -> anyhow::Result<Value> {
+        block_on(async { self.client()?.send(Method::POST, path, body).await })
     }
 }
 
@@ -128,9 +141,6 @@ impl Client {
 
     /// GET with an answer in any format, repeated while the server is busy. An unreachable server is an error immediately, because a person is
     /// waiting.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut attempt = 0;
         loop {
@@ -218,9 +228,6 @@ impl Client {
     }
 
     /// POST of a body with this content type and a JSON answer.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn post(
         &self,
         path: &str,
@@ -231,9 +238,6 @@ impl Client {
     }
 
     /// Request with a JSON body and a JSON answer.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn send(
         &self,
         method: Method,
@@ -246,9 +250,6 @@ impl Client {
 
     /// Request with a body and an answer in any format. Retries send the same `Idempotency-Key`, so it takes effect once; routes that store nothing
     /// ignore the key.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub async fn write(
         &self,
         method: Method,

@@ -5,7 +5,6 @@ use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, read, read_json};
 use super::numbers::three_mm;
 use super::program::{Program, ProgramTarget};
-use super::runtime::block_on;
 use super::subject::item;
 use super::terminal;
 use super::terminal::{Output, plain};
@@ -183,16 +182,12 @@ fn correct(arguments: &Arguments, targets: &[ProgramTarget]) -> anyhow::Result<C
         }
     }
     match (&arguments.parameters, arguments.files.as_slice()) {
-        (Some(id), [_]) => block_on(async {
+        (Some(id), [_]) => {
             let path = item("parameter-sets", id, "/compensate")?;
-            let answer = arguments
-                .server
-                .client()?
-                .send(reqwest::Method::POST, &path, &body)
-                .await?;
+            let answer = arguments.server.post(&path, &body)?;
             serde_json::from_value(answer)
                 .context("the server's answer is of another version of kincal")
-        }),
+        }
         (None, [parameters, _]) => {
             let document: ExportDocument = read_json(
                 parameters,

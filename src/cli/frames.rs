@@ -30,10 +30,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         .to_str()
         .filter(|id| id.starts_with("frm_"));
     let frames = match (stored, &arguments.robot) {
-        (Some(id), _) => {
-            let path = item("frames", id, "")?;
-            block_on(async { arguments.server.client()?.get(&path).await })?
-        }
+        (Some(id), _) => arguments.server.get(&item("frames", id, "")?)?,
         (None, None) => {
             let text = "say which robot was swept: --robot";
             return Err(Usage(text.into()).into());

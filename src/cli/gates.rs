@@ -1,7 +1,6 @@
 //! `kincal gates`: checks the gates of a release, without releasing.
 
 use super::remedy::in_commands;
-use super::runtime::block_on;
 use super::subject::OfParameterSet;
 use super::terminal;
 use super::terminal::{Output, plain};
@@ -17,11 +16,7 @@ pub struct Arguments {
 /// `kincal gates`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let OfParameterSet { id, output, .. } = &arguments.set;
-    let found = block_on(async {
-        let (client, path) = arguments.set.at("/gates")?;
-        client.get(&path).await
-    })?;
-    show(&found, id, output)
+    show(&arguments.set.get("/gates")?, id, output)
 }
 
 /// Prints the gates of a parameter set; an error if one would refuse its release.

@@ -1,7 +1,6 @@
 //! `kincal history|compare`: parameters over time, and the difference of two sets.
 
 use super::list::{cells, columns};
-use super::runtime::block_on;
 use super::subject::{OfParameterSet, OfRobot, checked};
 use super::terminal;
 use crate::wire::history::{CompareAnswer, HistoryAnswer, SessionTest};
@@ -116,10 +115,7 @@ fn in_words(changes: &[ChangeReport]) -> String {
 pub fn compare(arguments: &CompareArguments) -> anyhow::Result<()> {
     let (of, with) = (&arguments.set, checked(&arguments.with)?);
     let id = &of.id;
-    let answer = block_on(async {
-        let (client, path) = of.at(&format!("/compare?with={with}"))?;
-        client.get(&path).await
-    })?;
+    let answer = of.get(&format!("/compare?with={with}"))?;
     let parsed: CompareAnswer = serde_json::from_value(answer.clone())
         .context("the server's comparison is of another version of kincal")?;
     of.output.print(&answer, || {

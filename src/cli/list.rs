@@ -10,7 +10,7 @@ pub use super::text_table::columns;
 use crate::wire::page::{ArchivedFilter, Sort};
 use anyhow::Context;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Maximum number of rows of a list; the newest come first.
 const MAX_ROWS: usize = 100;
@@ -111,13 +111,12 @@ struct ListOptions {
         hide_possible_values = true
     )]
     sort: Option<Sort>,
+    #[command(flatten)]
+    output: Output,
 }
 
-/// Fields of the query.
-type ListQuery = Vec<(&'static str, String)>;
-
 impl ListOptions {
-    fn query(&self) -> ListQuery {
+    fn query(&self) -> Vec<(&'static str, String)> {
         let mut query = Vec::new();
         if self.archived != ArchivedFilter::False {
             query.push(("archived", self.archived.as_str().to_owned()));
@@ -149,8 +148,6 @@ pub struct RobotArguments {
     search: Option<String>,
     #[command(flatten)]
     options: ListOptions,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// A list of one robot, or one item by its own id.
@@ -179,8 +176,6 @@ pub struct SetArguments {
     search: Option<String>,
     #[command(flatten)]
     options: ListOptions,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Jobs of all robots or of one, or one job by its id.
@@ -207,8 +202,6 @@ pub struct JobArguments {
     kind: Option<String>,
     #[command(flatten)]
     options: ListOptions,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Networks of one robot, or one of them.
@@ -232,88 +225,58 @@ pub struct NetworkArguments {
     weights: Option<PathBuf>,
     #[command(flatten)]
     options: ListOptions,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// `kincal robots`.
 pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
-    let mut query = arguments.options.query();
-    query.extend(arguments.search.clone().map(|text| ("search", text)));
-    let shown = Shown {
-        kind: &ROBOTS,
-        robot: "",
-        id: arguments.id.as_deref(),
-        query,
-    };
-    list_or_show(&arguments.server, shown, &arguments.output)
+    let filters = [("search", &arguments.search)];
+    let one = (None, arguments.id.as_ref());
+    list_or_show(
+        &ROBOTS,
+        &arguments.server,
+        one,
+        &arguments.options,
+        &filters,
+    )
 }
 
 /// `kincal sets`.
 pub fn sets(arguments: &SetArguments) -> anyhow::Result<()> {
     if let (Some(id), true) = (&arguments.id, arguments.points) {
         let path = item(SETS.one, id, "/points")?;
-        terminal::raw(block_on(async {
-            arguments.server.client()?.read(&path).await
-        })?);
+        terminal::raw(arguments.server.read(&path)?);
         return Ok(());
     }
-    let mut query = arguments.options.query();
-    query.extend(arguments.search.clone().map(|text| ("search", text)));
-    let shown = Shown {
-        kind: &SETS,
-        robot: arguments.robot.as_deref().unwrap_or_default(),
-        id: arguments.id.as_deref(),
-        query,
-    };
-    list_or_show(&arguments.server, shown, &arguments.output)
+    let filters = [("search", &arguments.search)];
+    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
+    list_or_show(&SETS, &arguments.server, one, &arguments.options, &filters)
 }
 
 /// `kincal jobs`.
 pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
     if let (Some(id), true) = (&arguments.id, arguments.convergence) {
         let path = item(JOBS.one, id, "/convergence")?;
-        let curve = block_on(async { arguments.server.client()?.get(&path).await })?;
+        let curve = arguments.server.get(&path)?;
         say!("{}", serde_json::to_string_pretty(&curve)?);
         return Ok(());
     }
-    let mut query = arguments.options.query();
-    query.extend(arguments.status.clone().map(|status| ("status", status)));
-    query.extend(arguments.kind.clone().map(|kind| ("kind", kind)));
-    let shown = Shown {
-        kind: if arguments.robot.is_some() {
-            &JOBS
-        } else {
-            &ALL_JOBS
-        },
-        robot: arguments.robot.as_deref().unwrap_or_default(),
-        id: arguments.id.as_deref(),
-        query,
-    };
-    list_or_show(&arguments.server, shown, &arguments.output)
+    let filters = [("status", &arguments.status), ("kind", &arguments.kind)];
+    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
+    let kind = arguments.robot.as_ref().map_or(&ALL_JOBS, |_| &JOBS);
+    list_or_show(kind, &arguments.server, one, &arguments.options, &filters)
 }
 
 /// `kincal networks`.
 pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
     if let (Some(id), Some(file)) = (&arguments.id, &arguments.weights) {
-        return download(
-            &arguments.server,
-            &item(NETWORKS.one, id, "/weights")?,
-            file,
-        );
+        let weights = arguments
+            .server
+            .read(&item(NETWORKS.one, id, "/weights")?)?;
+        return std::fs::write(file, weights)
+            .with_context(|| format!("cannot write {}", file.display()));
     }
-    let shown = Shown {
-        kind: &NETWORKS,
-        robot: arguments.robot.as_deref().unwrap_or_default(),
-        id: arguments.id.as_deref(),
-        query: arguments.options.query(),
-    };
-    list_or_show(&arguments.server, shown, &arguments.output)
-}
-
-fn download(server: &ServerArguments, path: &str, file: &Path) -> anyhow::Result<()> {
-    let bytes = block_on(async { server.client()?.read(path).await })?;
-    std::fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))
+    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
+    list_or_show(&NETWORKS, &arguments.server, one, &arguments.options, &[])
 }
 
 /// Parameter sets of one robot, or one of them.
@@ -347,29 +310,26 @@ pub struct ParameterSetArguments {
     status: Option<String>,
     #[command(flatten)]
     options: ListOptions,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// `kincal params`.
 pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
     let server = &arguments.server;
-    let robot = arguments.robot.as_deref().unwrap_or_default();
     if let Some(id) = &arguments.id {
         if arguments.gates {
             let path = item(PARAMETER_SETS.one, id, "/gates")?;
-            let found = block_on(async { server.client()?.get(&path).await })?;
-            return gates::show(&found, id, &arguments.output);
+            return gates::show(&server.get(&path)?, id, &arguments.options.output);
         }
         if arguments.content {
             let path = item(PARAMETER_SETS.one, id, "/content")?;
-            terminal::raw(block_on(async { server.client()?.read(&path).await })?);
+            terminal::raw(server.read(&path)?);
             return Ok(());
         }
     }
     if arguments.active {
         let set = block_on(async {
             let client = server.client()?;
+            let robot = arguments.robot.as_deref().unwrap_or_default();
             let robot = client.robot_id(robot).await?;
             client
                 .get(&format!("/v1/robots/{robot}/parameter-sets/active"))
@@ -378,34 +338,25 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
         say!("{}", serde_json::to_string_pretty(&set)?);
         return Ok(());
     }
-    let mut query = arguments.options.query();
-    query.extend(arguments.status.clone().map(|status| ("status", status)));
-    let shown = Shown {
-        kind: &PARAMETER_SETS,
-        robot,
-        id: arguments.id.as_deref(),
-        query,
-    };
-    list_or_show(server, shown, &arguments.output)
+    let filters = [("status", &arguments.status)];
+    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
+    list_or_show(&PARAMETER_SETS, server, one, &arguments.options, &filters)
 }
 
-/// The items to list, or the item to show.
-struct Shown<'a> {
-    kind: &'static Listing,
-    /// The robot's id, name or serial number; empty for a list of all robots.
-    robot: &'a str,
-    /// The item to show.
-    id: Option<&'a str>,
-    query: ListQuery,
-}
-
-fn list_or_show(server: &ServerArguments, shown: Shown<'_>, output: &Output) -> anyhow::Result<()> {
-    let Shown {
-        kind,
-        robot,
-        id,
-        mut query,
-    } = shown;
+/// Lists the items of a robot (its id, name or serial number) or of all robots, or shows the one with this id.
+fn list_or_show(
+    kind: &Listing,
+    server: &ServerArguments,
+    (robot, id): (Option<&String>, Option<&String>),
+    options: &ListOptions,
+    filters: &[(&'static str, &Option<String>)],
+) -> anyhow::Result<()> {
+    let mut query = options.query();
+    query.extend(
+        filters
+            .iter()
+            .filter_map(|(name, text)| Some((*name, (*text).clone()?))),
+    );
     block_on(async {
         let client = server.client()?;
         if let Some(id) = id {
@@ -413,17 +364,16 @@ fn list_or_show(server: &ServerArguments, shown: Shown<'_>, output: &Output) -> 
             say!("{}", serde_json::to_string_pretty(&one)?);
             return Ok(());
         }
-        let robot = if robot.is_empty() {
-            String::new()
-        } else {
-            client.robot_id(robot).await?
+        let robot = match robot {
+            Some(robot) => client.robot_id(robot).await?,
+            None => String::new(),
         };
         let is_filtered = !query.is_empty();
         query.push(("limit", MAX_ROWS.to_string()));
         let page = client
             .get(&with_query(&(kind.list)(&robot), &query)?)
             .await?;
-        if output.json {
+        if options.output.json {
             say!("{}", serde_json::to_string_pretty(&page)?);
             return Ok(());
         }

@@ -146,11 +146,11 @@ enum Command {
     /// Make a parameter set the robot's active one.
     Release(actions::ReleaseArguments),
     /// Withdraw a parameter set: the cell no longer gets it.
-    Withdraw(actions::WithdrawArguments),
+    Withdraw(actions::DecisionArguments),
     /// Withdraw the active parameter set, and make the one that it superseded active again.
-    Rollback(actions::RollbackArguments),
+    Rollback(actions::RobotDecisionArguments),
     /// State why a robot is in order although a session did not fit it.
-    Checked(actions::CheckedArguments),
+    Checked(actions::RobotDecisionArguments),
     /// Cancel a job.
     Cancel(actions::CancelArguments),
     /// Run the paper's calibrations through a real server with a temporary database, and compare with the paper's tables.

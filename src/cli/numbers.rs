@@ -7,18 +7,12 @@ pub fn all(text: &str) -> Option<Vec<f64>> {
 }
 
 /// A given number of numbers.
-///
-/// # Errors
-/// `what`, if the text has anything else.
 pub fn exactly<const N: usize>(text: &str, what: &str) -> Result<[f64; N], String> {
     let numbers = all(text).and_then(|all| all.try_into().ok());
     numbers.ok_or_else(|| what.to_owned())
 }
 
 /// Three lengths.
-///
-/// # Errors
-/// If the text has anything else.
 pub fn three_mm(text: &str) -> Result<[f64; 3], String> {
     exactly(text, "three numbers in mm are needed, such as 30,-45,160")
 }

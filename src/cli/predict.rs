@@ -1,7 +1,6 @@
 //! `kincal predict`: the tool's position for joint values, computed with identified parameters.
 
 use super::numbers;
-use super::runtime::block_on;
 use super::subject::OfParameterSet;
 use super::terminal::plain;
 use serde_json::{Value, json};
@@ -39,10 +38,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(target) = arguments.target {
         body["target"] = json!(target);
     }
-    let answer = block_on(async {
-        let (client, path) = arguments.set.at("/predict")?;
-        client.send(reqwest::Method::POST, &path, &body).await
-    })?;
+    let answer = arguments.set.post("/predict", &body)?;
     for warning in answer["warnings"].as_array().into_iter().flatten() {
         let [code, detail] = ["code", "detail"].map(|field| warning[field].as_str());
         let text = format!(

@@ -271,7 +271,7 @@ fn numbers<const N: usize>(
 mod tests {
     use super::{Program, ProgramTarget};
     use crate::wire::columns::ColumnsBody;
-    use crate::wire::compensate::{CompensateAnswer, ErrorFrame};
+    use crate::wire::compensate::CompensateAnswer;
     use std::path::Path;
 
     fn parse(bytes: &[u8], columns: &str) -> anyhow::Result<Program> {
@@ -292,9 +292,10 @@ mod tests {
     }
 
     fn corrected(program: &Program, q_deg: &[&[f64]]) -> Vec<u8> {
-        let mut answer = CompensateAnswer::with_capacity(2, ErrorFrame::RobotBase);
-        answer.q_deg = q_deg.iter().map(|q_deg| q_deg.to_vec()).collect();
-        program.with(&answer)
+        program.with(&CompensateAnswer {
+            q_deg: q_deg.iter().map(|q_deg| q_deg.to_vec()).collect(),
+            ..CompensateAnswer::default()
+        })
     }
 
     #[test]

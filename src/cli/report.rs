@@ -1,7 +1,6 @@
 //! `kincal report`: the report of a job.
 
 use super::calibrate::refuse_unusable;
-use super::runtime::block_on;
 use super::subject::OfJob;
 use super::table;
 use super::usage::Usage;
@@ -27,17 +26,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if of.output.json {
             return Err(Usage("--html and --json exclude each other".into()).into());
         }
-        let page = block_on(async {
-            let (client, path) = of.at("/report.html")?;
-            client.read(&path).await
-        })?;
-        return std::fs::write(file, page)
+        return std::fs::write(file, of.read("/report.html")?)
             .with_context(|| format!("cannot write {}", file.display()));
     }
-    let report = block_on(async {
-        let (client, path) = of.at("/report")?;
-        client.get(&path).await
-    })?;
+    let report = of.get("/report")?;
     let parsed: Report = serde_json::from_value(report.clone())
         .context("the server's report is of another version of kincal")?;
     of.output.print(&report, || table::report(&parsed))?;

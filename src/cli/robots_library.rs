@@ -313,10 +313,7 @@ fn add(arguments: &AddArguments) -> anyhow::Result<()> {
     if let Some(mounting) = arguments.mounting {
         body.mounting = Some(MountingBody::Named(mounting));
     }
-    let robot = block_on(async {
-        let client = arguments.server.client()?;
-        client.send(Method::POST, "/v1/robots", &body).await
-    })?;
+    let robot = arguments.server.post("/v1/robots", &body)?;
     let text = |field: &str| plain(robot[field].as_str().unwrap_or_default());
     arguments.output.print(&robot, || {
         format!(

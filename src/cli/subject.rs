@@ -21,28 +21,49 @@ pub struct OfRobot {
     pub output: Output,
 }
 
-/// A parameter set of a server.
-#[derive(Debug, clap::Args)]
-pub struct OfParameterSet {
-    #[command(flatten)]
-    server: ServerArguments,
-    /// The parameter set, as `kincal params` lists it.
-    #[arg(value_name = "ID")]
-    pub id: String,
-    #[command(flatten)]
-    pub output: Output,
+/// Declares an item of a server: its name here, the part of its path between `/v1/` and its id, and the help of its id.
+macro_rules! item_of_a_server {
+    ($(#[$about:meta])* $name:ident, $kind:tt, $help:tt) => {
+        $(#[$about])*
+        #[derive(Debug, clap::Args)]
+        pub struct $name {
+            #[command(flatten)]
+            server: ServerArguments,
+            #[doc = $help]
+            #[arg(value_name = "ID")]
+            pub id: String,
+            #[command(flatten)]
+            pub output: Output,
+        }
+
+        impl $name {
+            /// Reads a path below the item.
+            pub fn get(&self, below: &str) -> anyhow::Result<Value> {
+                self.server.get(&item($kind, &self.id, below)?)
+            }
+
+            /// Sends JSON to a path below the item.
+            pub fn post(&self, below: &str, body: &impl Serialize) -> anyhow::Result<Value> {
+                self.server.post(&item($kind, &self.id, below)?, body)
+            }
+        }
+    };
 }
 
-/// A job of a server.
-#[derive(Debug, clap::Args)]
-pub struct OfJob {
-    #[command(flatten)]
-    server: ServerArguments,
-    /// The job, as `kincal jobs` lists it.
-    #[arg(value_name = "ID")]
-    pub id: String,
-    #[command(flatten)]
-    pub output: Output,
+item_of_a_server! {
+    /// A parameter set of a server.
+    OfParameterSet, "parameter-sets", "The parameter set, as `kincal params` lists it."
+}
+item_of_a_server! {
+    /// A job of a server.
+    OfJob, "jobs", "The job, as `kincal jobs` lists it."
+}
+
+impl OfJob {
+    /// Reads a document below the job that is not JSON.
+    pub fn read(&self, below: &str) -> anyhow::Result<Vec<u8>> {
+        self.server.read(&item("jobs", &self.id, below)?)
+    }
 }
 
 impl OfRobot {
@@ -72,23 +93,6 @@ impl OfRobot {
             let (client, path) = self.at(below).await?;
             client.send(method, &path, body).await
         })
-    }
-}
-
-impl OfParameterSet {
-    /// The client, and a path below the parameter set.
-    pub fn at(&self, below: &str) -> anyhow::Result<(Client, String)> {
-        Ok((
-            self.server.client()?,
-            item("parameter-sets", &self.id, below)?,
-        ))
-    }
-}
-
-impl OfJob {
-    /// The client, and a path below the job.
-    pub fn at(&self, below: &str) -> anyhow::Result<(Client, String)> {
-        Ok((self.server.client()?, item("jobs", &self.id, below)?))
     }
 }
 

@@ -4,7 +4,7 @@ use super::runtime::block_on;
 use super::serve::stop_signal;
 use super::terminal::Output;
 use super::usage::Usage;
-use crate::config::{DatabaseConfig, STOP_WITHIN, WorkerConfig};
+use crate::config::{DatabaseConfig, STOP_WITHIN, WorkerConfig, n_workers};
 use crate::http::server::rules;
 use crate::jobs::{JobSignals, WorkerPool, backfill, execution};
 use crate::store::{Store, StoreLocation};
@@ -24,11 +24,14 @@ pub fn run(config: &WorkerConfig) -> anyhow::Result<()> {
         let pool = WorkerPool::start(
             store.clone(),
             execution::compute,
-            config.n_workers(),
+            n_workers(config.workers),
             rules(&queue),
             JobSignals::default(),
         );
-        say!("kincal computing with {} workers", config.n_workers());
+        say!(
+            "kincal computing with {} workers",
+            n_workers(config.workers)
+        );
         stop_signal.await;
         tracing::info!("stopping: handing running jobs back");
         pool.shutdown(STOP_WITHIN).await;

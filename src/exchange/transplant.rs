@@ -66,9 +66,6 @@ struct Convention {
 /// The chain with new frames of its moving joints, so that it moves as the identified links do. Fixed joints do not change. Each frame keeps its
 /// place on its own link, up to the rounding of the description. The joint values keep their meaning: the controller's values, or the model's if the
 /// chain uses those.
-///
-/// # Errors
-/// [`Mismatch`] if the chain is not the nominal robot.
 pub fn transplanted(
     chain: &Chain,
     nominal: &Robot,

@@ -243,9 +243,6 @@ pub struct NewKey {
 }
 
 /// Makes a key.
-///
-/// # Errors
-/// If the operating system has no random numbers.
 pub fn new_key() -> Result<NewKey, Error> {
     let mut random = [0_u8; KEY_BYTES];
     getrandom::fill(&mut random)

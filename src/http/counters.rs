@@ -66,70 +66,37 @@ impl Metrics {
 
     pub(super) fn write(&self, out: &mut PrometheusText) {
         let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        out.family("kincal_requests_total", "counter", "Requests answered.");
+        let mut requests = out.family("kincal_requests_total", "counter", "Requests answered.");
         for ((method, route, status), n) in &counts.requests {
-            out.sample(
-                "kincal_requests_total",
-                &[
-                    ("method", method),
-                    ("route", route),
-                    ("status", &status.to_string()),
-                ],
-                *n as f64,
-            );
+            let status = status.to_string();
+            let labels = [("method", *method), ("route", route), ("status", &status)];
+            requests.sample(&labels, *n as f64);
         }
+        let stored = ("POST", "/v1/robots/{robot_id}/measurement-sets".into(), 201);
+        let n_stored = counts.requests.get(&stored).copied().unwrap_or(0) as f64;
         out.family(
             "kincal_uploads_total",
             "counter",
             "Measurement sets stored.",
-        );
-        let stored = (
-            "POST",
-            "/v1/robots/{robot_id}/measurement-sets".to_owned(),
-            201,
-        );
-        out.sample(
-            "kincal_uploads_total",
-            &[],
-            counts.requests.get(&stored).copied().unwrap_or(0) as f64,
-        );
-        out.family(
-            "kincal_errors_total",
-            "counter",
-            "Problems answered, by their code.",
-        );
+        )
+        .sample(&[], n_stored);
+        let what = "Problems answered, by their code.";
+        let mut errors = out.family("kincal_errors_total", "counter", what);
         for (code, n) in &counts.errors {
-            out.sample("kincal_errors_total", &[("code", code)], *n as f64);
+            errors.sample(&[("code", code)], *n as f64);
         }
-        out.family(
-            "kincal_request_duration_seconds",
-            "histogram",
-            "Time from the request's header to the answer's header.",
-        );
+        let what = "Time from the request's header to the answer's header.";
+        let mut durations = out.family("kincal_request_duration_seconds", "histogram", what);
         for (route, histogram) in &counts.durations {
-            let name = "kincal_request_duration_seconds_bucket";
+            let count = histogram.count as f64;
             for (bound, at_most) in BOUNDS_S.iter().zip(histogram.at_most) {
-                out.sample(
-                    name,
-                    &[("route", route), ("le", &bound.to_string())],
-                    at_most as f64,
-                );
+                let bound = bound.to_string();
+                let labels = [("route", route.as_str()), ("le", &bound)];
+                durations.part("_bucket", &labels, at_most as f64);
             }
-            out.sample(
-                name,
-                &[("route", route), ("le", "+Inf")],
-                histogram.count as f64,
-            );
-            out.sample(
-                "kincal_request_duration_seconds_sum",
-                &[("route", route)],
-                histogram.sum_s,
-            );
-            out.sample(
-                "kincal_request_duration_seconds_count",
-                &[("route", route)],
-                histogram.count as f64,
-            );
+            durations.part("_bucket", &[("route", route), ("le", "+Inf")], count);
+            durations.part("_sum", &[("route", route)], histogram.sum_s);
+            durations.part("_count", &[("route", route)], count);
         }
     }
 }
@@ -138,13 +105,32 @@ impl Metrics {
 #[derive(Default)]
 pub(super) struct PrometheusText(pub(super) String);
 
+/// The samples of one metric.
+pub(super) struct Family<'t> {
+    text: &'t mut String,
+    name: &'static str,
+}
+
 impl PrometheusText {
-    pub(super) fn family(&mut self, name: &str, kind: &str, help: &str) {
+    pub(super) fn family(&mut self, name: &'static str, kind: &str, help: &str) -> Family<'_> {
+        let text = &mut self.0;
         // Writing to a String does not fail.
-        let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
+        let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
+        Family { text, name }
     }
 
-    pub(super) fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
+    pub(super) fn gauge(&mut self, name: &'static str, help: &str, value: f64) {
+        self.family(name, "gauge", help).sample(&[], value);
+    }
+}
+
+impl Family<'_> {
+    pub(super) fn sample(&mut self, labels: &[(&str, &str)], value: f64) {
+        self.part("", labels, value);
+    }
+
+    /// A sample whose name has a suffix.
+    pub(super) fn part(&mut self, suffix: &str, labels: &[(&str, &str)], value: f64) {
         let quoted = |(key, value): &(&str, &str)| {
             let value = value
                 .replace('\\', "\\\\")
@@ -158,12 +144,7 @@ impl PrometheusText {
         } else {
             format!("{{{labels}}}")
         };
-        let _ = writeln!(self.0, "{name}{labels} {value}");
-    }
-
-    pub(super) fn gauge(&mut self, name: &str, help: &str, labels: &[(&str, &str)], value: f64) {
-        self.family(name, "gauge", help);
-        self.sample(name, labels, value);
+        let _ = writeln!(self.text, "{}{suffix}{labels} {value}", self.name);
     }
 }
 

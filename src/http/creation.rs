@@ -27,7 +27,6 @@ pub struct Submission {
     pub media_type: String,
     /// Its media type as sent.
     pub content_type: String,
-    /// Its body.
     pub body: Bytes,
     scope: Option<IdempotencyScope>,
 }
@@ -154,9 +153,6 @@ impl Submission {
 
     /// Replaces an error with the stored answer, if the same request took effect meanwhile. A client may retry while its first request still runs.
     /// The checks of the retry then see the changes of the first request, and may fail because of them.
-    ///
-    /// # Errors
-    /// That of `result`.
     pub async fn or_replay(
         &self,
         store: &Store,
@@ -215,9 +211,6 @@ fn respond(outcome: IdempotentOutcome) -> Result<Response, Error> {
 }
 
 /// An answer in JSON that is stored with the Idempotency-Key.
-///
-/// # Errors
-/// [`Error::Internal`] if it cannot be serialised.
 pub fn stored_json(
     status: u16,
     location: Option<String>,

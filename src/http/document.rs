@@ -56,9 +56,6 @@ static YAML: LazyLock<Result<String, String>> = LazyLock::new(|| {
 });
 
 /// The document in YAML: `openapi.yaml`, `/openapi.yaml` and `kincal openapi`.
-///
-/// # Errors
-/// If it cannot be serialised; does not happen.
 pub fn yaml() -> Result<&'static str, &'static str> {
     YAML.as_deref().map_err(String::as_str)
 }
@@ -67,9 +64,6 @@ static JSON: LazyLock<Result<String, String>> =
     LazyLock::new(|| openapi().to_json().map_err(|error| error.to_string()));
 
 /// The document in JSON: `/openapi.json`, which `/docs` reads.
-///
-/// # Errors
-/// If it cannot be serialised; does not happen.
 pub fn json() -> Result<&'static str, &'static str> {
     JSON.as_deref().map_err(String::as_str)
 }

@@ -171,71 +171,10 @@ impl From<serde_json::Error> for Error {
 }
 
 fn from_store(error: &store::Error) -> Problem {
-    use store::{Conflict, Error as E, JobStatus};
+    use store::Error as E;
     let (status, code, detail) = match error {
         E::NotFound => (404, "not_found", "there is nothing with this id".into()),
-        E::Conflict(Conflict::QueueFull { .. }) => (
-            429,
-            "queue_full",
-            format!("{error}: wait until some are done, or cancel some"),
-        ),
-        E::Conflict(Conflict::JobStatus {
-            status: JobStatus::Queued | JobStatus::Running,
-        }) => (
-            409,
-            "not_finished",
-            "the job is not over yet: poll it with ?wait_s=30, or listen to its events".into(),
-        ),
-        E::Conflict(Conflict::JobStatus { status }) => {
-            let why = if *status == crate::store::JobStatus::Failed {
-                "; its `error` says why"
-            } else {
-                ""
-            };
-            (
-                409,
-                "no_result",
-                format!("the job is {}, so it has no result{why}", status.as_str()),
-            )
-        }
-        E::Conflict(Conflict::Withdrawn) => (
-            409,
-            "release_refused",
-            format!("{error}: identify anew, or release another set"),
-        ),
-        E::Conflict(Conflict::ActiveChanged) => (
-            409,
-            "release_refused",
-            format!("{error}: check that set, then try again"),
-        ),
-        E::Conflict(Conflict::ChecksOutdated) => (
-            409,
-            "release_refused",
-            format!("{error}: check the gates again, then try again"),
-        ),
-        E::Conflict(Conflict::RefusedBySchema { .. }) => {
-            (409, "release_refused", format!("{error}: see its gates"))
-        }
-        E::Conflict(Conflict::RobotArchived) => {
-            (409, "archived", format!("{error}: restore it first"))
-        }
-        E::Conflict(Conflict::NotArchivable { .. }) => (409, "not_archivable", error.to_string()),
-        E::Conflict(Conflict::RobotChanged) => (
-            409,
-            "robot_changed",
-            format!("{error}: read it again, then try again"),
-        ),
-        E::Conflict(Conflict::JointMapReleased) => (
-            409,
-            "joint_map_released",
-            format!(
-                "{error}, and cells rely on it: store a new robot with the other joint map, and archive this one"
-            ),
-        ),
-        E::Conflict(Conflict::NothingToRollBackTo) => {
-            (409, "nothing_to_roll_back_to", error.to_string())
-        }
-        E::Conflict(_) => (409, "conflict", error.to_string()),
+        E::Conflict(conflict) => return from_conflict(conflict),
         E::LowDiskSpace { .. } => (
             507,
             "no_room",
@@ -252,6 +191,55 @@ fn from_store(error: &store::Error) -> Problem {
         E::Open { .. } | E::Database(_) => return internal(),
     };
     Problem::new(status, code, detail)
+}
+
+fn from_conflict(conflict: &store::Conflict) -> Problem {
+    use store::{Conflict as C, JobStatus};
+    let (status, code, advice) = match conflict {
+        C::JobStatus {
+            status: JobStatus::Queued | JobStatus::Running,
+        } => {
+            let detail =
+                "the job is not over yet: poll it with ?wait_s=30, or listen to its events";
+            return Problem::new(409, "not_finished", detail);
+        }
+        C::JobStatus { status } => {
+            let why = match status {
+                JobStatus::Failed => "; its `error` says why",
+                _ => "",
+            };
+            let detail = format!("the job is {}, so it has no result{why}", status.as_str());
+            return Problem::new(409, "no_result", detail);
+        }
+        C::QueueFull { .. } => (
+            429,
+            "queue_full",
+            ": wait until some are done, or cancel some",
+        ),
+        C::Withdrawn => (
+            409,
+            "release_refused",
+            ": identify anew, or release another set",
+        ),
+        C::ActiveChanged => (409, "release_refused", ": check that set, then try again"),
+        C::ChecksOutdated => (
+            409,
+            "release_refused",
+            ": check the gates again, then try again",
+        ),
+        C::RefusedBySchema { .. } => (409, "release_refused", ": see its gates"),
+        C::RobotArchived => (409, "archived", ": restore it first"),
+        C::NotArchivable { .. } => (409, "not_archivable", ""),
+        C::RobotChanged => (409, "robot_changed", ": read it again, then try again"),
+        C::JointMapReleased => (
+            409,
+            "joint_map_released",
+            ", and cells rely on it: store a new robot with the other joint map, and archive this one",
+        ),
+        C::NothingToRollBackTo => (409, "nothing_to_roll_back_to", ""),
+        C::LeaseLost | C::Duplicate => (409, "conflict", ""),
+    };
+    Problem::new(status, code, format!("{conflict}{advice}"))
 }
 
 fn internal() -> Problem {

@@ -326,11 +326,7 @@ const MAX_WARNED_ROWS: usize = 20;
 fn frame_assumed() -> Warning {
     let detail = "the upload does not state the frame of its positions; the robot's base frame is assumed. State the frame: base, or instrument \
                   if the base's pose and the targets are unknown";
-    Warning {
-        code: "frame_assumed".into(),
-        detail: detail.into(),
-        rows: vec![],
-    }
+    Warning::new("frame_assumed", detail)
 }
 
 /// Refuses an upload that names another serial number.

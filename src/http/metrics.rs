@@ -23,39 +23,26 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
         ));
     }
     let mut out = PrometheusText::default();
-    out.gauge(
-        "kincal_build_info",
-        "The version that runs.",
-        &[("version", env!("CARGO_PKG_VERSION"))],
-        1.0,
-    );
+    out.family("kincal_build_info", "gauge", "The version that runs.")
+        .sample(&[("version", env!("CARGO_PKG_VERSION"))], 1.0);
     app.metrics.write(&mut out);
-    out.family(
-        "kincal_permits_available",
-        "gauge",
-        "Free permits by kind. At 0 a request is refused, or waits if it computes.",
-    );
+    let what = "Free permits by kind. At 0 a request is refused, or waits if it computes.";
+    let mut permits = out.family("kincal_permits_available", "gauge", what);
     for (kind, left) in app.limits.free() {
-        out.sample("kincal_permits_available", &[("kind", kind)], left as f64);
+        permits.sample(&[("kind", kind)], left as f64);
     }
     // The counters are answered even while the database is unavailable.
     let jobs = {
         let _permit = app.limits.statistics().await?;
         statistics::jobs(&app.store).await
     };
-    out.gauge(
-        "kincal_database_up",
-        "1 if the database answered just now.",
-        &[],
-        f64::from(u8::from(jobs.is_ok())),
-    );
+    let is_up = f64::from(u8::from(jobs.is_ok()));
+    let what = "1 if the database answered just now.";
+    out.gauge("kincal_database_up", what, is_up);
     if let Some(free) = app.store.free_bytes() {
-        out.gauge(
-            "kincal_disk_free_bytes",
-            "Free space on the disk of the embedded database; below 64 MiB uploads are refused.",
-            &[],
-            free as f64,
-        );
+        let what =
+            "Free space on the disk of the embedded database; below 64 MiB uploads are refused.";
+        out.gauge("kincal_disk_free_bytes", what, free as f64);
     }
     if let Ok(jobs) = jobs {
         write_jobs(&mut out, &jobs);
@@ -65,55 +52,29 @@ pub async fn metrics(State(app): State<App>, caller: Caller) -> Result<Response,
 
 fn write_jobs(out: &mut PrometheusText, jobs: &[JobStatistics]) {
     let of = |status: JobStatus| jobs.iter().find(|row| row.status == status);
-    out.family("kincal_jobs", "gauge", "Jobs by status.");
+    let mut n_jobs = out.family("kincal_jobs", "gauge", "Jobs by status.");
     // Every status is listed, even without jobs.
     for status in JobStatus::ALL {
-        out.sample(
-            "kincal_jobs",
-            &[("status", status.as_str())],
-            of(status).map_or(0.0, |row| row.n_jobs as f64),
-        );
+        let n = of(status).map_or(0.0, |row| row.n_jobs as f64);
+        n_jobs.sample(&[("status", status.as_str())], n);
     }
-    out.family(
-        "kincal_oldest_job_age_seconds",
-        "gauge",
-        "Since the oldest job of this status was posted.",
-    );
+    let what = "Since the oldest job of this status was posted.";
+    let mut ages = out.family("kincal_oldest_job_age_seconds", "gauge", what);
     for status in [JobStatus::Queued, JobStatus::Running] {
-        out.sample(
-            "kincal_oldest_job_age_seconds",
-            &[("status", status.as_str())],
-            of(status).map_or(0.0, |row| seconds(row.oldest_age_ms)),
-        );
+        let age_s = of(status).map_or(0.0, |row| seconds(row.oldest_age_ms));
+        ages.sample(&[("status", status.as_str())], age_s);
     }
-    let begun = jobs.iter().map(|row| row.n_begun).sum::<i64>() as f64;
-    out.family(
-        "kincal_job_queue_wait_seconds",
-        "summary",
-        "From posting to the beginning, over all jobs in the database.",
-    );
-    out.sample(
-        "kincal_job_queue_wait_seconds_sum",
-        &[],
-        jobs.iter().map(|row| seconds(row.waited_ms)).sum(),
-    );
-    out.sample("kincal_job_queue_wait_seconds_count", &[], begun);
+    let what = "From posting to the beginning, over all jobs in the database.";
+    let mut waits = out.family("kincal_job_queue_wait_seconds", "summary", what);
+    let waited_s = jobs.iter().map(|row| seconds(row.waited_ms)).sum();
+    let n_begun = jobs.iter().map(|row| row.n_begun).sum::<i64>() as f64;
+    waits.part("_sum", &[], waited_s);
+    waits.part("_count", &[], n_begun);
+    let what = "From the beginning to the end, over the jobs in the database that succeeded.";
+    let mut solves = out.family("kincal_job_solve_seconds", "summary", what);
     let ended = of(JobStatus::Succeeded);
-    out.family(
-        "kincal_job_solve_seconds",
-        "summary",
-        "From the beginning to the end, over the jobs in the database that succeeded.",
-    );
-    out.sample(
-        "kincal_job_solve_seconds_sum",
-        &[],
-        ended.map_or(0.0, |row| seconds(row.ran_ms)),
-    );
-    out.sample(
-        "kincal_job_solve_seconds_count",
-        &[],
-        ended.map_or(0.0, |row| row.n_jobs as f64),
-    );
+    solves.part("_sum", &[], ended.map_or(0.0, |row| seconds(row.ran_ms)));
+    solves.part("_count", &[], ended.map_or(0.0, |row| row.n_jobs as f64));
 }
 
 fn seconds(ms: i64) -> f64 {

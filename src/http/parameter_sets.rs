@@ -130,18 +130,13 @@ pub async fn provenance(
 
 /// Warnings for everybody who corrects or predicts with a parameter set: it was withdrawn, or its robot is in the state `check_robot`.
 pub async fn warnings_of_use(app: &App, row: &ParameterSetRow) -> Result<Vec<Warning>, Error> {
-    let warning = |code: &str, detail: String| Warning {
-        code: code.into(),
-        detail,
-        rows: vec![],
-    };
     let mut warnings = Vec::new();
     if row.status == ParameterSetStatus::Withdrawn {
         let reason = row.withdraw_reason.as_deref().unwrap_or_default();
         let detail = format!(
             "the parameter set was withdrawn ({reason}): do not move a robot with it, use the active set"
         );
-        warnings.push(warning("set_withdrawn", detail));
+        warnings.push(Warning::new("set_withdrawn", detail));
     }
     let robot = robots::get(&app.store, &row.robot_id).await?;
     if let Some(job_id) = robot.check_job_id {
@@ -149,7 +144,7 @@ pub async fn warnings_of_use(app: &App, row: &ParameterSetRow) -> Result<Vec<War
             "the robot is in the state check_robot: the session of job {job_id} did not fit it. It may have changed since this set was identified: look \
              at the robot before it moves by these numbers"
         );
-        warnings.push(warning("check_robot", detail));
+        warnings.push(Warning::new("check_robot", detail));
     }
     Ok(warnings)
 }

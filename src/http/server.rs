@@ -1,6 +1,6 @@
 //! Starts and stops the service, for `kincal serve`, `kincal demo` and the tests.
 
-use crate::config::{self, STOP_WITHIN, ServeConfig};
+use crate::config::{self, STOP_WITHIN, ServeConfig, n_workers};
 use crate::http::accept::{self, ConnectionContext};
 use crate::http::{App, tls};
 use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, backfill, execution};
@@ -69,17 +69,11 @@ pub fn rules(queue: &config::QueueConfig) -> AttemptLimits {
 }
 
 /// Opens the database, starts the workers, and accepts requests.
-///
-/// # Errors
-/// [`Error`], which says what is wrong and how to correct it.
 pub async fn start(config: &ServeConfig) -> Result<RunningServer, Error> {
     start_with(config, execution::compute).await
 }
 
 /// As [`start`], with another function for the workers' computation. Studies pass a function that measures [`execution::compute`].
-///
-/// # Errors
-/// As [`start`].
 pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<RunningServer, Error> {
     config.check()?;
     let tls = config
@@ -102,7 +96,7 @@ pub async fn start_with(config: &ServeConfig, compute: Compute) -> Result<Runnin
     let workers = WorkerPool::start(
         store.clone(),
         compute,
-        config.n_workers(),
+        n_workers(config.workers),
         rules(&config.queue),
         signals.clone(),
     );

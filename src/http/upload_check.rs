@@ -51,11 +51,7 @@ pub fn check_rotations(
     };
     let code = ROTATION_SUSPECT;
     if insist == Some(Insist::RotationSuspect) {
-        return Ok(Some(Warning {
-            code: code.into(),
-            detail,
-            rows: vec![],
-        }));
+        return Ok(Some(Warning::new(code, detail)));
     }
     let issue = Issue {
         code: code.into(),

@@ -18,9 +18,6 @@ use std::ops::ControlFlow;
 const SUMMARIES: i64 = 100;
 
 /// Stores everything that is missing.
-///
-/// # Errors
-/// [`crate::store::Error::Database`].
 pub async fn backfill_missing(store: &Store) -> Result<()> {
     backfill_summaries(store).await?;
     backfill_facts(store).await

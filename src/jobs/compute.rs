@@ -25,10 +25,9 @@ pub type Compute = fn(
 
 /// Everything a job's result depends on.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // where the names say it
 pub struct JobInputs {
-    /// The running job.
     pub job: JobRow,
-    /// Its robot.
     pub robot: RobotRow,
     /// The measurement set to identify from, or to verify on; with several sessions, the first.
     pub set: MeasurementSetInput,
@@ -123,9 +122,6 @@ impl MeasurementSetInput {
     }
 
     /// Reads a stored set.
-    ///
-    /// # Errors
-    /// [`crate::store::Error`].
     pub async fn read(store: &Store, id: &str) -> Result<Self> {
         Ok(Self {
             row: measurement_sets::get(store, id).await?,
@@ -134,9 +130,6 @@ impl MeasurementSetInput {
     }
 
     /// Reads the stored sets that a job fits or scores: the first, and those of further sessions.
-    ///
-    /// # Errors
-    /// [`crate::store::Error`].
     pub async fn read_of(store: &Store, job: &JobRow) -> Result<(Self, Vec<Self>)> {
         let first = Self::read(store, &job.measurement_set_id).await?;
         let mut further = Vec::new();
@@ -173,12 +166,11 @@ pub struct NetworkInput {
 
 /// Result of a computation.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // where the names say it
 pub struct JobOutcome {
-    /// The whole report.
     pub report_json: Hashed<String>,
     /// Its summary, `wire::report_summary`.
     pub summary_json: String,
-    /// The convergence curve.
     pub convergence_json: Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: String,
@@ -282,9 +274,6 @@ impl JobInputs {
     }
 
     /// Reads the robot's uploads too, with which the points are compared.
-    ///
-    /// # Errors
-    /// [`crate::store::Error`].
     pub async fn with_known_uploads(self, store: &Store) -> Result<JobInputs> {
         let known = load_known(store, &self.job).await?;
         Ok(JobInputs { known, ..self })

@@ -28,9 +28,6 @@ pub(super) fn estimate_json(
 }
 
 /// Reads a stored estimate. `None` if there is none, if it belongs to another model than this, or if the robot's links or joint map have changed since.
-///
-/// # Errors
-/// If the document cannot be read.
 pub fn stored_estimate(
     estimate_json: Option<&str>,
     robot: &RobotRow,
@@ -42,9 +39,6 @@ pub fn stored_estimate(
 }
 
 /// As [`stored_estimate`], with its model.
-///
-/// # Errors
-/// If the document cannot be read.
 pub fn estimate_of(
     estimate_json: Option<&str>,
     robot: &RobotBody,

@@ -61,7 +61,6 @@ pub struct ParsedEvidence {
     pub job_id: String,
     /// The summary of the identification's report.
     pub report: ReportSummary,
-    /// Verification facts of the identification.
     pub identification: Verification,
     /// Number of the identification in the robot's counter.
     pub identification_seq: i64,
@@ -73,9 +72,7 @@ pub struct ParsedEvidence {
     pub points_seq: i64,
     /// The robot's last session that did not fit.
     pub last_check: Option<LastCheck>,
-    /// Content of the set.
     pub content: ParameterSetContent,
-    /// Content of the active set.
     pub active: Option<ParameterSetContent>,
     /// The points that the active set was identified from.
     active_points: Vec<MeasurementSet>,
@@ -89,9 +86,6 @@ pub struct ParsedEvidence {
 }
 
 /// Reads the rows. They contain uploads, so the caller needs a permit to compute.
-///
-/// # Errors
-/// [`crate::store::Error`].
 pub async fn load(
     store: &Store,
     set: &ParameterSetRow,
@@ -165,9 +159,6 @@ fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> std::result::Result<T, 
 }
 
 /// Parses the rows. It takes long, so call it on a blocking thread.
-///
-/// # Errors
-/// If stored documents cannot be parsed.
 pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unreadable> {
     if stored.n_without_facts > 0 {
         return Err(Unreadable(
@@ -242,9 +233,6 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
 }
 
 /// Whether an upload repeats the points of a session that the set was identified from. Such an upload was not measured later.
-///
-/// # Errors
-/// If the upload cannot be parsed.
 pub fn repeats_own_upload(
     parsed: &ParsedEvidence,
     upload: &MeasurementSetInput,
@@ -324,9 +312,6 @@ impl ParsedEvidence {
 }
 
 /// Errors of the set and of the active one on a session's points; `None` if no other set is active, or if it was identified from these points.
-///
-/// # Errors
-/// If the upload cannot be parsed.
 pub fn compare_on_session(
     parsed: &ParsedEvidence,
     session: &Session,
@@ -354,9 +339,6 @@ pub fn compare_on_verify_set(evidence: &ParsedEvidence) -> Option<Comparison> {
 
 /// Errors of the set and of the active one on the points of the set's own upload that were held out; `None` if no other set is active. With `report`,
 /// the report of the identification, the set's errors are those of the fit that did not use these points.
-///
-/// # Errors
-/// If the report cannot be parsed.
 pub fn compare_on_verify_subset(
     evidence: &ParsedEvidence,
     report: Option<&str>,

@@ -178,9 +178,6 @@ pub struct Calibrated {
 
 impl Calibrated {
     /// The report as it is stored and answered.
-    ///
-    /// # Errors
-    /// If it cannot be serialised. Finite numbers always can; others were refused before.
     pub fn report(
         &self,
         job_id: &str,
@@ -212,9 +209,6 @@ impl Calibrated {
 }
 
 /// Runs the core, times its stages and passes its progress on.
-///
-/// # Errors
-/// As [`compute`].
 pub fn run_calibration(
     request: &CalibrationRequest,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,

@@ -115,9 +115,6 @@ impl JobSignals {
     }
 
     /// Waits until the job's status is not `seen` or the job has ended, at most for `timeout`: a long poll.
-    ///
-    /// # Errors
-    /// Those of [`jobs::get`].
     pub async fn wait_for_status_change(
         &self,
         store: &Store,
@@ -131,9 +128,6 @@ impl JobSignals {
 
     /// Waits until status, attempt or progress of the job differ from `seen` or the job has ended, at most for `timeout`: one step of an event
     /// stream.
-    ///
-    /// # Errors
-    /// Those of [`jobs::get`].
     pub async fn wait_for_change(
         &self,
         store: &Store,

@@ -15,17 +15,11 @@ use crate::wire::verification::Verification;
 pub const MAX_WAITING_JOBS_PER_ROBOT: i64 = 10_000;
 
 /// Posts a job in the caller's transaction. After the commit, call [`JobSignals::job_enqueued`].
-///
-/// # Errors
-/// Those of [`jobs::insert`].
 pub async fn enqueue(tx: &mut Tx, new: &NewJob) -> Result<JobRow> {
     jobs::insert(tx, new, Some(MAX_WAITING_JOBS_PER_ROBOT)).await
 }
 
 /// Cancels a job (see [`jobs::cancel`]) and signals its worker and its listeners.
-///
-/// # Errors
-/// Those of [`jobs::cancel`].
 pub async fn cancel(store: &Store, signals: &JobSignals, job_id: &str, by: &str) -> Result<JobRow> {
     let mut tx = store.begin().await?;
     tx.act_as(by);
@@ -53,9 +47,6 @@ pub enum AttemptEnd {
 }
 
 /// Ends an attempt in one transaction. If the lease is lost, nothing is stored.
-///
-/// # Errors
-/// [`crate::store::Conflict::LeaseLost`], [`crate::store::Error::Database`].
 pub async fn end(store: &Store, lease: &Lease, end: &AttemptEnd) -> Result<()> {
     if matches!(end, AttemptEnd::LeaseLost) {
         return Ok(());
@@ -105,9 +96,6 @@ async fn finish(tx: &mut Tx, lease: &Lease, outcome: &JobOutcome) -> Result<()> 
 
 /// Stores a job's facts about a parameter set, and the change of the robot's state that follows from them. The transaction must have locked the
 /// robot's row.
-///
-/// # Errors
-/// [`crate::store::Error::Database`].
 pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Result<()> {
     let check_seq = verifications::check_of_job(tx, job_id).await?.check_seq;
     let found = facts_at_end(found, check_seq);
@@ -124,9 +112,6 @@ pub async fn record_facts(tx: &mut Tx, job_id: &str, found: &Verification) -> Re
 }
 
 /// Requeues or fails jobs whose leases have expired, and signals their listeners.
-///
-/// # Errors
-/// [`crate::store::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: u32, signals: &JobSignals) -> Result<Expired> {
     let problem = |detail| problem_json(&Problem::new(500, "attempts_exhausted", detail));
     let attempts = match max_attempts {

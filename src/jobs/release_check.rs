@@ -27,12 +27,10 @@ const MAX_WITHDRAWN: i64 = 200;
 
 /// A release to be checked.
 #[derive(Debug)]
+#[allow(missing_docs)] // where the names say it
 pub struct ReleaseRequest {
-    /// The parameter set.
     pub set: ParameterSetRow,
-    /// The key that releases.
     pub approver: String,
-    /// Purpose of the check.
     pub purpose: Purpose,
 }
 
@@ -87,9 +85,6 @@ pub struct ReleaseCheck {
 
 impl ReleaseCheck {
     /// The release to be written, if every gate is passed.
-    ///
-    /// # Errors
-    /// [`ReleaseCheckError::Refused`].
     pub fn release(self, reason: String) -> Result<Release, ReleaseCheckError> {
         if !self.decision.is_releasable() {
             let failed = self.decision.failed().map(Gate::issue);
@@ -348,7 +343,6 @@ fn run_gates(
         identification: &parsed.identification,
         identification_seq: parsed.identification_seq,
         verify_set_seq: parsed.verify_set_seq,
-        parameter_set_id: &request.set.id,
         content: &parsed.content,
         active: parsed.active.as_ref(),
         sessions: &parsed.sessions,

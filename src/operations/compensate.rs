@@ -9,7 +9,6 @@ use crate::identification::KinematicModel;
 use crate::identification::changes::Estimate;
 use crate::kinematics::{Link, Payload, Robot};
 use crate::release::{orientation_unknown, wrong_robot};
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::compensate::{
     CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, OWN_FRAMES, ToolPose,
 };
@@ -23,10 +22,9 @@ use nalgebra::IsometryMatrix3;
 
 /// An identified robot, with the work frame and the tool that a request refers to by name.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // where the names say it
 pub struct Correctable<'a> {
-    /// The nominal robot.
     pub robot: &'a Robot,
-    /// The parameter set.
     pub content: &'a ParameterSetContent,
     /// Provenance of the parameter set.
     pub provenance: &'a Provenance,
@@ -78,7 +76,7 @@ pub fn compensate(
     };
     let error = from.estimate.filter(has_target);
     let error = error.map(|estimate| ToolError::new(robot, estimate, base, point));
-    let mut answer = Answer::new(request, base, error.is_some());
+    let mut answer = Answer::new(base, error.is_some());
     answer.document.left_out = left_out(compensation.anchor(), base, {
         let is_measured = provenance.measuring_frame == Some(Frame::Base);
         is_measured.then(|| identified.model().t_instrument_base)
@@ -130,10 +128,12 @@ struct Answer {
 }
 
 impl Answer {
-    fn new(request: &CompensateBody, base: Base, has_std: bool) -> Self {
-        let n = request.q_deg.len() + request.targets.len();
-        let mut document = CompensateAnswer::with_capacity(n, ErrorFrame::from(base));
-        document.position_std_mm = has_std.then(Vec::new);
+    fn new(base: Base, has_std: bool) -> Self {
+        let document = CompensateAnswer {
+            frame: ErrorFrame::from(base),
+            position_std_mm: has_std.then(Vec::new),
+            ..CompensateAnswer::default()
+        };
         Self {
             document,
             poses: vec![],
@@ -168,7 +168,7 @@ impl Answer {
         let q_deg = corrected.q_controller_rad.iter();
         answer
             .q_deg
-            .push(q_deg.map(|rad| to_degrees(*rad)).collect());
+            .push(q_deg.map(|rad| rad.to_degrees()).collect());
         answer
             .position_error_before_mm
             .push(corrected.position_error_before_mm);
@@ -177,7 +177,7 @@ impl Answer {
             .push(corrected.position_error_after_mm);
         answer
             .orientation_error_after_deg
-            .push(to_degrees(corrected.orientation_error_after_rad));
+            .push(corrected.orientation_error_after_rad.to_degrees());
         answer.status.push(corrected.status);
         answer.extrapolated.push(extrapolated);
         if let (Some(all), Some(std_mm)) = (&mut answer.position_std_mm, std_mm) {
@@ -261,7 +261,7 @@ impl TargetFrame {
 }
 
 fn in_radians(q_deg: &[f64]) -> Vec<f64> {
-    q_deg.iter().map(|deg| to_radians(*deg)).collect()
+    q_deg.iter().map(|deg| deg.to_radians()).collect()
 }
 
 /// Warnings of the answer. For positions of the measured reflector the answer is valid even if the flange's rotation is not known, so only a warning
@@ -274,12 +274,10 @@ fn warnings(request: &CompensateBody, provenance: &Provenance, n_links: usize) -
         .warnings
         .iter()
         .filter(|warning| warning.code == INSTRUMENT_SCALE);
-    let told = orientation_unknown(provenance, n_links).map(|_| Warning {
-        code: ORIENTATION_NOT_KNOWN.into(),
-        detail: "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the reflector as \
-                 it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off by the difference"
-            .into(),
-        rows: vec![],
+    let told = orientation_unknown(provenance, n_links).map(|_| {
+        let detail = "the place of the reflector on the flange is known no better than the rotation of the flange: the answer holds for the reflector as \
+                 it was identified (`targets` of the parameter set). If the program's tool has it elsewhere, its position is off by the difference";
+        Warning::new(ORIENTATION_NOT_KNOWN, detail)
     });
     told.into_iter().chain(scale.cloned()).collect()
 }
@@ -307,15 +305,14 @@ fn reflector_length(
             "reflector and tools are off by that length if the reflector is ahead of the flange by it",
         ),
     };
-    Some(Warning {
-        code: "reflector_length".into(),
-        detail: format!(
+    Some(Warning::new(
+        "reflector_length",
+        format!(
             "d of the last link is {:+.3} mm from nominal. The model holds the reflector at the flange's origin, so an error of this link cannot be              told from a reflector that is ahead of the flange. It counts as {counts}; {otherwise}. `position_std_mm` contains {:.3} mm for this:              measure how far the reflector's centre is from the flange",
             held.change_mm,
             held.flange_error_mm()
         ),
-        rows: vec![],
-    })
+    ))
 }
 
 fn has_tool(request: &CompensateBody) -> bool {
@@ -372,9 +369,9 @@ fn left_out(anchor: &Anchor, base: Base, t_nominal_base: Option<IsometryMatrix3<
         (Base::Robot, None) => anchor.t_base_anchored,
     };
     LeftOut {
-        base_turn_deg: to_degrees(base.rotation.angle()),
+        base_turn_deg: f64::to_degrees(base.rotation.angle()),
         base_shift_mm: base.translation.vector.norm(),
-        flange_turn_deg: to_degrees(flange.rotation.angle()),
+        flange_turn_deg: f64::to_degrees(flange.rotation.angle()),
         flange_shift_mm: flange.translation.vector.norm(),
     }
 }

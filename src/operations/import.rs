@@ -8,7 +8,6 @@ use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::operations::import_digits::{clean, with_right_angles};
 use crate::operations::import_table::{Table, table_of_any};
 use crate::operations::urdf::{Urdf, UrdfFrames};
-use crate::wire::angle::to_degrees;
 use crate::wire::frames::Transform;
 use crate::wire::import::{ImportAnswer, ImportDigits, ImportFormat};
 use crate::wire::issue::{Invalid, Issue};
@@ -21,9 +20,6 @@ const N_CONFIGURATIONS: usize = 100;
 const SAME_MM: f64 = 1e-9;
 
 /// As [`import_with`], with [`ImportDigits::Exact`].
-///
-/// # Errors
-/// As [`import_with`].
 pub fn import(
     bytes: &[u8],
     format: ImportFormat,
@@ -156,12 +152,12 @@ fn answer(
 ) -> Result<ImportAnswer, Invalid> {
     let link = |(link, limits): (&Link, &Option<(f64, f64)>)| LinkBody {
         a_mm: clean(link.a_mm),
-        alpha_deg: clean(to_degrees(link.alpha_rad)),
+        alpha_deg: clean(link.alpha_rad.to_degrees()),
         d_mm: clean(link.d_mm),
-        theta_offset_deg: clean(to_degrees(link.theta_offset_rad)),
-        beta_deg: (link.beta_rad != 0.0).then(|| to_degrees(link.beta_rad)),
+        theta_offset_deg: clean(link.theta_offset_rad.to_degrees()),
+        beta_deg: (link.beta_rad != 0.0).then(|| link.beta_rad.to_degrees()),
         joint_limits_deg: limits
-            .map(|(low, high)| [clean(to_degrees(low)), clean(to_degrees(high))]),
+            .map(|(low, high)| [clean(low.to_degrees()), clean(high.to_degrees())]),
     };
     let robot = RobotBody {
         name: name.into(),

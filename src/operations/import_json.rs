@@ -14,9 +14,6 @@ pub fn is_json(bytes: &[u8]) -> bool {
 }
 
 /// Converts a table in JSON to CSV. The rows are the list itself, or the list `rows` or `links` of an object.
-///
-/// # Errors
-/// [`Invalid`] with a JSON pointer to each error.
 pub fn csv_of_json(bytes: &[u8]) -> Result<Vec<u8>, Invalid> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let document: Value = serde_json::from_slice(bytes).map_err(|error| {

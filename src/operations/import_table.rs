@@ -12,7 +12,6 @@ use crate::measurement::table::{Next, Table as Cells};
 use crate::measurement::table_numbers::decimal_of;
 use crate::measurement::table_text::Source;
 use crate::operations::import_json::{csv_of_json, is_json};
-use crate::wire::angle::to_radians;
 use crate::wire::issue::{Invalid, Issue};
 
 /// Maximum size of a table, bytes. A dozen rows with nine columns have two KiB.
@@ -59,7 +58,7 @@ impl Column {
     /// A number of the column in mm or rad.
     fn converted(&self, number: f64) -> f64 {
         match self.unit {
-            "deg" => to_radians(number),
+            "deg" => number.to_radians(),
             "rad" => number,
             unit => {
                 let factor = LENGTHS.iter().find(|(name, _)| *name == unit);
@@ -70,9 +69,6 @@ impl Column {
 }
 
 /// Parses a table in CSV or JSON.
-///
-/// # Errors
-/// [`Invalid`] with the row and column, or a JSON pointer, of each error.
 pub fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
     if bytes.len() <= MAX_TABLE_BYTES && is_json(bytes) {
         table(&csv_of_json(bytes)?)
@@ -83,9 +79,6 @@ pub fn table_of_any(bytes: &[u8]) -> Result<Table, Invalid> {
 
 /// Parses a table with one row per link, from base to flange. Required columns: a, alpha, d, and theta_offset or theta, each with its unit. Optional
 /// columns: beta, min, max, link. The numbers of a link column increase by 1.
-///
-/// # Errors
-/// [`Invalid`] with the row and column of each error.
 pub fn table(bytes: &[u8]) -> Result<Table, Invalid> {
     if bytes.len() > MAX_TABLE_BYTES {
         let detail = format!(

@@ -7,7 +7,6 @@ use crate::identification::workspace::ToolUncertainty;
 use crate::kinematics::Robot;
 use crate::measurement::{MeasurementSet, Point};
 use crate::planning::{self, Noise, Plan, PlanRequest, SetUp, TooLittleRoom};
-use crate::wire::angle::to_degrees;
 use crate::wire::issue::Invalid;
 use crate::wire::job::Model;
 use crate::wire::pose_plan::{
@@ -140,7 +139,7 @@ fn answer(request: &PosePlanBody, plan: &Plan) -> PosePlanAnswer {
                 q_deg: planned
                     .q_controller_rad
                     .iter()
-                    .map(|rad| to_degrees(*rad))
+                    .map(|rad| rad.to_degrees())
                     .collect(),
                 set_up: name(planned.set_up),
                 repeats: planned.repeats,

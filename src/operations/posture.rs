@@ -1,7 +1,6 @@
 //! The nominal pose of a posture, with the orientation angles of several manufacturers.
 
 use crate::kinematics::{Robot, t_base_flange};
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::Invalid;
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::tool::quaternion;
@@ -18,7 +17,7 @@ const ROUNDED_DEG: f64 = 0.01;
 /// [`Invalid`] for joint values or a tool that cannot be used.
 pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, Invalid> {
     request.check(robot.links.len())?;
-    let q_rad: Vec<f64> = request.q_deg.iter().map(|deg| to_radians(*deg)).collect();
+    let q_rad: Vec<f64> = request.q_deg.iter().map(|deg| deg.to_radians()).collect();
     let q_model_rad = robot.q_model_rad(&q_rad);
     let t = t_base_flange(&robot.links, &q_model_rad)
         * request
@@ -26,7 +25,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
             .map_or_else(IsometryMatrix3::identity, IsometryMatrix3::from);
     let r = t.rotation.matrix();
     let (yaw_pitch_roll, angles_not_unique) = yaw_pitch_roll(r);
-    let [yaw, pitch, roll] = yaw_pitch_roll.map(to_degrees);
+    let [yaw, pitch, roll] = yaw_pitch_roll.map(f64::to_degrees);
     let position = t.translation.vector;
     let outside = robot
         .joint_limits_rad
@@ -35,7 +34,8 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
         .enumerate()
         .filter(|(_, (limits, q_deg))| {
             limits.is_some_and(|(low, high)| {
-                **q_deg < to_degrees(low) - ROUNDED_DEG || **q_deg > to_degrees(high) + ROUNDED_DEG
+                **q_deg < low.to_degrees() - ROUNDED_DEG
+                    || **q_deg > high.to_degrees() + ROUNDED_DEG
             })
         });
     Ok(PostureAnswer {
@@ -46,7 +46,7 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
         fanuc_wpr_deg: [roll, pitch, yaw],
         ur_rotation_vector_rad: rotation_vector(&t.rotation),
         angles_not_unique,
-        q_model_deg: q_model_rad.iter().map(|rad| to_degrees(*rad)).collect(),
+        q_model_deg: q_model_rad.iter().map(|rad| rad.to_degrees()).collect(),
         outside_limits: outside.map(|(i, _)| i + 1).collect(),
         position_apart_mm: request
             .shown_position_mm

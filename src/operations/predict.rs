@@ -2,7 +2,6 @@
 
 use crate::identification::changes::Estimate;
 use crate::kinematics::{Payload, Robot};
-use crate::wire::angle::to_radians;
 use crate::wire::issue::Invalid;
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::predict::{PredictAnswer, PredictBody, unknown_target};
@@ -27,14 +26,14 @@ pub fn predict(
         .carrying(request.payload.map(Payload::from));
     let estimate = estimate.filter(|e| request.target < e.model.targets_mm.len());
     let std_mm = |estimate: &Estimate, q_deg: &Vec<f64>| {
-        let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+        let q_rad: Vec<f64> = q_deg.iter().map(|deg| deg.to_radians()).collect();
         let (model, parameters) = (&estimate.model, &estimate.parameters);
         let q_rad = robot.q_model_rad(&q_rad);
         let uncertainty = &estimate.uncertainty;
         uncertainty.position_std_mm(model, parameters, &q_rad, request.target)
     };
     let predicted = |q_deg: &Vec<f64>| -> ([f64; 3], bool) {
-        let q_rad: Vec<f64> = q_deg.iter().map(|deg| to_radians(*deg)).collect();
+        let q_rad: Vec<f64> = q_deg.iter().map(|deg| deg.to_radians()).collect();
         let q_rad = robot.q_model_rad(&q_rad);
         (
             identified.position(&q_rad, request.target).into(),

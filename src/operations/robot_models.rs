@@ -58,18 +58,12 @@ pub fn all() -> Result<&'static [RobotModel], &'static str> {
 }
 
 /// The robot model with this id.
-///
-/// # Errors
-/// As [`all`].
 pub fn get(id: &str) -> Result<Option<&'static RobotModel>, &'static str> {
     Ok(all()?.iter().find(|model| model.id == id))
 }
 
 /// The robot models of a manufacturer whose names contain every word of a text. Letter case, spaces and punctuation are ignored: `m10ia` finds the
 /// M-10iA.
-///
-/// # Errors
-/// As [`all`].
 pub fn find(text: &str, maker: Option<&str>) -> Result<Vec<&'static RobotModel>, &'static str> {
     let words: Vec<String> = text.split_whitespace().map(letters).collect();
     let maker = maker.map(letters);
@@ -85,9 +79,6 @@ pub fn find(text: &str, maker: Option<&str>) -> Result<Vec<&'static RobotModel>,
 
 /// The robot models with this id or name. Letter case, spaces and punctuation are ignored, and the manufacturer may stand before the name; a name that is
 /// only part of another one is another arm.
-///
-/// # Errors
-/// As [`all`].
 pub fn called(text: &str) -> Result<Vec<&'static RobotModel>, &'static str> {
     let text = letters(text);
     let is_called = |model: &&RobotModel| {

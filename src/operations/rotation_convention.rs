@@ -4,7 +4,6 @@ use crate::calibration::upload_checks::rotations::{OFF_RAD, best_convention};
 use crate::measurement::RotationConvention;
 use crate::measurement::csv_pose::ROTATION_REQUIRED;
 use crate::wire::Invalid;
-use crate::wire::angle::to_degrees;
 use crate::wire::measurement::{Upload, from_file};
 use crate::wire::robot::Robot;
 
@@ -21,7 +20,7 @@ pub fn with_best_convention(mut refusal: Invalid, robot: &Robot, upload: &Upload
     };
     let read = from_file(&with_any, robot.links.len());
     if let Some(best) = read.ok().and_then(|(set, _)| best_convention(robot, &set)) {
-        let degrees = to_degrees(best.most_rad);
+        let degrees = best.most_rad.to_degrees();
         let told = match best.most_rad <= OFF_RAD {
             true => format!(
                 "{} fits this robot best: four of five poses to {degrees:.2}°",

@@ -32,9 +32,6 @@ pub struct Counts {
 }
 
 /// Counts elements and attributes. Fails at the first place where a limit is exceeded, at a DTD, and where the text is no XML.
-///
-/// # Errors
-/// [`Invalid`] with the line and the limit.
 pub fn check(text: &str) -> Result<Counts, Invalid> {
     let mut reader = Reader::from_str(text);
     // The parser reports these errors.

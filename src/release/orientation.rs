@@ -1,7 +1,6 @@
 //! How well the measured positions determine the flange's orientation, from the standard deviations and the warnings of a report.
 
 use crate::calibration::{MAX_FLANGE_ROTATION_STD_RAD, ORIENTATION_NOT_KNOWN};
-use crate::wire::angle::to_degrees;
 use crate::wire::warning::Warning;
 
 /// Warning that the positions hardly determine the flange's orientation.
@@ -33,7 +32,7 @@ impl Orientation {
         warnings: &[Warning],
     ) -> Self {
         let has_warning = |code: &str| warnings.iter().any(|warning| warning.code == code);
-        let most_deg = to_degrees(MAX_FLANGE_ROTATION_STD_RAD);
+        let most_deg = MAX_FLANGE_ROTATION_STD_RAD.to_degrees();
         let Some(std_deg) = flange_rotation_std_deg else {
             return if has_warning(ORIENTATION_NOT_KNOWN) {
                 Self::NotComputed

@@ -54,14 +54,9 @@ pub fn accept_misfit(
     unread: Option<&str>,
 ) -> Result<AcceptedMisfit, Box<Suspicion>> {
     let explanation = with_unread(explanation, unread);
-    let warning = |code: &str, detail: String| Warning {
-        code: code.into(),
-        detail,
-        rows: Vec::new(),
-    };
     match explanation {
         Explanation::Warning { code, detail } => Ok(AcceptedMisfit {
-            warning: warning(code, detail),
+            warning: Warning::new(code, detail),
             insisted_on: None,
         }),
         Explanation::Refusal(suspicion)
@@ -72,7 +67,7 @@ pub fn accept_misfit(
                 suspicion.detail
             );
             Ok(AcceptedMisfit {
-                warning: warning(suspicion.code, detail),
+                warning: Warning::new(suspicion.code, detail),
                 insisted_on: insist,
             })
         }

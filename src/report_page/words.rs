@@ -63,11 +63,6 @@ pub fn stage(stage: Option<Stage>) -> String {
     stage.map_or_else(|| "Computing".into(), |stage| of("STAGES", stage.as_str()))
 }
 
-/// Readable text for a release gate.
-pub fn gate(gate: &str) -> String {
-    of("GATES", gate)
-}
-
 /// The readable text of a code. For a code without a text, as in a report of another version, this is the code itself with spaces and a capital
 /// letter.
 fn of(table: &str, code: &str) -> String {
@@ -86,7 +81,7 @@ pub fn capital(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{WORDS, correction, gate, method, stage, warning};
+    use super::{WORDS, correction, method, of, stage, warning};
     use crate::wire::job_answer::Stage;
 
     #[test]
@@ -107,12 +102,12 @@ mod tests {
     fn known_codes_have_their_words_and_others_are_spelled_out() {
         assert_eq!(warning("no_verify_points"), "Nothing was kept to verify");
         assert_eq!(correction("link_masses"), "Masses of the links");
-        assert_eq!(gate("identity"), "It is the same robot");
+        assert_eq!(of("GATES", "identity"), "It is the same robot");
         assert_eq!(
             (method("least_squares"), method("not_thought_of")),
             ("least squares".into(), "not thought of".into())
         );
         assert_eq!(warning("identity"), "Identity");
-        assert_eq!(gate("not_thought_of"), "Not thought of");
+        assert_eq!(of("GATES", "not_thought_of"), "Not thought of");
     }
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -19,29 +19,23 @@ row! {
         pub name: String,
         /// SHA-256 of the key, hexadecimal.
         pub key_sha256: String,
-        /// JSON list of scopes.
         pub scopes_json: String,
         /// JSON list of the robots that the key is limited to; none for all robots.
         pub robots_json: Option<String>,
-        /// When it was created.
         pub created_at_ms: i64,
-        /// When it was revoked.
         pub revoked_at_ms: Option<i64>,
     }
 }
 
 list_row!(ApiKeyRow);
 
-/// An API key to be stored.
+/// An API key to be stored, with fields of [`ApiKeyRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewApiKey {
-    /// Name of the holder; need not be unique.
     pub name: String,
-    /// SHA-256 of the key, hexadecimal.
     pub key_sha256: String,
-    /// JSON list of scopes.
     pub scopes_json: String,
-    /// JSON list of the robots that the key is limited to; none for all robots.
     pub robots_json: Option<String>,
 }
 
@@ -95,26 +89,10 @@ fn as_revoked(row: &ApiKeyRow) -> Option<(i64, Value)> {
         .map(|at_ms| (at_ms, json!({"name": row.name, "revoked_at_ms": at_ms})))
 }
 
-impl Audited for ApiKeyRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let created =
-            ExpectedEntry::created(AuditEvent::KeyCreated, self.created_at_ms, as_created(self));
-        vec![
-            created,
-            ExpectedEntry {
-                event: AuditEvent::KeyRevoked,
-                now: as_revoked(self),
-                by: None,
-            },
-        ]
-    }
-}
+audited!(ApiKeyRow, id, |row| vec![
+    ExpectedEntry::at(AuditEvent::KeyCreated, row.created_at_ms, as_created(row)),
+    ExpectedEntry::new(AuditEvent::KeyRevoked, as_revoked(row)),
+]);
 
 /// Stores a key.
 ///
@@ -133,33 +111,21 @@ pub async fn insert(tx: &mut Tx, new: &NewApiKey) -> Result<ApiKeyRow> {
 }
 
 /// The key with this hash; none if it is unknown or revoked.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn find(store: &Store, key_sha256: &str) -> Result<Option<ApiKeyRow>> {
     read::first(store.readers(), FIND, key_sha256).await
 }
 
 /// One key, revoked or not.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ApiKeyRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// All keys, including revoked ones, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(store: &Store, request: &PageRequest) -> Result<Page<ApiKeyRow>> {
     listing::page(store, &LIST, &[], &ListRequest::all(request)).await
 }
 
 /// Revokes a key; revoking it again changes nothing.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn revoke(tx: &mut Tx, id: &str) -> Result<ApiKeyRow> {
     let row: ApiKeyRow = sqlx::query_as(REVOKE)
         .bind(id)

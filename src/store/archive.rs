@@ -4,7 +4,7 @@
 use crate::wire::names;
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::read;
 use super::{AuditEvent, Conflict, Error, Result, Tx};
@@ -30,7 +30,6 @@ row! {
     /// An archived item.
     #[derive(Clone, Debug, PartialEq, Eq)]
     pub struct ArchivedRow {
-        /// Its id.
         pub id: String,
         /// Its kind, as text, because `verify` must be able to read any text.
         pub kind: String,
@@ -38,7 +37,6 @@ row! {
         pub robot_id: String,
         /// Id of the key that archived it.
         pub archived_by: String,
-        /// When it was archived.
         pub archived_at_ms: i64,
     }
 }
@@ -61,21 +59,9 @@ fn as_archived(row: &ArchivedRow) -> Value {
     json!({"kind": row.kind, "robot_id": row.robot_id, "archived_by": row.archived_by, "archived_at_ms": row.archived_at_ms})
 }
 
-impl Audited for ArchivedRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            event: AuditEvent::Archived,
-            now: Some((self.archived_at_ms, as_archived(self))),
-            by: Some("archived_by"),
-        }]
-    }
-}
+audited!(ArchivedRow, id, |row| vec![
+    ExpectedEntry::at(AuditEvent::Archived, row.archived_at_ms, as_archived(row)).by("archived_by")
+]);
 
 /// Archives an item; archiving it again changes nothing. Returns when it was archived.
 ///
@@ -107,9 +93,6 @@ pub async fn archive(
 }
 
 /// Restores an archived item; restoring an item that is not archived changes nothing.
-///
-/// # Errors
-/// [`Error::Database`].
 pub async fn restore(tx: &mut Tx, kind: Archivable, id: &str, robot_id: &str) -> Result<()> {
     super::robots::lock(tx, robot_id).await?;
     let restored = sqlx::query(RESTORE)

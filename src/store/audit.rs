@@ -32,14 +32,39 @@ pub(super) struct ExpectedEntry {
 }
 
 impl ExpectedEntry {
-    pub(super) fn created(event: AuditEvent, at_ms: i64, detail: Value) -> Self {
-        ExpectedEntry {
-            event,
-            now: Some((at_ms, detail)),
-            by: None,
-        }
+    pub(super) fn new(event: AuditEvent, now: Option<(i64, Value)>) -> Self {
+        let by = None;
+        Self { event, now, by }
+    }
+
+    pub(super) fn at(event: AuditEvent, at_ms: i64, detail: Value) -> Self {
+        Self::new(event, Some((at_ms, detail)))
+    }
+
+    pub(super) fn by(self, field: &'static str) -> Self {
+        let by = Some(field);
+        Self { by, ..self }
     }
 }
+
+/// Implements [`Audited`] with the file's query `BY_ID`: the row, its field that is the subject, and its expected entries.
+macro_rules! audited {
+    ($row:ident, $($subject:ident).+, |$this:ident| $entries:expr) => {
+        impl $crate::store::audit::Audited for $row {
+            const BY_ID: &'static str = BY_ID;
+
+            fn subject(&self) -> &str {
+                &self.$($subject).+
+            }
+
+            fn expected_entries(&self) -> Vec<ExpectedEntry> {
+                let $this = self;
+                $entries
+            }
+        }
+    };
+}
+pub(super) use audited;
 
 pub(super) const ALL_QUERIES: &[&str] = &[LIST, ACTOR];
 
@@ -50,17 +75,11 @@ const ACTOR: &str =
     "select actor from audit where subject = $1 and event = $2 order by seq limit 1";
 
 /// The end of the chain.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn head(store: &Store) -> Result<AuditHead> {
     Ok(sqlx::query_as(HEAD).fetch_one(store.readers()).await?)
 }
 
 /// The entries after number `after`, in order, at most `limit`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>> {
     Ok(sqlx::query_as(LIST)
         .bind(after)
@@ -70,9 +89,6 @@ pub async fn list(store: &Store, after: i64, limit: i64) -> Result<Vec<AuditRow>
 }
 
 /// Actor of the first entry of this event and subject: usually the id of a key.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn actor(store: &Store, subject: &str, event: AuditEvent) -> Result<Option<String>> {
     Ok(sqlx::query_scalar(ACTOR)
         .bind(subject)

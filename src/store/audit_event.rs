@@ -9,8 +9,8 @@ pub(super) const CREATION: &str = "_created";
 names! {
     /// Event of an entry in the audit chain. Its name never changes, because old entries stay.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[allow(missing_docs)] // most names say it
     pub enum AuditEvent {
-        /// A robot was stored.
         RobotCreated = "robot_created",
         /// A session did not fit the robot, so the state `check_robot` began.
         RobotDoesNotFit = "robot_does_not_fit",
@@ -20,45 +20,30 @@ names! {
         RobotChecked = "robot_checked",
         /// The release policy of a robot was set.
         RobotPolicyChanged = "robot_policy_changed",
-        /// A column mapping was stored.
         ColumnMappingCreated = "column_mapping_created",
         /// A work frame or a tool was stored.
         NamedFrameCreated = "named_frame_created",
-        /// A robot was edited.
         RobotEdited = "robot_edited",
         /// A robot, measurement set, job, parameter set or network was archived.
         Archived = "archived",
-        /// An archived item was restored.
         Restored = "restored",
-        /// An upload was stored.
         MeasurementSetCreated = "measurement_set_created",
-        /// Sweeps were stored.
         FramesCreated = "frames_created",
-        /// A job was posted.
         JobCreated = "job_created",
-        /// A job ended with a report.
         JobSucceeded = "job_succeeded",
-        /// A job ended with an error.
         JobFailed = "job_failed",
         /// Cancellation of a running job was requested.
         JobCancelRequested = "job_cancel_requested",
-        /// A job was cancelled.
         JobCancelled = "job_cancelled",
         /// The verification facts of a job were stored.
         VerificationKept = "verification_kept",
-        /// A network was stored.
         NetworkCreated = "network_created",
-        /// A parameter set was stored.
         ParameterSetCreated = "parameter_set_created",
-        /// A parameter set was released.
         ParameterSetReleased = "parameter_set_released",
         /// The release of another set superseded this parameter set.
         ParameterSetSuperseded = "parameter_set_superseded",
-        /// A parameter set was withdrawn.
         ParameterSetWithdrawn = "parameter_set_withdrawn",
-        /// An API key was created.
         KeyCreated = "key_created",
-        /// An API key was revoked.
         KeyRevoked = "key_revoked",
     }
 }

@@ -17,31 +17,29 @@ const INTO: &str = "vacuum into $1";
 /// [`Error::Open`] if the directory cannot be used or the database is PostgreSQL, [`Error::Database`].
 pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     if store.engine() == Engine::Postgres {
-        return Err(Error::Open {
-            detail:
-                "PostgreSQL has its own tools for this: pg_dump, or a base backup with archived WAL"
-                    .into(),
-        });
+        return Err(Error::open(
+            "PostgreSQL has its own tools for this: pg_dump, or a base backup with archived WAL",
+        ));
     }
-    let failed = |e: std::io::Error| Error::Open {
-        detail: format!("the directory {}: {e}", directory.display()),
-    };
+    let failed =
+        |e: std::io::Error| Error::open(format!("the directory {}: {e}", directory.display()));
     make_private_dir(directory).map_err(failed)?;
     if std::fs::read_dir(directory)
         .map_err(failed)?
         .next()
         .is_some()
     {
-        return Err(Error::Open {
-            detail: format!(
-                "the directory {} is not empty: choose a new or empty one",
-                directory.display()
-            ),
-        });
+        return Err(Error::open(format!(
+            "the directory {} is not empty: choose a new or empty one",
+            directory.display()
+        )));
     }
     let file = directory.join(DATABASE);
-    let path = file.to_str().ok_or_else(|| Error::Open {
-        detail: format!("the directory {} is not UTF-8", directory.display()),
+    let path = file.to_str().ok_or_else(|| {
+        Error::open(format!(
+            "the directory {} is not UTF-8",
+            directory.display()
+        ))
     })?;
     // `vacuum into` accepts an existing file if it is empty.
     make_private_file(&file).map_err(failed)?;

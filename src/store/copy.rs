@@ -43,10 +43,9 @@ const RESULT_REFERENCES: &[&str] = &[
 
 /// Number of rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // where the names say it
 pub struct Copied {
-    /// The table.
     pub table: &'static str,
-    /// Its rows.
     pub n_rows: u64,
 }
 
@@ -80,7 +79,7 @@ pub async fn copy(
             "the schemas are at versions {} and {}: run `kincal migrate` of the same kincal on both",
             versions.0, versions.1
         );
-        return Err(Error::Open { detail });
+        return Err(Error::open(detail));
     }
     let mut tx = to.begin().await?;
     let mut source = from.readers().acquire().await?;
@@ -119,7 +118,7 @@ async fn refuse_rows(target: &mut AnyConnection, table: &str) -> Result<()> {
         let detail = format!(
             "the database to copy to has rows in {table} already: give an empty one, so that nothing is mixed"
         );
-        return Err(Error::Open { detail });
+        return Err(Error::open(detail));
     }
     Ok(())
 }
@@ -230,11 +229,9 @@ async fn columns(target: &mut AnyConnection, engine: Engine, table: &str) -> Res
             "double precision" => ColumnType::Double,
             "blob" | "bytea" => ColumnType::Bytes,
             other => {
-                return Err(Error::Open {
-                    detail: format!(
-                        "column {table}.{name} is of type {other}, which copy-store does not support"
-                    ),
-                });
+                return Err(Error::open(format!(
+                    "column {table}.{name} is of type {other}, which copy-store does not support"
+                )));
             }
         };
         Ok(Column { name, kind })

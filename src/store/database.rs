@@ -67,9 +67,6 @@ impl Store {
     }
 
     /// Begins a transaction that may write.
-    ///
-    /// # Errors
-    /// [`Error::Database`].
     pub async fn begin(&self) -> Result<Tx> {
         self.require_data_dir()?;
         let mut write = Write::begin(&self.inner.writes);
@@ -138,9 +135,6 @@ impl Store {
     }
 
     /// The database's clock, ms since the epoch. `/readyz` uses it to check that the database answers.
-    ///
-    /// # Errors
-    /// [`Error::Database`].
     pub async fn now_ms(&self) -> Result<i64> {
         self.require_data_dir()?;
         Ok(sqlx::query_scalar(NOW).fetch_one(self.readers()).await?)
@@ -152,9 +146,6 @@ impl Store {
     }
 
     /// Version of the schema.
-    ///
-    /// # Errors
-    /// [`Error::Database`].
     pub async fn schema_version(&self) -> Result<i64> {
         Ok(sqlx::query_scalar(SCHEMA_VERSION)
             .fetch_one(self.readers())
@@ -199,9 +190,6 @@ impl Tx {
     }
 
     /// Rolls this transaction back and waits for the rollback. Dropping it does not wait.
-    ///
-    /// # Errors
-    /// [`Error::Database`].
     pub async fn rollback(self) -> Result<()> {
         Ok(self.transaction.rollback().await?)
     }
@@ -215,9 +203,6 @@ impl Tx {
     }
 
     /// Fails while the disk is nearly full. Ending jobs, releasing and withdrawing do not call this function, because they must work even then.
-    ///
-    /// # Errors
-    /// [`Error::LowDiskSpace`].
     pub(crate) fn require_disk_space(&self) -> Result<()> {
         self.store.low_disk_space().map_or(Ok(()), Err)
     }

@@ -90,6 +90,11 @@ pub enum Conflict {
 }
 
 impl Error {
+    pub(super) fn open(detail: impl Into<String>) -> Self {
+        let detail = detail.into();
+        Self::Open { detail }
+    }
+
     /// Whether a later attempt may succeed (busy, out of connections, disk full, restarting). The HTTP status is then 503 instead of 500.
     pub fn is_unavailable(&self) -> bool {
         match self {

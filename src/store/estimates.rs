@@ -13,9 +13,6 @@ pub(super) const ALL: &str = "
     select parameter_set_id, estimate_json from estimate where parameter_set_id > $1 order by parameter_set_id limit cast($2 as bigint)";
 
 /// Stores the estimate of a new parameter set.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub(super) async fn insert(
     tx: &mut Tx,
     parameter_set_id: &str,
@@ -30,9 +27,6 @@ pub(super) async fn insert(
 }
 
 /// The estimate of a parameter set, if one was stored.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn of_parameter_set(store: &Store, parameter_set_id: &str) -> Result<Option<String>> {
     Ok(sqlx::query_scalar(OF_PARAMETER_SET)
         .bind(parameter_set_id)

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::read;
@@ -15,27 +15,23 @@ row! {
     pub struct FramesRow {
         /// `frm_…`
         pub id: String,
-        /// Its robot.
         pub robot_id: String,
         /// Media type of the upload.
         pub content_type: String,
-        /// Frames and circles in JSON.
         pub result_json: String,
         /// When it was stored.
         pub created_at_ms: i64,
     }
 }
 
-/// Frames to be stored.
+/// Frames to be stored, with fields of [`FramesRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewFrames {
-    /// Its robot.
     pub robot_id: String,
-    /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
     pub body: Hashed<Vec<u8>>,
-    /// Frames and circles in JSON.
     pub result_json: String,
 }
 
@@ -58,26 +54,13 @@ fn as_created(row: &FramesRow) -> Value {
         "result_sha256": canonical::sha256_hex(row.result_json.as_bytes())})
 }
 
-impl Audited for FramesRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry::created(
-            AuditEvent::FramesCreated,
-            self.created_at_ms,
-            as_created(self),
-        )]
-    }
-}
+audited!(FramesRow, id, |row| vec![ExpectedEntry::at(
+    AuditEvent::FramesCreated,
+    row.created_at_ms,
+    as_created(row)
+)]);
 
 /// Stores frames.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
     let query = sqlx::query_as(INSERT)
         .bind(IdPrefix::Frames.new_id())
@@ -96,9 +79,6 @@ pub async fn insert(tx: &mut Tx, new: &NewFrames) -> Result<FramesRow> {
 }
 
 /// The frames with this id.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<FramesRow> {
     read::one(store.readers(), GET, id).await
 }

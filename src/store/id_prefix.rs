@@ -6,9 +6,7 @@ names! {
     /// What an identifier names, by its prefix.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub(super) enum IdPrefix {
-        /// A measurement set.
         MeasurementSet = "set",
-        /// Frames from sweeps.
         Frames = "frm",
         /// A column mapping.
         Columns = "col",
@@ -16,15 +14,10 @@ names! {
         Document = "doc",
         /// A reference of an instrument.
         Reference = "ref",
-        /// A robot.
         Robot = "rob",
-        /// A job.
         Job = "job",
-        /// A parameter set.
         ParameterSet = "par",
-        /// A network.
         Network = "net",
-        /// An API key.
         Key = "key",
     }
 }

@@ -24,14 +24,13 @@ pub struct IdempotencyScope {
 
 /// An answer that a retry receives again.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // where the names say it
 pub struct StoredResponse {
-    /// The HTTP status.
     pub status: u16,
     /// The `Location` header.
     pub location: Option<String>,
     /// The `Content-Type` header.
     pub content_type: String,
-    /// The body.
     pub body: Vec<u8>,
 }
 
@@ -72,17 +71,11 @@ type Found = (String, i64, Option<String>, String, Vec<u8>);
 
 impl Store {
     /// The stored answer to this key, if a request with the key took effect. Only reads.
-    ///
-    /// # Errors
-    /// [`Error::Database`].
     pub async fn answered(&self, scope: &IdempotencyScope) -> Result<Option<IdempotentOutcome>> {
         find(self.readers(), scope).await
     }
 
     /// Deletes expired Idempotency-Keys and their answers.
-    ///
-    /// # Errors
-    /// [`Error::Database`].
     pub async fn forget_old_keys(&self) -> Result<()> {
         let mut tx = self.begin().await?;
         sqlx::query(FORGET_OLD)
@@ -96,9 +89,6 @@ impl Store {
     /// If `effect` fails, the transaction is rolled back and the key can be used again.
     ///
     /// `effect` may wait only for the database, because on SQLite all other writers wait until the transaction ends.
-    ///
-    /// # Errors
-    /// Those of `effect`, [`Error::Database`].
     pub async fn create_idempotent<E, F>(
         &self,
         scope: Option<&IdempotencyScope>,

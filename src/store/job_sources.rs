@@ -25,7 +25,6 @@ row! {
     /// An upload of a source job: the job's result depends on it.
     #[derive(Clone, Debug, PartialEq, Eq)]
     pub struct SourceUpload {
-        /// The measurement set.
         pub measurement_set_id: String,
         /// Whether the job holds parameter values that were identified from this upload. Otherwise a residual network was trained on it.
         pub is_held: bool,
@@ -33,9 +32,6 @@ row! {
 }
 
 /// Stores the sources of a new job that holds the values of a parameter set. The sources of a job never change.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub(super) async fn insert_held(tx: &mut Tx, job_id: &str, parameter_set_id: &str) -> Result<()> {
     let query = sqlx::query(INSERT_HELD).bind(job_id).bind(parameter_set_id);
     query.execute(tx.connection()).await?;
@@ -43,9 +39,6 @@ pub(super) async fn insert_held(tx: &mut Tx, job_id: &str, parameter_set_id: &st
 }
 
 /// Stores the sources of a job that continued the training of an earlier residual network and kept the result.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn insert_residual(tx: &mut Tx, job_id: &str) -> Result<()> {
     let query = sqlx::query(INSERT_RESIDUAL).bind(job_id);
     query.execute(tx.connection()).await?;
@@ -53,9 +46,6 @@ pub async fn insert_residual(tx: &mut Tx, job_id: &str) -> Result<()> {
 }
 
 /// Uploads of the job's sources.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn uploads(store: &Store, job_id: &str) -> Result<Vec<SourceUpload>> {
     let query = sqlx::query_as(UPLOADS).bind(job_id);
     Ok(query.fetch_all(store.readers()).await?)

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -20,7 +20,6 @@ row! {
     pub struct JobRow {
         /// `job_…`
         pub id: String,
-        /// Its robot.
         pub robot_id: String,
         /// The set to identify from, or to verify on. With several sessions, the set of the first session.
         pub measurement_set_id: String,
@@ -40,9 +39,7 @@ row! {
         pub kind: Kind,
         /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
         pub method: String,
-        /// The whole request in JSON.
         pub request_json: String,
-        /// Its state.
         pub status: JobStatus,
         /// Jobs with a higher number run first.
         pub priority: i64,
@@ -52,19 +49,14 @@ row! {
         pub owner: Option<String>,
         /// End of that worker's lease, unless it is renewed.
         pub lease_until_ms: Option<i64>,
-        /// When its cancellation was requested.
         pub cancel_requested_at_ms: Option<i64>,
-        /// Progress of this attempt in JSON.
         pub progress_json: Option<String>,
         /// Why it failed.
         pub error_json: Option<String>,
         /// SHA-256 of its result, hexadecimal.
         pub result_sha256: Option<String>,
-        /// The parameter set that it identified.
         pub parameter_set_id: Option<String>,
-        /// The network that it trained.
         pub network_id: Option<String>,
-        /// The residual network that it trained.
         pub residual_network_id: Option<String>,
         /// When it was posted.
         pub created_at_ms: i64,
@@ -74,9 +66,7 @@ row! {
         pub finished_at_ms: Option<i64>,
         /// Version of the robot that the job computes with, chosen when the job was posted.
         pub robot_version: i64,
-        /// When it was archived.
         pub archived_at_ms: Option<i64>,
-        /// Name of its measurement set.
         pub measurement_set_name: Option<String>,
         /// rms error of the nominal robot on the points that were not fitted, mm.
         pub before_rms_mm: Option<f64>,
@@ -111,36 +101,26 @@ row! {
     }
 }
 
-/// A job to be stored. The row names everything that the result depends on, so that every attempt computes the same result.
+/// A job to be stored, with fields of [`JobRow`]. It names everything that the result depends on, so that every attempt computes the same result.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewJob {
-    /// Its robot.
     pub robot_id: String,
     /// Version of the robot that the request was checked with; 0 or 1 for the robot as it was created.
     pub robot_version: i64,
-    /// The set to identify from, or to verify on. With several sessions, the set of the first session.
     pub measurement_set_id: String,
     /// The sets of further sessions, in their order.
     pub further_set_ids: Vec<String>,
-    /// A separate set to verify on.
     pub verify_set_id: Option<String>,
-    /// Frames computed from sweeps.
     pub frames_id: Option<String>,
-    /// The network to start from.
     pub network_input_id: Option<String>,
-    /// The residual network from which training continues.
     pub residual_network_input_id: Option<String>,
-    /// The parameter set to start from or to verify.
     pub parameter_set_input_id: Option<String>,
     /// Whether the job holds parameters at the values of that set. The result then depends on the sources of that set.
     pub holds_parameter_set: bool,
-    /// `identify`, `verify` or `check`.
     pub kind: Kind,
-    /// The requested method.
     pub method: Method,
-    /// The whole request in JSON.
     pub request_json: String,
-    /// Jobs with a higher number run first; usually 0.
     pub priority: i64,
     /// The client that posts the job. Among jobs of equal priority the queue takes one job of each client in turn.
     pub client: String,
@@ -278,33 +258,21 @@ pub(super) fn as_failed(error_json: &str) -> Value {
     json!({"error_sha256": canonical::sha256_hex(error_json.as_bytes())})
 }
 
-impl Audited for JobWithClient {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.job.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let JobWithClient { client, job } = self;
-        let failed = job
-            .error_json
-            .as_deref()
-            .map(|error| (job.finished_at_ms.unwrap_or_default(), as_failed(error)));
-        vec![
-            ExpectedEntry::created(
-                AuditEvent::JobCreated,
-                job.created_at_ms,
-                as_created(job, client),
-            ),
-            ExpectedEntry {
-                event: AuditEvent::JobFailed,
-                now: failed,
-                by: None,
-            },
-        ]
-    }
-}
+audited!(JobWithClient, job.id, |row| {
+    let JobWithClient { client, job } = row;
+    let failed = job.error_json.as_deref().map(as_failed);
+    vec![
+        ExpectedEntry::at(
+            AuditEvent::JobCreated,
+            job.created_at_ms,
+            as_created(job, client),
+        ),
+        ExpectedEntry::new(
+            AuditEvent::JobFailed,
+            failed.map(|failed| (job.finished_at_ms.unwrap_or_default(), failed)),
+        ),
+    ]
+});
 
 /// Stores a job as queued, unless `limit` jobs of its robot are waiting already. On PostgreSQL, clients that post at the same moment may exceed the
 /// limit by one job each. Everything that the job refers to must be committed already, because a worker reads it as soon as it has claimed the job.
@@ -356,25 +324,16 @@ pub async fn insert(tx: &mut Tx, new: &NewJob, limit: Option<i64>) -> Result<Job
 }
 
 /// One job.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<JobRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// One job, as this transaction sees it.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get_in(tx: &mut Tx, id: &str) -> Result<JobRow> {
     read::one(tx.connection(), GET, id).await
 }
 
 /// A robot's jobs, filtered by status, kind and archived state.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,
@@ -384,9 +343,6 @@ pub async fn search(
 }
 
 /// As [`search`], for all robots, or only for the robots in `only`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search_all(
     store: &Store,
     only: Option<&[String]>,
@@ -422,18 +378,12 @@ pub async fn convergence(store: &Store, id: &str) -> Result<String> {
 }
 
 async fn document(store: &Store, query: &'static str, id: &str) -> Result<String> {
-    let row: DocumentRow = sqlx::query_as(query)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?;
+    let row: DocumentRow = read::one(store.readers(), query, id).await?;
     let status = row.status;
     row.document.ok_or(Conflict::JobStatus { status }.into())
 }
 
 /// Whether any job is queued.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn any_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_QUEUED)
         .fetch_optional(store.readers())
@@ -442,9 +392,6 @@ pub async fn any_queued(store: &Store) -> Result<bool> {
 }
 
 /// Whether a suspect job is queued. A suspect is a job during which a process died.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
     let one: Option<i64> = sqlx::query_scalar(ANY_SUSPECT_QUEUED)
         .fetch_optional(store.readers())
@@ -454,9 +401,6 @@ pub async fn any_suspect_queued(store: &Store) -> Result<bool> {
 
 /// Cancels a job. A queued job is cancelled at once. For a running job the cancellation is requested, and the worker sees the request at its next
 /// heartbeat. A job that has ended does not change.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn cancel(tx: &mut Tx, id: &str) -> Result<JobRow> {
     let changed = sqlx::query(CANCEL)
         .bind(id)

@@ -9,7 +9,6 @@ row! {
     pub struct KnownUpload {
         /// The measurement set.
         pub id: String,
-        /// Number of its points.
         pub n_points: i64,
         /// Number of its entry in the audit chain; 0 if it is older than the chain.
         pub uploaded_seq: i64,
@@ -57,9 +56,6 @@ const IS_USED: &str = "
 
 /// The newest uploads of a robot, newest first. `check_seq` is the number of its last session that did not fit; 0 for none. `is_session` is true for
 /// a job of kind `verify`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn newest(
     store: &Store,
     robot_id: &str,
@@ -78,9 +74,6 @@ pub async fn newest(
 }
 
 /// Whether a job of a kind other than `check` has used an upload of the robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn is_used(store: &Store, robot_id: &str, measurement_set_id: &str) -> Result<bool> {
     let n: i64 = sqlx::query_scalar(IS_USED)
         .bind(robot_id)

@@ -1,5 +1,5 @@
 //! Leases of workers on jobs. Every update checks the fencing token (owner, attempt). So a worker that was suspended or disconnected cannot change a
-//! job that it has lost.
+//! job that it has lost: it gets [`Conflict::LeaseLost`].
 
 use std::time::Duration;
 
@@ -33,12 +33,11 @@ impl Lease {
 
 /// The documents of a job that succeeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // where the names say it
 pub struct JobResult<'a> {
-    /// The whole report.
     pub report_json: &'a Hashed<String>,
     /// The summary of the report, see `wire::report_summary`.
     pub summary_json: &'a str,
-    /// The convergence curve.
     pub convergence_json: &'a Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: &'a str,
@@ -241,9 +240,6 @@ pub const MAX_DEATHS_ALONE: i64 = 5;
 
 /// Claims the next waiting job, ordered by number of deaths, then by priority, then by turn. The worker has the job once the transaction is
 /// committed. Only a process that computes nothing else may ask for a suspect.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn claim_in(
     tx: &mut Tx,
     eligible: Eligible,
@@ -264,9 +260,6 @@ pub async fn claim_in(
 }
 
 /// Renews a lease, stores the progress if there is some, and reads the cancel flag, all in one statement.
-///
-/// # Errors
-/// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn heartbeat(
     store: &Store,
     lease: &Lease,
@@ -313,9 +306,6 @@ pub async fn succeed(tx: &mut Tx, lease: &Lease, result: &JobResult<'_>) -> Resu
 }
 
 /// Ends a job with an error. If cancellation was requested, the job is cancelled instead.
-///
-/// # Errors
-/// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
     let query = sqlx::query_scalar(FAIL)
         .bind(&lease.job_id)
@@ -336,9 +326,6 @@ pub async fn fail(tx: &mut Tx, lease: &Lease, error_json: &str) -> Result<()> {
 }
 
 /// Ends a job as cancelled.
-///
-/// # Errors
-/// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
     let query = sqlx::query(CANCELLED)
         .bind(&lease.job_id)
@@ -350,9 +337,6 @@ pub async fn cancelled(tx: &mut Tx, lease: &Lease) -> Result<()> {
 }
 
 /// Puts a job back into the queue without counting the attempt. If cancellation was requested, the job is cancelled instead.
-///
-/// # Errors
-/// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
     let query = sqlx::query_scalar(HAND_BACK)
         .bind(&lease.job_id)
@@ -366,9 +350,6 @@ pub async fn hand_back(tx: &mut Tx, lease: &Lease) -> Result<()> {
 }
 
 /// Ends the lease without a result. The attempt counts.
-///
-/// # Errors
-/// [`Conflict::LeaseLost`], [`super::Error::Database`].
 pub async fn give_up(tx: &mut Tx, lease: &Lease) -> Result<()> {
     let query = sqlx::query(GIVE_UP)
         .bind(&lease.job_id)
@@ -393,9 +374,6 @@ pub struct Exhausted {
 
 /// Takes jobs from workers whose leases have expired. A job is queued again; it is a suspect if its process died. A job fails with `exhausted`
 /// after `max_attempts` attempts that the job itself ended, or after [`MAX_DEATHS_ALONE`] deaths of a process that computed only this job.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn expire(store: &Store, max_attempts: i64, exhausted: &Exhausted) -> Result<Expired> {
     // Usually no lease has expired. Reading this first avoids the write lock.
     let n_expired: i64 = sqlx::query_scalar(N_EXPIRED)

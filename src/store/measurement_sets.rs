@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -17,7 +17,6 @@ row! {
     pub struct MeasurementSetRow {
         /// `set_…`
         pub id: String,
-        /// Its robot.
         pub robot_id: String,
         /// Its name; need not be unique.
         pub name: Option<String>,
@@ -27,13 +26,11 @@ row! {
         pub content_type: String,
         /// SHA-256 of the uploaded bytes, hexadecimal.
         pub sha256: String,
-        /// Number of points.
         pub n_points: i64,
         /// Number of arm configurations.
         pub n_configurations: i64,
         /// Number of targets on the tool.
         pub n_targets: i64,
-        /// JSON list of warnings.
         pub warnings_json: String,
         /// When it was stored.
         pub created_at_ms: i64,
@@ -45,7 +42,6 @@ row! {
         pub insisted_on: Option<String>,
         /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
         pub reading_json: Option<String>,
-        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Its name in lower case, for sorting lists; empty without a name.
         pub sort_name: String,
@@ -54,36 +50,24 @@ row! {
 
 list_row!(MeasurementSetRow, sort_name);
 
-/// A measurement set to be stored.
+/// A measurement set to be stored, with fields of [`MeasurementSetRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewMeasurementSet {
-    /// Its robot.
     pub robot_id: String,
-    /// Its name; need not be unique.
     pub name: Option<String>,
-    /// `base` or `instrument`.
     pub frame: Frame,
-    /// Media type of the upload.
     pub content_type: String,
     /// The uploaded bytes.
     pub body: Vec<u8>,
-    /// SHA-256 of the uploaded bytes, hexadecimal.
     pub sha256: String,
-    /// Number of points.
     pub n_points: i64,
-    /// Number of arm configurations.
     pub n_configurations: i64,
-    /// Number of targets on the tool.
     pub n_targets: i64,
-    /// JSON list of warnings.
     pub warnings_json: String,
-    /// Id of the key that uploads it.
     pub uploaded_by: Option<String>,
-    /// The serial number that the uploader states.
     pub serial_number: Option<String>,
-    /// Code of the suspicion that the uploader overrides with `insist`.
     pub insisted_on: Option<String>,
-    /// How the bytes were interpreted; none for JSON.
     pub reading_json: Option<String>,
 }
 
@@ -144,26 +128,15 @@ fn as_created(row: &MeasurementSetRow) -> Value {
     created
 }
 
-impl Audited for MeasurementSetRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        // The column `uploaded_by` is newer than the audit chain, so some older sets have an entry but no uploader.
-        let by = self.uploaded_by.is_some().then_some("uploaded_by");
-        vec![ExpectedEntry {
-            by,
-            ..ExpectedEntry::created(
-                AuditEvent::MeasurementSetCreated,
-                self.created_at_ms,
-                as_created(self),
-            )
-        }]
-    }
-}
+// The column `uploaded_by` is newer than the audit chain, so some older sets have an entry but no uploader.
+audited!(MeasurementSetRow, id, |row| vec![ExpectedEntry {
+    by: row.uploaded_by.is_some().then_some("uploaded_by"),
+    ..ExpectedEntry::at(
+        AuditEvent::MeasurementSetCreated,
+        row.created_at_ms,
+        as_created(row)
+    )
+}]);
 
 /// Stores a measurement set.
 ///
@@ -196,25 +169,16 @@ pub async fn insert(tx: &mut Tx, new: &NewMeasurementSet) -> Result<MeasurementS
 }
 
 /// One measurement set.
-///
-/// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// The uploaded bytes of one measurement set.
-///
-/// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
 pub async fn body(store: &Store, id: &str) -> Result<Vec<u8>> {
     read::value(store.readers(), BODY, id).await
 }
 
 /// A robot's measurement sets, filtered by name and archived state.
-///
-/// # Errors
-/// [`Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,

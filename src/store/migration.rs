@@ -83,12 +83,10 @@ async fn check_space_for_rewrite(store: &Store) -> Result<()> {
     let needed_bytes = u64::try_from(bytes).unwrap_or(0).saturating_mul(3) + RESERVE_BYTES;
     if let Some(free_bytes) = store.free_bytes().filter(|free| *free < needed_bytes) {
         let (needed_mib, free_mib) = (needed_bytes >> 20, free_bytes >> 20);
-        return Err(Error::Open {
-            detail: format!(
-                "the migration of the job table needs {needed_mib} MiB of free disk space in the data directory, and there are {free_mib}; \
+        return Err(Error::open(format!(
+            "the migration of the job table needs {needed_mib} MiB of free disk space in the data directory, and there are {free_mib}; \
                  nothing was changed: free disk space and start again"
-            ),
-        });
+        )));
     }
     tracing::info!(
         mib = bytes >> 20,
@@ -113,9 +111,7 @@ pub(super) async fn migrate(store: &Store) -> Result<()> {
         )
     });
     let migrator = Migrator::with_migrations(migrations.collect());
-    let failed = |e: MigrateError| Error::Open {
-        detail: format!("the database's schema: {e}"),
-    };
+    let failed = |e: MigrateError| Error::open(format!("the database's schema: {e}"));
     if store.engine() == Engine::Sqlite {
         check_space_for_rewrite(store).await?;
         return migrator.run(store.writers()).await.map_err(failed);

@@ -2,7 +2,8 @@
 //!
 //! Functions that read take `&Store`. Functions that write take `&mut Tx`, so several writes can be one transaction. [`Store::create_idempotent`]
 //! runs a transaction once per `Idempotency-Key`. The store does not parse documents (`*_json`) and stores uploads byte for byte. Times are
-//! milliseconds since the epoch, by the database's clock.
+//! milliseconds since the epoch, by the database's clock. Any of these functions may fail with [`Error::Database`], and one that takes an id with
+//! [`Error::NotFound`]; `# Errors` names the others.
 //!
 //! SQL is `&'static str`, the same text for both engines wherever possible. It uses only column types that sqlx's `Any` supports: text, bigint,
 //! double, blob. [`all_queries`] lists all SQL texts, so that a test can prepare each of them on both engines. A bound limit is written `limit

@@ -4,7 +4,7 @@
 use crate::wire::names;
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -33,15 +33,12 @@ row! {
     pub struct NamedDocumentRow {
         /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
         pub id: String,
-        /// Its robot.
         pub robot_id: String,
         /// Its kind, as [`NamedDocumentKind::as_str`].
         pub kind: String,
-        /// Its name.
         pub name: String,
         /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
         pub version: i64,
-        /// The document in JSON.
         pub content_json: String,
         /// Id of the key that stored it.
         pub created_by: String,
@@ -116,40 +113,23 @@ impl NamedDocumentRow {
     }
 }
 
-impl Audited for NamedDocumentRow {
-    const BY_ID: &'static str = BY_ID;
+audited!(NamedDocumentRow, id, |row| vec![
+    ExpectedEntry::at(row.event(), row.created_at_ms, row.as_created()).by("created_by")
+]);
 
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            by: Some("created_by"),
-            ..ExpectedEntry::created(self.event(), self.created_at_ms, self.as_created())
-        }]
-    }
-}
-
-/// A named document to be stored.
+/// A named document to be stored, with fields of [`NamedDocumentRow`].
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // as in the row
 pub struct NewNamedDocument<'a> {
-    /// Its robot.
     pub robot_id: &'a str,
-    /// Its kind.
     pub kind: NamedDocumentKind,
-    /// Its name.
     pub name: &'a str,
-    /// Its content in JSON.
     pub content_json: &'a str,
     /// Id of the API key that stores it.
     pub by: &'a str,
 }
 
 /// Stores the next version of a document.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocumentRow> {
     let prefix = match new.kind {
         NamedDocumentKind::Columns => IdPrefix::Columns,
@@ -172,9 +152,6 @@ pub async fn insert(tx: &mut Tx, new: NewNamedDocument<'_>) -> Result<NamedDocum
 }
 
 /// The version that is in force under this name.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn newest(
     store: &Store,
     robot_id: &str,
@@ -194,9 +171,6 @@ pub async fn newest(
 }
 
 /// The version with this id.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
     // PostgreSQL cannot compare text with a NUL character, so no document has such an id.
     if id.contains('\0') {
@@ -206,9 +180,6 @@ pub async fn get(store: &Store, id: &str) -> Result<NamedDocumentRow> {
 }
 
 /// A robot's documents of one kind that are in force, newest first.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     robot_id: &str,

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -19,9 +19,7 @@ row! {
     pub struct NetworkRow {
         /// `net_…`
         pub id: String,
-        /// Its robot.
         pub robot_id: String,
-        /// The job that trained it.
         pub job_id: String,
         /// The model of that job, as text, because `verify` must be able to read any text.
         pub model: String,
@@ -33,7 +31,6 @@ row! {
         pub weights_sha256: String,
         /// When it was stored.
         pub created_at_ms: i64,
-        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Version of the robot's joint map that the network was trained with.
         pub joint_map_version: i64,
@@ -53,18 +50,15 @@ row! {
     }
 }
 
-/// A network to be stored with the job that trained it.
+/// A network to be stored with the job that trained it, with fields of [`NetworkRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewNetwork {
-    /// The model of that job.
     pub model: Model,
-    /// The preset of that job.
     pub preset: Preset,
-    /// Further facts in JSON, among them its kind.
     pub metadata_json: String,
     /// The weights in safetensors format.
     pub weights: Hashed<Vec<u8>>,
-    /// SHA-256 of the tensors, hexadecimal.
     pub weights_sha256: String,
 }
 
@@ -185,21 +179,11 @@ fn as_created(row: &NetworkRow) -> Value {
         "weights_sha256": row.weights_sha256, "metadata_sha256": canonical::sha256_hex(row.metadata_json.as_bytes())})
 }
 
-impl Audited for NetworkRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry::created(
-            AuditEvent::NetworkCreated,
-            self.created_at_ms,
-            as_created(self),
-        )]
-    }
-}
+audited!(NetworkRow, id, |row| vec![ExpectedEntry::at(
+    AuditEvent::NetworkCreated,
+    row.created_at_ms,
+    as_created(row)
+)]);
 
 /// Stores the network of link parameters of a job.
 ///
@@ -210,9 +194,6 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<Netwo
 }
 
 /// Stores the residual network of a job.
-///
-/// # Errors
-/// As [`insert`].
 pub async fn insert_residual(tx: &mut Tx, job_id: &str, new: &NewNetwork) -> Result<NetworkRow> {
     insert_by(INSERT_RESIDUAL, tx, job_id, new).await
 }
@@ -238,25 +219,16 @@ async fn insert_by(
 }
 
 /// One network.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<NetworkRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// The weights of one network.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn weights(store: &Store, id: &str) -> Result<Vec<u8>> {
     read::value(store.readers(), WEIGHTS, id).await
 }
 
 /// The robot's usable networks of this model and preset, newest first, at most `limit`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn newest(
     store: &Store,
     robot_id: &str,
@@ -275,9 +247,6 @@ pub async fn newest(
 
 /// The robot's usable residual networks, newest first, at most `limit`. Leaves out networks trained on the upload with this hash, on an upload
 /// accepted with `insist`, or for a withdrawn set.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn newest_residual(
     store: &Store,
     robot_id: &str,
@@ -293,9 +262,6 @@ pub async fn newest_residual(
 }
 
 /// A robot's networks of both kinds, filtered by archived state.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,

@@ -33,9 +33,6 @@ impl Notices {
 }
 
 /// Starts to listen; none on SQLite, which is used by one process.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn listen(store: &Store) -> Result<Option<Notices>> {
     let Some(url) = store.postgres_url() else {
         return Ok(None);
@@ -46,9 +43,6 @@ pub async fn listen(store: &Store) -> Result<Option<Notices>> {
 }
 
 /// Sends a notice to every process on this database. A notice may have at most 8,000 bytes.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn send(store: &Store, notice: &str) -> Result<()> {
     sqlx::query(SEND)
         .bind(notice)

@@ -101,9 +101,6 @@ impl Store {
     }
 
     /// Opens an existing database without migrating its schema.
-    ///
-    /// # Errors
-    /// As [`Store::open`].
     pub async fn open_as_it_is(location: StoreLocation) -> Result<Store> {
         as_it_is(location).await
     }
@@ -143,9 +140,10 @@ async fn as_it_is(location: StoreLocation) -> Result<Store> {
     match location {
         StoreLocation::Sqlite { data_dir } => {
             if !data_dir.join(DATABASE).is_file() {
-                return Err(Error::Open {
-                    detail: format!("there is no database in {}", data_dir.display()),
-                });
+                return Err(Error::open(format!(
+                    "there is no database in {}",
+                    data_dir.display()
+                )));
             }
             let is_served = lock(&data_dir)?.is_none();
             connect_sqlite(&data_dir, None, is_served).await
@@ -162,9 +160,7 @@ async fn open_postgres(url: &str) -> Result<Store> {
 
 async fn connect_postgres(url: &str) -> Result<Store> {
     if !url.starts_with("postgres://") && !url.starts_with("postgresql://") {
-        return Err(Error::Open {
-            detail: "the database URL must begin with postgres://".into(),
-        });
+        return Err(Error::open("the database URL must begin with postgres://"));
     }
     let options = AnyPoolOptions::new().after_connect(|connection, _| {
         Box::pin(async move { connection.execute(POSTGRES_SETTINGS).await.map(drop) })
@@ -193,17 +189,14 @@ async fn connect_postgres(url: &str) -> Result<Store> {
 
 async fn connect(options: AnyPoolOptions, url: &str, settings: &'static str) -> Result<AnyPool> {
     sqlx::any::install_default_drivers();
-    let url = AnyConnectOptions::from_str(url).map_err(|e| Error::Open {
-        detail: format!("the database URL: {e}"),
-    })?;
+    let url = AnyConnectOptions::from_str(url)
+        .map_err(|e| Error::open(format!("the database URL: {e}")))?;
     match options.connect_with(url.clone()).await {
         Ok(pool) => Ok(pool),
-        Err(cause) => Err(Error::Open {
-            detail: format!(
-                "cannot open the database: {}",
-                reason(cause, &url, settings).await
-            ),
-        }),
+        Err(cause) => Err(Error::open(format!(
+            "cannot open the database: {}",
+            reason(cause, &url, settings).await
+        ))),
     }
 }
 
@@ -237,9 +230,8 @@ async fn connect_sqlite(
             Box::pin(async move { connection.execute(SQLITE_PRAGMAS).await.map(drop) })
         });
     let file = data_dir.join(DATABASE);
-    make_private_file(&file).map_err(|e| Error::Open {
-        detail: format!("the database file {}: {e}", file.display()),
-    })?;
+    make_private_file(&file)
+        .map_err(|e| Error::open(format!("the database file {}: {e}", file.display())))?;
     let url = sqlite_url(data_dir)?;
     let readers = options.clone().max_connections(SQLITE_READERS);
     let readers = connect(readers, &url, SQLITE_PRAGMAS).await?;
@@ -272,8 +264,11 @@ async fn connect_sqlite(
 
 fn sqlite_url(data_dir: &Path) -> Result<String> {
     let file = data_dir.join(DATABASE);
-    let path = file.to_str().ok_or_else(|| Error::Open {
-        detail: format!("the data directory {} is not UTF-8", data_dir.display()),
+    let path = file.to_str().ok_or_else(|| {
+        Error::open(format!(
+            "the data directory {} is not UTF-8",
+            data_dir.display()
+        ))
     })?;
     let mut url = String::from("sqlite://");
     for byte in path.bytes() {
@@ -294,17 +289,16 @@ async fn refuse_old_sqlite(pool: &AnyPool) -> Result<()> {
     let mut numbers = version.split('.').map(|n| n.parse().unwrap_or(0));
     let mut next = || numbers.next().unwrap_or(0);
     if (next(), next(), next()) < OLDEST_SQLITE {
-        return Err(Error::Open {
-            detail: format!("SQLite {version} can corrupt the database; 3.51.3 or later is needed"),
-        });
+        return Err(Error::open(format!(
+            "SQLite {version} can corrupt the database; 3.51.3 or later is needed"
+        )));
     }
     Ok(())
 }
 
 fn make_data_dir(data_dir: &Path) -> Result<PathBuf> {
-    let failed = |e: std::io::Error| Error::Open {
-        detail: format!("the data directory {}: {e}", data_dir.display()),
-    };
+    let failed =
+        |e: std::io::Error| Error::open(format!("the data directory {}: {e}", data_dir.display()));
     make_private_dir(data_dir).map_err(failed)?;
     data_dir.canonicalize().map_err(failed)
 }
@@ -364,20 +358,16 @@ async fn lock_as_server(data_dir: &Path) -> Result<File> {
         }
         sleep(LOCK_RETRY_DELAY).await;
     }
-    Err(Error::Open {
-        detail: format!(
-            "the data directory {} is in use by another kincal server; stop that one or choose another",
-            data_dir.display()
-        ),
-    })
+    Err(Error::open(format!(
+        "the data directory {} is in use by another kincal server; stop that one or choose another",
+        data_dir.display()
+    )))
 }
 
 /// Locks the data directory; none if another process has locked it. The lock ends when the file is closed, at the latest with the process.
 fn lock(data_dir: &Path) -> Result<Option<File>> {
     let path = data_dir.join(LOCK);
-    let failed = |e: std::io::Error| Error::Open {
-        detail: format!("the lock file {}: {e}", path.display()),
-    };
+    let failed = |e: std::io::Error| Error::open(format!("the lock file {}: {e}", path.display()));
     let file = File::options()
         .create(true)
         .truncate(false)

@@ -14,7 +14,6 @@ pub(super) const ALL_QUERIES: &[&str] = &[LIST];
 row! {
     /// One robot of the overview.
     #[derive(Clone, Debug, PartialEq)]
-    #[allow(missing_docs)] // the columns of the tables that are joined
     pub struct OverviewRow {
         pub id: String,
         pub name: String,
@@ -86,9 +85,6 @@ const LIST: &str = "
     where replace($1, r.id, '') <> $1";
 
 /// A page of the list of robots, with the facts that decide what each robot needs next. `only` limits the list to the robots that a key may see.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     only: Option<&[String]>,

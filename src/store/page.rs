@@ -24,9 +24,6 @@ pub struct Page<T> {
 
 impl<T> Page<T> {
     /// Converts the page to an answer. `total` is the number of items on all pages.
-    ///
-    /// # Errors
-    /// Those of `convert`.
     pub fn into_answer<U, E>(
         self,
         total: i64,

@@ -3,7 +3,7 @@
 
 use serde_json::json;
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::estimates;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries};
@@ -20,12 +20,11 @@ use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 
-/// A parameter set to be stored with the job that identified it.
+/// A parameter set to be stored with the job that identified it, with fields of [`ParameterSetRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewParameterSet {
-    /// The parameters in JSON.
     pub body_json: String,
-    /// SHA-256 of the parameters, hexadecimal.
     pub sha256: String,
     /// The estimate that later sessions are compared with, see `wire::estimate`.
     pub estimate_json: Option<Hashed<String>>,
@@ -174,33 +173,15 @@ const WITHDRAW: &str = "
 
 const BY_ID: &str = rows_after!(columns!(), "parameter_set");
 
-impl Audited for ParameterSetRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![
-            ExpectedEntry::created(
-                AuditEvent::ParameterSetCreated,
-                self.created_at_ms,
-                as_created(self),
-            ),
-            ExpectedEntry {
-                event: AuditEvent::ParameterSetReleased,
-                now: as_released(self),
-                by: Some("released_by"),
-            },
-            ExpectedEntry {
-                event: AuditEvent::ParameterSetWithdrawn,
-                now: as_withdrawn(self),
-                by: Some("withdrawn_by"),
-            },
-        ]
-    }
-}
+audited!(ParameterSetRow, id, |row| vec![
+    ExpectedEntry::at(
+        AuditEvent::ParameterSetCreated,
+        row.created_at_ms,
+        as_created(row)
+    ),
+    ExpectedEntry::new(AuditEvent::ParameterSetReleased, as_released(row)).by("released_by"),
+    ExpectedEntry::new(AuditEvent::ParameterSetWithdrawn, as_withdrawn(row)).by("withdrawn_by"),
+]);
 
 /// Stores the parameter set of a job, as a candidate.
 ///
@@ -223,17 +204,11 @@ pub async fn insert(tx: &mut Tx, job_id: &str, new: &NewParameterSet) -> Result<
 }
 
 /// One parameter set.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<ParameterSetRow> {
     read::one(store.readers(), GET, id).await
 }
 
 /// The robot's released parameter set.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSetRow>> {
     read::first(store.readers(), ACTIVE, robot_id).await
 }
@@ -243,18 +218,12 @@ pub async fn active(store: &Store, robot_id: &str) -> Result<Option<ParameterSet
 /// # Errors
 /// [`Conflict::NothingToRollBackTo`], [`super::Error::Database`].
 pub async fn before_active(store: &Store, robot_id: &str) -> Result<ParameterSetRow> {
-    let row: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
-        .bind(robot_id)
-        .fetch_optional(store.readers())
-        .await?;
+    let row: Option<_> = read::first(store.readers(), BEFORE_ACTIVE, robot_id).await?;
     row.ok_or_else(|| Conflict::NothingToRollBackTo.into())
 }
 
 /// The robot's newest parameter set that was identified from other uploads than these measurement sets (ids separated by commas). Sets whose
 /// identification found the fit `except` are left out.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn of_another_upload(
     store: &Store,
     robot_id: &str,
@@ -270,9 +239,6 @@ pub async fn of_another_upload(
 }
 
 /// A robot's parameter sets, filtered by status and archived state.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     robot_id: &str,
@@ -346,16 +312,11 @@ pub async fn release(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> 
 }
 
 /// Rolls back: withdraws the active set and releases a superseded set (`release`) in one transaction.
-///
-/// # Errors
-/// As [`release`].
 pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow> {
     let set = lock_and_get(tx, &release.id).await?;
     let active = active_in(tx, &set.robot_id).await?;
-    let before: Option<ParameterSetRow> = sqlx::query_as(BEFORE_ACTIVE)
-        .bind(&set.robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let before: Option<ParameterSetRow> =
+        read::first(tx.connection(), BEFORE_ACTIVE, &set.robot_id).await?;
     // Checked again inside the transaction, because another release may have changed which set a rollback releases.
     let is_before = before.is_some_and(|before| before.id == release.id);
     if active.as_ref().map(|active| &active.id) != release.checked.active.as_ref() || !is_before {
@@ -371,9 +332,6 @@ pub async fn roll_back(tx: &mut Tx, release: &Release) -> Result<ParameterSetRow
 }
 
 /// Withdraws a set in any state. If it was the active set, the robot has no active set afterwards.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn withdraw(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<ParameterSetRow> {
     lock_and_get(tx, id).await?;
     let changed = sqlx::query(WITHDRAW)

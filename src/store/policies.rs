@@ -2,9 +2,9 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
-use super::{AuditEvent, Result, Store, Tx, robots};
+use super::{AuditEvent, Result, Store, Tx, read, robots};
 use crate::wire::policy::{DecisionRule, PolicyBody};
 
 row! {
@@ -87,46 +87,27 @@ fn as_changed(set: &PolicyChange) -> Value {
     entry
 }
 
-impl Audited for PolicyChange {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.robot_id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            event: AuditEvent::RobotPolicyChanged,
-            now: Some((self.changed_at_ms, as_changed(self))),
-            by: Some("changed_by"),
-        }]
-    }
-}
+audited!(PolicyChange, robot_id, |row| vec![
+    ExpectedEntry::at(
+        AuditEvent::RobotPolicyChanged,
+        row.changed_at_ms,
+        as_changed(row)
+    )
+    .by("changed_by")
+]);
 
 /// A robot's policy.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn get(store: &Store, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET)
-        .bind(robot_id)
-        .fetch_optional(store.readers())
-        .await?;
+    let row: Option<_> = read::first(store.readers(), GET, robot_id).await?;
     Ok(row.unwrap_or_default())
 }
 
 pub(super) async fn get_in(tx: &mut Tx, robot_id: &str) -> Result<PolicyRow> {
-    let row: Option<PolicyRow> = sqlx::query_as(GET)
-        .bind(robot_id)
-        .fetch_optional(tx.connection())
-        .await?;
+    let row: Option<_> = read::first(tx.connection(), GET, robot_id).await?;
     Ok(row.unwrap_or_default())
 }
 
 /// Sets a robot's policy and increments its version.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such robot, [`super::Error::Database`].
 pub async fn put(tx: &mut Tx, robot_id: &str, policy: &PolicyBody, by: &str) -> Result<PolicyRow> {
     // The lock waits until a release of this robot that is under way has ended. A later release sees the new policy.
     robots::lock(tx, robot_id).await?;

@@ -3,12 +3,9 @@
 use sqlx::any::AnyRow;
 use sqlx::{Any, Decode, Executor, FromRow, Type};
 
-use super::Result;
+use super::{Result, Store};
 
 /// The row that a query finds.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub(super) async fn one<T>(
     from: impl Executor<'_, Database = Any>,
     sql: &'static str,
@@ -21,9 +18,6 @@ where
 }
 
 /// The row that a query finds, or none.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub(super) async fn first<T>(
     from: impl Executor<'_, Database = Any>,
     sql: &'static str,
@@ -36,9 +30,6 @@ where
 }
 
 /// The value that a query finds.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub(super) async fn value<T>(
     from: impl Executor<'_, Database = Any>,
     sql: &'static str,
@@ -48,6 +39,29 @@ where
     T: for<'r> Decode<'r, Any> + Type<Any> + Send + Unpin,
 {
     Ok(sqlx::query_scalar(sql).bind(id).fetch_one(from).await?)
+}
+
+/// Calls `examine` for each row that a query finds, as [`rows_after`] makes one. Reads `batch` rows at a time.
+pub(super) async fn each<T>(
+    store: &Store,
+    sql: &'static str,
+    batch: i64,
+    id: fn(&T) -> &str,
+    mut examine: impl FnMut(T),
+) -> Result<()>
+where
+    T: for<'r> FromRow<'r, AnyRow> + Send + Unpin,
+{
+    let mut after = String::new();
+    loop {
+        let query = sqlx::query_as(sql).bind(&after).bind(batch);
+        let rows: Vec<T> = query.fetch_all(store.readers()).await?;
+        let Some(last) = rows.last() else {
+            return Ok(());
+        };
+        id(last).clone_into(&mut after);
+        rows.into_iter().for_each(&mut examine);
+    }
 }
 
 /// SQL: at most $2 rows with an id above $1, ordered by id.

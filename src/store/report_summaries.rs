@@ -1,7 +1,7 @@
 //! The summary of each job's report, see `wire::report_summary`.
 
 use super::from_row::row;
-use super::{Conflict, JobStatus, Result, Store, Tx};
+use super::{Conflict, JobStatus, Result, Store, Tx, read};
 
 pub(super) const ALL_QUERIES: &[&str] = &[INSERT, OF_JOB, JOBS_WITHOUT, BY_ID];
 
@@ -19,7 +19,7 @@ const JOBS_WITHOUT: &str = "
         and not exists (select 1 from report_summary s where s.job_id = j.id)
     order by j.id limit cast($2 as bigint)";
 
-const BY_ID: &str = "
+pub(super) const BY_ID: &str = "
     select s.job_id as job_id, s.summary_json as summary_json, coalesce(j.report_json, '') as report_json
     from report_summary s join job j on j.id = s.job_id where s.job_id > $1 order by s.job_id limit cast($2 as bigint)";
 
@@ -34,19 +34,13 @@ row! {
 row! {
     /// A summary together with the report that it was made from.
     pub(super) struct SummaryOfReport {
-        /// The job.
         pub job_id: String,
-        /// The summary.
         pub summary_json: String,
-        /// The report.
         pub report_json: String,
     }
 }
 
 /// Stores a summary, unless the job already has one.
-///
-/// # Errors
-/// [`super::Error::NotFound`] if there is no such job, [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()> {
     sqlx::query(INSERT)
         .bind(job_id)
@@ -61,34 +55,15 @@ pub async fn insert(tx: &mut Tx, job_id: &str, summary_json: &str) -> Result<()>
 /// # Errors
 /// [`super::Error::NotFound`], [`Conflict::JobStatus`] if it did not succeed (yet), [`super::Error::Database`].
 pub async fn of_job(store: &Store, job_id: &str) -> Result<String> {
-    let row: OfJob = sqlx::query_as(OF_JOB)
-        .bind(job_id)
-        .fetch_one(store.readers())
-        .await?;
+    let row: OfJob = read::one(store.readers(), OF_JOB, job_id).await?;
     let status = row.status;
     row.summary_json
         .ok_or(Conflict::JobStatus { status }.into())
 }
 
 /// Ids of succeeded jobs without a summary, which an older version ended. In the order of their ids, at most `limit` ids after `after`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn jobs_without(store: &Store, after: &str, limit: i64) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
-        .bind(after)
-        .bind(limit)
-        .fetch_all(store.readers())
-        .await?)
-}
-
-/// Summaries with their reports, in the order of their jobs' ids, at most `limit` after the job `after`.
-pub(super) async fn with_reports(
-    store: &Store,
-    after: &str,
-    limit: i64,
-) -> Result<Vec<SummaryOfReport>> {
-    Ok(sqlx::query_as(BY_ID)
         .bind(after)
         .bind(limit)
         .fetch_all(store.readers())

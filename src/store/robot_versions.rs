@@ -92,9 +92,6 @@ pub async fn edit(tx: &mut Tx, id: &str, edit: &RobotEdit, by: &str) -> Result<R
 }
 
 /// A robot as it was in a version.
-///
-/// # Errors
-/// [`Error::NotFound`], [`Error::Database`].
 pub async fn robot_at(store: &Store, robot_id: &str, version: i64) -> Result<RobotRow> {
     let mut row = robots::get(store, robot_id).await?;
     if row.version == version {

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::row;
 use super::id_prefix::IdPrefix;
 use super::listing::{self, ListQueries, list_row};
@@ -18,7 +18,6 @@ row! {
         pub id: String,
         /// Its name; need not be unique.
         pub name: String,
-        /// The robot document in JSON.
         pub body_json: String,
         /// When it was stored.
         pub created_at_ms: i64,
@@ -40,7 +39,6 @@ row! {
         pub version: i64,
         /// Version of the robot in which its joint map last changed.
         pub joint_map_version: i64,
-        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Its name in lower case, for sorting lists.
         pub sort_name: String,
@@ -62,21 +60,18 @@ impl RobotRow {
 
 /// The part of the robot's row that a release depends on; fields as in [`RobotRow`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[allow(missing_docs)] // as in the row
 pub struct RobotCheck {
-    /// `check_job_id`.
     pub job_id: Option<String>,
-    /// `check_seq`.
     pub check_seq: i64,
-    /// `checked_seq`.
     pub checked_seq: i64,
 }
 
-/// A robot to be stored.
+/// A robot to be stored, with fields of [`RobotRow`].
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // as in the row
 pub struct NewRobot {
-    /// Its name; need not be unique.
     pub name: String,
-    /// The robot document in JSON.
     pub body_json: String,
 }
 
@@ -164,34 +159,15 @@ fn as_checked(row: &RobotRow) -> Value {
     json!({"reason": row.checked_reason, "checked_by": row.checked_by, "checked_at_ms": row.checked_at_ms, "checked_seq": row.checked_seq})
 }
 
-impl Audited for RobotRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        let checked = self.checked_at_ms.map(|at_ms| (at_ms, as_checked(self)));
-        vec![
-            ExpectedEntry::created(
-                AuditEvent::RobotCreated,
-                self.created_at_ms,
-                as_created(self),
-            ),
-            ExpectedEntry {
-                event: AuditEvent::RobotChecked,
-                now: checked,
-                by: Some("checked_by"),
-            },
-            ExpectedEntry {
-                event: AuditEvent::RobotEdited,
-                now: as_edited(self),
-                by: None,
-            },
-        ]
-    }
-}
+audited!(RobotRow, id, |row| vec![
+    ExpectedEntry::at(AuditEvent::RobotCreated, row.created_at_ms, as_created(row)),
+    ExpectedEntry::new(
+        AuditEvent::RobotChecked,
+        row.checked_at_ms.map(|at_ms| (at_ms, as_checked(row)))
+    )
+    .by("checked_by"),
+    ExpectedEntry::new(AuditEvent::RobotEdited, as_edited(row)),
+]);
 
 /// As [`lock`], for the robot of a job.
 pub(crate) async fn lock_of_job(tx: &mut Tx, job_id: &str) -> Result<()> {
@@ -209,9 +185,6 @@ pub(super) async fn lock(tx: &mut Tx, id: &str) -> Result<()> {
 }
 
 /// Puts the robot into the state `check_robot`, because a session does not fit it.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Result<()> {
     sqlx::query(ASK_FOR_CHECK)
         .bind(id)
@@ -228,9 +201,6 @@ pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Resul
 }
 
 /// Ends the state `check_robot`, because a session fits the robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
     let changed = sqlx::query(FITS_AGAIN)
         .bind(id)
@@ -243,9 +213,6 @@ pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
 }
 
 /// Ends the state `check_robot` with a person's reason.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<RobotRow> {
     lock(tx, id).await?;
     let query = sqlx::query(CHECKED_NOW).bind(id).bind(reason).bind(by);
@@ -256,9 +223,6 @@ pub async fn checked(tx: &mut Tx, id: &str, reason: &str, by: &str) -> Result<Ro
 }
 
 /// Stores a robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
     let query = sqlx::query_as(INSERT)
         .bind(IdPrefix::Robot.new_id())
@@ -271,9 +235,6 @@ pub async fn insert(tx: &mut Tx, new: &NewRobot) -> Result<RobotRow> {
 }
 
 /// One robot.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn get(store: &Store, id: &str) -> Result<RobotRow> {
     read::one(store.readers(), GET, id).await
 }
@@ -283,9 +244,6 @@ pub(super) async fn get_in(tx: &mut Tx, id: &str) -> Result<RobotRow> {
 }
 
 /// Robots, newest first; with `only`, only the robots with these ids.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn list(
     store: &Store,
     only: Option<&[String]>,
@@ -295,9 +253,6 @@ pub async fn list(
 }
 
 /// Robots, filtered by name, serial number and archived state; with `only`, only the robots with these ids.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn search(
     store: &Store,
     only: Option<&[String]>,

@@ -7,9 +7,7 @@ row! {
     /// The jobs of one status.
     #[derive(Clone, Debug, PartialEq)]
     pub struct JobStatistics {
-        /// The status.
         pub status: JobStatus,
-        /// Number of jobs.
         pub n_jobs: i64,
         /// Age of the oldest job since it was posted, ms.
         pub oldest_age_ms: i64,
@@ -36,9 +34,6 @@ const JOBS: &str = "
     order by status";
 
 /// Statistics for each status; a status without jobs has no row.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn jobs(store: &Store) -> Result<Vec<JobStatistics>> {
     Ok(sqlx::query_as(JOBS).fetch_all(store.readers()).await?)
 }

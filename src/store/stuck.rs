@@ -46,9 +46,6 @@ impl std::fmt::Display for Stuck {
 }
 
 /// The blocked writers; none if no write is blocked.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     if store.engine() == Engine::Sqlite {
         return Ok(stuck_sqlite_writers(store).await);

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use super::audit::{Audited, ExpectedEntry};
+use super::audit::{ExpectedEntry, audited};
 use super::from_row::{from_row, row};
 use super::policies::ABSENT;
 use super::read;
@@ -16,9 +16,7 @@ row! {
     /// Verification facts of one job.
     #[derive(Clone, Debug, PartialEq)]
     pub struct VerificationRow {
-        /// The job.
         pub job_id: String,
-        /// Its robot.
         pub robot_id: String,
         /// The parameter set that the job identified or scored; none if the job scored the nominal robot.
         pub parameter_set_id: Option<String>,
@@ -238,27 +236,14 @@ const JOBS_WITHOUT: &str = "
             and (j.kind in ('verify', 'check') or exists (select 1 from parameter_set p where p.job_id = j.id))) as without
     order by coalesce(ended, 0), id";
 
-impl Audited for VerificationRow {
-    const BY_ID: &'static str = BY_ID;
-
-    fn subject(&self) -> &str {
-        &self.job_id
-    }
-
-    fn expected_entries(&self) -> Vec<ExpectedEntry> {
-        vec![ExpectedEntry {
-            event: AuditEvent::VerificationKept,
-            now: Some((self.created_at_ms, self.audit_entry())),
-            by: None,
-        }]
-    }
-}
+audited!(VerificationRow, job_id, |row| vec![ExpectedEntry::at(
+    AuditEvent::VerificationKept,
+    row.created_at_ms,
+    row.audit_entry()
+)]);
 
 /// Stores what a job found. The transaction must be the one that ends the job, and it must have locked the robot's row. Returns the stored row;
 /// `None` if the job has facts already.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn insert(
     tx: &mut Tx,
     job_id: &str,
@@ -283,10 +268,7 @@ pub async fn insert(
     if query.execute(tx.connection()).await?.rows_affected() == 0 {
         return Ok(None);
     }
-    let row: VerificationRow = sqlx::query_as(OF_JOB)
-        .bind(job_id)
-        .fetch_one(tx.connection())
-        .await?;
+    let row: VerificationRow = read::one(tx.connection(), OF_JOB, job_id).await?;
     tx.audit(AuditEvent::VerificationKept, job_id, row.audit_entry());
     Ok(Some(row))
 }
@@ -297,17 +279,11 @@ fn number(value: Option<f64>) -> f64 {
 }
 
 /// The facts of one job, if any.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRow>> {
     read::first(store.readers(), OF_JOB, job_id).await
 }
 
 /// All facts of a parameter set, its identification and every session, in order.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
     Ok(sqlx::query_as(OF_SET)
         .bind(parameter_set_id)
@@ -316,18 +292,12 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
 }
 
 /// Number of facts of a set's robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn count(store: &Store, parameter_set_id: &str) -> Result<i64> {
     read::value(store.readers(), COUNT, parameter_set_id).await
 }
 
 /// Sessions uploaded after the points of this parameter set, from which another set was identified or on which one was scored, but not this one. At
 /// most `limit`, in order.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn later_sessions(
     store: &Store,
     parameter_set_id: &str,
@@ -345,9 +315,6 @@ pub async fn later_sessions(
 }
 
 /// Number of succeeded jobs of a parameter set that have no facts.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn n_without_facts(store: &Store, parameter_set_id: &str) -> Result<i64> {
     read::value(store.readers(), N_WITHOUT_FACTS, parameter_set_id).await
 }
@@ -357,9 +324,6 @@ pub(super) async fn count_in(tx: &mut Tx, parameter_set_id: &str) -> Result<i64>
 }
 
 /// The numbers of a robot that a job reads when it begins.
-///
-/// # Errors
-/// [`super::Error::NotFound`], [`super::Error::Database`].
 pub async fn check(store: &Store, robot_id: &str) -> Result<CheckRow> {
     read::one(store.readers(), CHECK, robot_id).await
 }
@@ -370,9 +334,6 @@ pub(crate) async fn check_of_job(tx: &mut Tx, job_id: &str) -> Result<CheckRow> 
 }
 
 /// The job behind a number of a robot's counter.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<String>> {
     Ok(sqlx::query_scalar(JOB_OF)
         .bind(robot_id)
@@ -382,9 +343,6 @@ pub async fn job_of(store: &Store, robot_id: &str, seq: i64) -> Result<Option<St
 }
 
 /// Jobs without facts, ended by older versions, in the order in which they ended.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn jobs_without_facts(store: &Store) -> Result<Vec<String>> {
     Ok(sqlx::query_scalar(JOBS_WITHOUT)
         .bind(AuditEvent::JobSucceeded.as_str())

@@ -1,7 +1,7 @@
 //! Withdrawn parameter sets of a robot, with which a set that is to be released is compared.
 
 use super::from_row::row;
-use super::{Result, Store, Tx};
+use super::{Result, Store, Tx, read};
 
 pub(super) const ALL_QUERIES: &[&str] = &[HELD, OF_ROBOT, COUNT];
 
@@ -23,7 +23,6 @@ row! {
     pub struct WithdrawnSet {
         /// `par_…`
         pub id: String,
-        /// The job that identified it.
         pub job_id: String,
         /// Its content, `wire::parameter_set::ParameterSetContent`.
         pub body_json: String,
@@ -31,37 +30,23 @@ row! {
 }
 
 /// Id of a withdrawn parameter set whose values the job holds, if there is one.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn held(store: &Store, job_id: &str) -> Result<Option<String>> {
     let query = sqlx::query_scalar(HELD).bind(job_id);
     Ok(query.fetch_optional(store.readers()).await?)
 }
 
 /// The newest withdrawn parameter sets of a robot, at most `limit`.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn of_robot(store: &Store, robot_id: &str, limit: i64) -> Result<Vec<WithdrawnSet>> {
     let query = sqlx::query_as(OF_ROBOT).bind(robot_id).bind(limit);
     Ok(query.fetch_all(store.readers()).await?)
 }
 
 /// Number of withdrawn parameter sets of a robot.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub async fn count(store: &Store, robot_id: &str) -> Result<i64> {
-    let query = sqlx::query_scalar(COUNT).bind(robot_id);
-    Ok(query.fetch_one(store.readers()).await?)
+    read::value(store.readers(), COUNT, robot_id).await
 }
 
 /// As [`count`], in a transaction.
-///
-/// # Errors
-/// [`super::Error::Database`].
 pub(super) async fn count_in(tx: &mut Tx, robot_id: &str) -> Result<i64> {
-    let query = sqlx::query_scalar(COUNT).bind(robot_id);
-    Ok(query.fetch_one(tx.connection()).await?)
+    read::value(tx.connection(), COUNT, robot_id).await
 }

@@ -28,9 +28,6 @@ pub fn canonical_text(value: &Value) -> Result<String, serde_json::Error> {
 
 /// The canonical JSON of `value` that has this hash. Two texts are tried: the current one, and the one of versions before 22 November 2026. If two
 /// shortest texts are equally near to a number, those versions wrote the text further from zero. Returns `None` if neither text has the hash.
-///
-/// # Errors
-/// As [`to_canonical_json`].
 pub fn text_with_hash(
     value: &impl Serialize,
     sha256: &str,
@@ -54,9 +51,6 @@ fn text_with(value: &Value, number: WriteNumber) -> Result<String, serde_json::E
 }
 
 /// Lower-case hexadecimal SHA-256 of the canonical JSON.
-///
-/// # Errors
-/// As [`to_canonical_json`].
 pub fn canonical_sha256(value: &impl Serialize) -> Result<String, serde_json::Error> {
     Ok(sha256_hex(to_canonical_json(value)?.as_bytes()))
 }

@@ -63,9 +63,6 @@ names! {
 
 impl ColumnsBody {
     /// Parses a mapping and makes all checks that are possible without the file.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer.
     pub fn parse(text: &[u8]) -> Result<Self, Invalid> {
         let text = text.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(text);
         let body: Self = json::parse(text).map_err(|error| match error {
@@ -81,9 +78,6 @@ impl ColumnsBody {
     }
 
     /// Makes all checks that are possible without the file.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer.
     pub fn check(&self) -> Result<(), Invalid> {
         for part in [FilePart::Table, FilePart::Robot, FilePart::Instrument] {
             self.mapping(part)?;
@@ -94,9 +88,6 @@ impl ColumnsBody {
 
     /// The mapping of one file. With two files, the joint columns (`q1_deg …`) belong to the robot's file and all other columns to the instrument's
     /// file. The join keys (`name`, `number`, `time_s`) belong to both files. Entries in `robot` or `instrument` take precedence.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer.
     pub fn mapping(&self, part: FilePart) -> Result<Mapping, Invalid> {
         let mut reader = Reader::default();
         let mut mapping = Mapping::default();
@@ -155,9 +146,6 @@ impl ColumnsBody {
     }
 
     /// The options for joining two files.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer.
     pub fn join(&self) -> Result<JoinOptions, Invalid> {
         let mut reader = Reader::default();
         let mut options = JoinOptions::default();

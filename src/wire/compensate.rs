@@ -92,22 +92,23 @@ pub struct ToolPose {
 }
 
 /// The frame of position and orientation errors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ErrorFrame {
     /// The measuring frame, with `base: measured`.
     Measuring,
     /// The robot's own base frame, with `base: robot`.
+    #[default]
     RobotBase,
 }
 
 /// Corrected targets, in the order of the request.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CompensateAnswer {
     /// Corrected joint values for the controller, degrees. With them the tool of the real robot is where the tool of the nominal robot would be.
     pub q_deg: Vec<Vec<f64>>,
     /// The frame of the errors below. Answers of older versions do not have this field; for them the frame is `robot_base`.
-    #[serde(default = "ErrorFrame::default_robot_base")]
+    #[serde(default)]
     pub frame: ErrorFrame,
     /// Position error of the tool with the requested joint values, mm.
     pub position_error_before_mm: Vec<f64>,
@@ -201,9 +202,6 @@ impl CompensateAnswer {
 
 impl CompensateBody {
     /// Makes all checks that need only the request and the number of joints.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to everything that is wrong.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         for (pointer, n) in [
@@ -320,31 +318,6 @@ impl From<Base> for ErrorFrame {
         match base {
             Base::Measured => Self::Measuring,
             Base::Robot => Self::RobotBase,
-        }
-    }
-}
-
-impl ErrorFrame {
-    fn default_robot_base() -> Self {
-        Self::RobotBase
-    }
-}
-
-impl CompensateAnswer {
-    /// An answer without targets, with capacity for `n` targets.
-    pub fn with_capacity(n: usize, frame: ErrorFrame) -> Self {
-        Self {
-            q_deg: Vec::with_capacity(n),
-            frame,
-            position_error_before_mm: Vec::with_capacity(n),
-            position_error_after_mm: Vec::with_capacity(n),
-            orientation_error_after_deg: Vec::with_capacity(n),
-            status: Vec::with_capacity(n),
-            extrapolated: Vec::with_capacity(n),
-            position_std_mm: None,
-            poses: None,
-            left_out: LeftOut::default(),
-            warnings: vec![],
         }
     }
 }

@@ -6,7 +6,6 @@ use crate::kinematics::corrections::HARMONIC_ORDERS;
 use crate::kinematics::{
     Compliance, Corrections, Harmonic, Link, MeasuredRegion, Payload, ResidualNetwork,
 };
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::frames::Transform;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::target::{Target, target_position, target_rotations};
@@ -119,19 +118,19 @@ pub struct MeasuredRegionContent {
 }
 
 fn degrees(values: &[f64]) -> Vec<f64> {
-    values.iter().map(|v| to_degrees(*v)).collect()
+    values.iter().map(|v| v.to_degrees()).collect()
 }
 
 fn radians(values: &[f64]) -> Vec<f64> {
-    values.iter().map(|v| to_radians(*v)).collect()
+    values.iter().map(|v| v.to_radians()).collect()
 }
 
 fn degrees3(v: &Vector3<f64>) -> [f64; 3] {
-    [to_degrees(v.x), to_degrees(v.y), to_degrees(v.z)]
+    [v.x.to_degrees(), v.y.to_degrees(), v.z.to_degrees()]
 }
 
 fn radians3(v: &[f64; 3]) -> Vector3<f64> {
-    Vector3::from(v.map(to_radians))
+    Vector3::from(v.map(f64::to_radians))
 }
 
 impl PayloadBody {
@@ -235,8 +234,8 @@ impl CorrectionsContent {
             let content = move |(k, h): (usize, &Harmonic)| HarmonicContent {
                 joint: joint + 1,
                 order: k + 1,
-                sin_deg: to_degrees(h.sin_rad),
-                cos_deg: to_degrees(h.cos_rad),
+                sin_deg: h.sin_rad.to_degrees(),
+                cos_deg: h.cos_rad.to_degrees(),
             };
             orders
                 .iter()
@@ -282,8 +281,8 @@ impl CorrectionsContent {
         let mut harmonics = vec![vec![Harmonic::default(); HARMONIC_ORDERS]; links.len()];
         for h in &self.harmonics {
             harmonics[h.joint - 1][h.order - 1] = Harmonic {
-                sin_rad: to_radians(h.sin_deg),
-                cos_rad: to_radians(h.cos_deg),
+                sin_rad: h.sin_deg.to_radians(),
+                cos_rad: h.cos_deg.to_radians(),
             };
         }
         CorrectedModel {
@@ -323,9 +322,6 @@ impl CorrectionsContent {
     }
 
     /// Checks a document from outside the service (a parameter set in a file) against a robot with `n` links.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to every part that does not fit.
     pub fn check(&self, n: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.version != CORRECTIONS_VERSION {

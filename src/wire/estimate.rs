@@ -75,9 +75,6 @@ struct Rows {
 }
 
 /// Hash of the part of a robot that an estimate depends on: the nominal links without joint limits, and the joint map.
-///
-/// # Errors
-/// If the robot cannot be serialised. This does not happen for finite numbers.
 pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
     let mut links = robot.links.clone();
     links
@@ -88,9 +85,6 @@ pub fn geometry_sha256(robot: &RobotBody) -> Result<String, serde_json::Error> {
 
 impl StoredEstimate {
     /// The stored form of an estimate.
-    ///
-    /// # Errors
-    /// As [`geometry_sha256`].
     pub fn new(
         estimate: &Estimate,
         model: Model,

@@ -1,7 +1,6 @@
 //! Formats and documents of exports.
 
 use crate::exchange::refit::Refit;
-use crate::wire::angle::to_radians;
 use crate::wire::compensate::ErrorFrame;
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
@@ -109,7 +108,7 @@ impl MasteringDocument {
     pub fn offsets_rad(&self) -> Vec<f64> {
         self.joints
             .iter()
-            .map(|joint| to_radians(joint.offset_deg))
+            .map(|joint| joint.offset_deg.to_radians())
             .collect()
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::calibration::report::Changes;
 use crate::compensation::ToolDifference;
-use crate::wire::angle::to_degrees;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::report_shape::{ChangeReport, ParameterReport};
 use crate::wire::trend::Trend;
@@ -100,7 +99,7 @@ impl From<&Changes> for SessionTest {
 
 impl From<&ToolDifference> for MapPoint {
     fn from(point: &ToolDifference) -> Self {
-        let q_deg = point.q_controller_rad.iter().map(|rad| to_degrees(*rad));
+        let q_deg = point.q_controller_rad.iter().map(|rad| rad.to_degrees());
         Self {
             q_deg: q_deg.collect(),
             position_mm: point.position_mm.into(),

@@ -23,9 +23,6 @@ pub fn unknown(at: &str, what: &str) -> Invalid {
 }
 
 /// Refuses a text that cannot be an id. The answer is the same as for an unknown id.
-///
-/// # Errors
-/// [`Invalid`]: `unknown_reference`.
 pub fn check(at: &str, id: &str, what: &str) -> Result<(), Invalid> {
     if is_plausible(id) {
         Ok(())

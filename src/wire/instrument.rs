@@ -4,7 +4,6 @@ use crate::measurement::csv::{MAX_STD_MM, MIN_STD_MM};
 use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD};
 use crate::measurement::position_noise::InstrumentNoise;
 use crate::measurement::{Frame, MeasurementSet};
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::issue::{Invalid, Issue};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -112,9 +111,6 @@ pub fn resolve(
 
 impl Stated {
     /// Checks the values and converts them to the core's noise model.
-    ///
-    /// # Errors
-    /// [`Invalid`] with the parameter or JSON pointer of each invalid value.
     pub fn noise(&self, frame: Frame) -> Result<InstrumentNoise, Invalid> {
         let InstrumentBody {
             range_std_mm,
@@ -155,8 +151,8 @@ impl Stated {
             ),
         );
         let (least_deg, most_deg) = (
-            to_degrees(MIN_STD_ROTATION_RAD),
-            to_degrees(MAX_STD_ROTATION_RAD),
+            MIN_STD_ROTATION_RAD.to_degrees(),
+            MAX_STD_ROTATION_RAD.to_degrees(),
         );
         check(
             "angle_std_deg",
@@ -176,7 +172,7 @@ impl Stated {
             (Some(range_std_mm), Some(angle_std_deg)) if issues.is_empty() => Ok(InstrumentNoise {
                 range_std_mm,
                 range_std_mm_per_m: range_std_mm_per_m.unwrap_or(0.0),
-                angle_std_rad: to_radians(angle_std_deg),
+                angle_std_rad: angle_std_deg.to_radians(),
             }),
             _ => Err(Invalid {
                 code: "invalid_instrument",

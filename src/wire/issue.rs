@@ -61,7 +61,7 @@ impl Issue {
     }
 }
 
-/// Input that was parsed but cannot be used (HTTP status 422), with all issues.
+/// Input that was parsed but cannot be used (HTTP status 422), with all issues and where each is: a JSON pointer, or row and column of a file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", self.summary())]
 pub struct Invalid {
@@ -167,9 +167,6 @@ impl Checker {
     }
 
     /// `Ok` if there are no issues.
-    ///
-    /// # Errors
-    /// [`Invalid`] with all issues.
     pub fn finish(self, code: &'static str) -> Result<(), Invalid> {
         if self.issues.is_empty() {
             Ok(())

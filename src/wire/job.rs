@@ -46,7 +46,7 @@ impl Kind {
 }
 
 /// A calibration to run. The only required field is `measurement_set_id`, or `measurement_set_ids` for several sessions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobRequestBody {
     /// The measurement set of a single session.
@@ -163,34 +163,15 @@ impl JobRequestBody {
     pub fn for_set(measurement_set_id: &str) -> Self {
         Self {
             measurement_set_id: Some(measurement_set_id.into()),
-            measurement_set_ids: None,
-            kind: Kind::default(),
-            parameter_set_id: None,
-            method: Method::default(),
-            model: None,
-            preset: Preset::default(),
-            parameters: None,
-            frames_id: None,
-            network_id: None,
-            residual_network_id: None,
-            seed: 0,
-            refine: None,
-            verify: None,
-            final_fit: None,
-            priority: 0,
-            corrections: None,
-            payload: None,
-            options: None,
-            after: None,
+            ..Self::default()
         }
     }
 
     /// A request for several sessions, with defaults for all other fields.
     pub fn for_sets(measurement_set_ids: Vec<String>) -> Self {
         Self {
-            measurement_set_id: None,
             measurement_set_ids: Some(measurement_set_ids),
-            ..Self::for_set("")
+            ..Self::default()
         }
     }
 
@@ -423,10 +404,7 @@ impl JobRequestBody {
             }
         };
         let request = CalibrationRequest {
-            robot: parts.robot,
-            set,
             sessions,
-            session_noise_mm: vec![],
             method: self.method,
             model: self.model,
             preset: self.preset,
@@ -446,13 +424,9 @@ impl JobRequestBody {
             final_fit: self.final_fit,
             corrections: self.corrections,
             payload: self.payload.map(Into::into),
-            scored_frame: None,
-            instrument_scale: None,
-            held_out: None,
-            refused_as: None,
-            unread_labels: None,
             residual_network: parts.residual_network,
             previous: parts.previous,
+            ..CalibrationRequest::new(parts.robot, set)
         };
         prior::check_applicable(&request)?;
         Ok(request)

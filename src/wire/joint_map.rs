@@ -1,7 +1,6 @@
 //! Map from the controller's joint values to those of the model.
 
 use crate::kinematics::JointMap;
-use crate::wire::angle::{to_degrees, to_radians};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -25,7 +24,7 @@ pub struct JointMapBody {
 impl From<&JointMap> for JointMapBody {
     fn from(map: &JointMap) -> Self {
         // Rounds to 1e-9°, to remove the rounding error of the conversion from radians.
-        let rounded_deg = |rad: &f64| (to_degrees(*rad) * 1e9).round() / 1e9;
+        let rounded_deg = |rad: &f64| (rad.to_degrees() * 1e9).round() / 1e9;
         Self {
             sign: Some(map.sign.clone()),
             offset_deg: Some(map.offset_rad.iter().map(rounded_deg).collect()),
@@ -46,7 +45,7 @@ impl JointMapBody {
             sign: self.sign.clone().unwrap_or_else(|| vec![1.0; n]),
             offset_rad: self.offset_deg.as_ref().map_or_else(
                 || vec![0.0; n],
-                |o| o.iter().map(|deg| to_radians(*deg)).collect(),
+                |o| o.iter().map(|deg| deg.to_radians()).collect(),
             ),
             coupling: self
                 .coupling

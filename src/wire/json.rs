@@ -1,6 +1,6 @@
 //! Parses JSON request bodies. Errors have a JSON pointer.
 
-use crate::wire::{Invalid, Issue};
+use crate::wire::Invalid;
 use serde::de::{
     Deserialize, DeserializeOwned, Deserializer, Error as _, IgnoredAny, SeqAccess, Visitor,
 };
@@ -78,12 +78,10 @@ impl<'de, T: Deserialize<'de>, const MAX: usize> Visitor<'de> for List<T, MAX> {
 fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
     use serde_json::error::Category;
     let text = error.to_string();
+    let refused = |code, detail: String| Error::Shape(Invalid::at(&pointer, code, detail));
     if text.starts_with("number out of range") {
         let detail = format!("{text}: numbers must fit a 64-bit float");
-        return Error::Shape(Invalid {
-            code: "out_of_range",
-            issues: vec![Issue::at(pointer, "out_of_range", detail)],
-        });
+        return refused("out_of_range", detail);
     }
     // serde_json reports null as a syntax error if an enum is expected. So null is detected at the position of the error.
     let line = bytes
@@ -97,23 +95,14 @@ fn explain(pointer: String, error: &serde_json::Error, bytes: &[u8]) -> Error {
         Category::Syntax if is_null => {
             let detail =
                 format!("this field does not take null; leave it out if it has a default ({text})");
-            Error::Shape(Invalid {
-                code: "invalid_body",
-                issues: vec![Issue::at(pointer, "invalid_body", detail)],
-            })
+            refused("invalid_body", detail)
         }
         // serde_json also reports a fixed-size list with too many items as a syntax error.
-        Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => {
-            let detail = format!("this list has too many items ({text})");
-            Error::Shape(Invalid {
-                code: "invalid_body",
-                issues: vec![Issue::at(pointer, "invalid_body", detail)],
-            })
-        }
-        Category::Data => Error::Shape(Invalid {
-            code: "invalid_body",
-            issues: vec![Issue::at(pointer, "invalid_body", text)],
-        }),
+        Category::Syntax if text.starts_with("trailing characters") && is_json(bytes) => refused(
+            "invalid_body",
+            format!("this list has too many items ({text})"),
+        ),
+        Category::Data => refused("invalid_body", text),
         Category::Syntax | Category::Eof | Category::Io => Error::Syntax(text),
     }
 }

@@ -122,9 +122,6 @@ pub struct Upload<'a> {
 }
 
 /// Parses sweeps, or any other table, without further information from the caller. The decimal mark is detected.
-///
-/// # Errors
-/// [`Invalid`] with the row, column and value of each error.
 pub fn from_table(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, Invalid> {
     let upload = Upload {
         content_type: "text/csv",
@@ -139,9 +136,6 @@ pub fn from_table(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<Measure
 }
 
 /// Parses a new file. Also returns how a table was interpreted.
-///
-/// # Errors
-/// [`Invalid`] with the row, column and value of each error.
 pub fn from_file(
     upload: &Upload,
     n_joints: usize,
@@ -302,9 +296,6 @@ fn csv_issue(issue: measurement::csv::Issue) -> Issue {
 
 impl MeasurementSetBody {
     /// Converts the body to a measurement set, after the same checks as for CSV. `frame` and `instrument` come from the query.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn measurement_set(
         &self,
         frame: Option<Frame>,

@@ -1,9 +1,8 @@
 //! The JSON types of `openapi.yaml` and their conversion to and from the types of the core.
 //!
-//! Angles are in degrees here and in radians in the core; [`angle`] converts them. The names of fields end in their unit. The conversions check all
+//! Angles are in degrees here and in radians in the core. The names of fields end in their unit. The conversions check all
 //! values, so values of the core's types are valid.
 
-pub mod angle;
 pub mod bounds;
 pub mod canonical;
 pub mod check;

@@ -51,9 +51,6 @@ pub fn is_multipart(content_type: &str) -> bool {
 }
 
 /// The parts of a body.
-///
-/// # Errors
-/// [`Invalid`] if the body is not well-formed.
 pub fn parts<'a>(content_type: &str, body: &'a [u8]) -> Result<Vec<Part<'a>>, Invalid> {
     let boundary = parameter(content_type, "boundary")
         .filter(|boundary| (1..=70).contains(&boundary.len()))

@@ -119,9 +119,6 @@ pub struct ToolAnswer {
 }
 
 /// Checks the name of a work frame or tool.
-///
-/// # Errors
-/// [`Invalid`] for a name that is not allowed.
 pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
     let mut checker = Checker::default();
     checker.words("/name", name, max);
@@ -138,9 +135,6 @@ pub fn check_name(name: &str, max: usize) -> Result<(), Invalid> {
 
 impl WorkFrameBody {
     /// Checks the body and computes the work frame.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn work_frame(&self) -> Result<WorkFrame, Invalid> {
         self.check()?;
         if self.points.is_none() {
@@ -311,9 +305,6 @@ impl WorkFrameBody {
     }
 
     /// The answer for a stored work frame.
-    ///
-    /// # Errors
-    /// As [`Self::work_frame`].
     pub fn answer(self, name: String, created_at: String) -> Result<WorkFrameAnswer, Invalid> {
         let frame = self.work_frame()?;
         let is_measured = !frame.residuals_mm.is_empty();

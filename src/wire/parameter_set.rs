@@ -4,7 +4,6 @@ use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
 use crate::identification::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::canonical;
 use crate::wire::corrections::CorrectionsContent;
 use crate::wire::frames::Transform;
@@ -206,9 +205,6 @@ impl ParameterSetContent {
     }
 
     /// Checks a document from outside the service (a parameter set in a file) against a robot with `n_links` links.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to every part that does not fit.
     pub fn check(&self, n_links: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.length(
@@ -239,9 +235,6 @@ impl ParameterSetContent {
     }
 
     /// The hash of the content, which the PC of a robot cell can check.
-    ///
-    /// # Errors
-    /// If the content cannot be serialised. This does not happen for finite numbers.
     pub fn sha256(&self) -> Result<String, serde_json::Error> {
         canonical::canonical_sha256(self)
     }
@@ -294,10 +287,10 @@ impl From<&Link> for IdentifiedLink {
     fn from(link: &Link) -> Self {
         Self {
             a_mm: link.a_mm,
-            alpha_deg: to_degrees(link.alpha_rad),
+            alpha_deg: link.alpha_rad.to_degrees(),
             d_mm: link.d_mm,
-            theta_offset_deg: to_degrees(link.theta_offset_rad),
-            beta_deg: to_degrees(link.beta_rad),
+            theta_offset_deg: link.theta_offset_rad.to_degrees(),
+            beta_deg: link.beta_rad.to_degrees(),
         }
     }
 }
@@ -306,10 +299,10 @@ impl From<&IdentifiedLink> for Link {
     fn from(link: &IdentifiedLink) -> Self {
         Self {
             a_mm: link.a_mm,
-            alpha_rad: to_radians(link.alpha_deg),
+            alpha_rad: link.alpha_deg.to_radians(),
             d_mm: link.d_mm,
-            theta_offset_rad: to_radians(link.theta_offset_deg),
-            beta_rad: to_radians(link.beta_deg),
+            theta_offset_rad: link.theta_offset_deg.to_radians(),
+            beta_rad: link.beta_deg.to_radians(),
         }
     }
 }

@@ -6,7 +6,6 @@ use crate::measurement::csv::{
 use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
 use crate::measurement::position_noise::{NOT_A_COVARIANCE, PositionNoise};
 use crate::measurement::{Point, Subset};
-use crate::wire::angle::{to_degrees, to_radians};
 use crate::wire::instrument;
 use crate::wire::issue::Checker;
 use crate::wire::json;
@@ -130,7 +129,7 @@ impl PointBody {
         if let Some(Err((code, detail))) = self.quaternion.map(unit_quaternion) {
             checker.note(format!("{at}/quaternion"), code, detail);
         }
-        let range_deg = to_degrees(MIN_STD_ROTATION_RAD)..=to_degrees(MAX_STD_ROTATION_RAD);
+        let range_deg = MIN_STD_ROTATION_RAD.to_degrees()..=MAX_STD_ROTATION_RAD.to_degrees();
         if let Some(std) = self.std_rotation_deg.filter(|std| !range_deg.contains(std)) {
             let detail =
                 format!("{std}: a standard uncertainty of a rotation is above 0 and at most 90°");
@@ -203,7 +202,7 @@ impl PointBody {
         let of_axes = self.std_axes_mm.map(Vector3::from);
         let of_covariance = self.covariance_mm2.map(matrix);
         Point {
-            q_rad: self.q_deg.iter().map(|deg| to_radians(*deg)).collect(),
+            q_rad: self.q_deg.iter().map(|deg| deg.to_radians()).collect(),
             position_mm: Vector3::from(self.position_mm),
             configuration: self.configuration.clone().unwrap_or_default(),
             target: self.target.unwrap_or(0),
@@ -219,7 +218,7 @@ impl PointBody {
             position_noise: of_axes
                 .map(PositionNoise::of_axes)
                 .or(of_covariance.and_then(|c| PositionNoise::of_covariance(&c))),
-            std_rotation_rad: self.std_rotation_deg.map(to_radians),
+            std_rotation_rad: self.std_rotation_deg.map(f64::to_radians),
             rotation_angles_rad: None,
         }
     }

@@ -51,7 +51,7 @@ pub enum PlanKind {
 }
 
 /// Request for a pose plan. Only `n_configurations` is required.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PosePlanBody {
     /// Number of configurations to measure, including repeats.
@@ -207,24 +207,7 @@ impl PosePlanBody {
     pub fn new(n_configurations: usize) -> Self {
         Self {
             n_configurations,
-            seed: 0,
-            model: None,
-            frame: None,
-            target_mm: None,
-            kind: None,
-            noise_std_mm: None,
-            noise_std_rotation_deg: None,
-            n_candidates: None,
-            n_repeats: None,
-            boxes: vec![],
-            keep_out: vec![],
-            instrument_mm: None,
-            target_axis: None,
-            target_half_angle_deg: None,
-            set_ups: vec![],
-            floor_z_mm: None,
-            base_cylinder: None,
-            measured: vec![],
+            ..Self::default()
         }
     }
 
@@ -277,9 +260,6 @@ impl PosePlanBody {
     }
 
     /// Makes all checks that need only the request.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         self.check_numbers(&mut checker);

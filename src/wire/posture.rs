@@ -54,9 +54,6 @@ pub struct PostureAnswer {
 
 impl PostureBody {
     /// Makes all checks that need only the request and the number of joints.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.length(

@@ -51,9 +51,6 @@ pub struct PredictAnswer {
 
 impl PredictBody {
     /// Makes all checks that need only the request and the number of joints.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         if self.q_deg.len() > MAX_POSES {

@@ -90,9 +90,6 @@ pub fn check(priors: &[Prior], checker: &mut Checker) {
 }
 
 /// Refuses priors that do not fit the request's robot and model.
-///
-/// # Errors
-/// [`Invalid`] with a JSON pointer to each error.
 pub fn check_applicable(request: &CalibrationRequest) -> Result<(), Invalid> {
     let faults = prior_faults(request);
     let Some(code) = faults.first().map(|fault| fault.code) else {

@@ -84,9 +84,6 @@ impl ReferenceBody {
     }
 
     /// Checks names, lengths and uncertainties.
-    ///
-    /// # Errors
-    /// [`Invalid`] with the JSON pointer of each invalid value.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         checker.text("/name", self.name(), MAX_NAME);

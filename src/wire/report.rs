@@ -4,7 +4,6 @@ use crate::calibration::point_errors::PointErrors;
 use crate::calibration::report::MethodComparison;
 use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
 use crate::identification::workspace::ToolUncertainty;
-use crate::wire::angle::to_degrees;
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;
@@ -38,9 +37,6 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 const ABOUT_EARLIER_SESSIONS: [&str; 2] = [ROBOT_CHANGED, "placement_changed"];
 
 /// Builds the report of the API, with its hash.
-///
-/// # Errors
-/// If the content cannot be serialised. This does not happen for a report without NaN.
 pub fn build(core: &CalibrationReport, run: &RunContext<'_>) -> Result<Report, serde_json::Error> {
     let mut report = without_hash(core, run);
     report.result_sha256 = result_sha256(&report, core, run.network_sha256)?;
@@ -77,10 +73,10 @@ fn without_hash(core: &CalibrationReport, run: &RunContext<'_>) -> Report {
         tool_uncertainty_absent_because: core.uncertainty_absent_because.clone(),
         flange_rotation_std_deg: core
             .flange_rotation
-            .map(|found| to_degrees(found.std_rad())),
+            .map(|found| f64::to_degrees(found.std_rad())),
         last_joint_zero_std_deg: core
             .flange_rotation
-            .map(|found| to_degrees(found.last_joint_zero_rad)),
+            .map(|found| found.last_joint_zero_rad.to_degrees()),
         error_model: core.error_model,
         identifiability: core.identifiability.clone(),
         comparison: core
@@ -181,8 +177,8 @@ impl From<&PointErrors> for PointReport {
             before_vector_mm: Some(p.before_vector_mm.into()),
             after_vector_mm: Some(p.after_vector_mm.into()),
             corrected_vector_mm: p.corrected_vector_mm.map(Into::into),
-            before_rotation_deg: p.rotation_rad.map(|both| to_degrees(both[0])),
-            after_rotation_deg: p.rotation_rad.map(|both| to_degrees(both[1])),
+            before_rotation_deg: p.rotation_rad.map(|both| f64::to_degrees(both[0])),
+            after_rotation_deg: p.rotation_rad.map(|both| f64::to_degrees(both[1])),
             outlier: p.is_outlier,
         }
     }

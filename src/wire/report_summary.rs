@@ -12,33 +12,18 @@ use serde_json::{Map, Value};
 
 /// The facts that are read from a summary. The fields are as in [`crate::wire::report_shape::Report`]. A whole report can also be read as a summary.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
+#[allow(missing_docs)] // as in the report
 pub struct ReportSummary {
-    /// Errors of the held-out points.
     pub verify: Option<SubsetReport>,
-    /// Errors of the held-out points without outliers.
-    #[serde(default)]
     pub verify_without_outliers: Option<SubsetReport>,
-    /// The final fit to all points.
-    #[serde(rename = "final", default)]
+    #[serde(rename = "final")]
     pub final_fit: Option<FinalFitReport>,
-    /// Every free parameter.
     pub parameters: Vec<ParameterReport>,
-    /// The instrument's reference.
-    #[serde(default)]
     pub reference: Option<ReferenceReport>,
-    /// Reason why there is no uncertainty.
-    #[serde(default)]
     pub tool_uncertainty_absent_because: Option<String>,
-    /// One standard deviation of the flange's rotation, degrees.
-    #[serde(default)]
     pub flange_rotation_std_deg: Option<f64>,
-    /// The part of `flange_rotation_std_deg` that is the zero of the last joint, degrees.
-    #[serde(default)]
     pub last_joint_zero_std_deg: Option<f64>,
-    /// Significant changes since the previous session.
-    #[serde(default)]
     pub changed: Option<Vec<ChangeReport>>,
-    /// Warnings, without their rows.
     pub warnings: Vec<Warning>,
 }
 

@@ -3,7 +3,6 @@
 pub use crate::kinematics::Robot;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::{Link, Mounting};
-use crate::wire::angle::to_radians;
 use crate::wire::issue::{Checker, Invalid};
 pub use crate::wire::joint_map::JointMapBody;
 use crate::wire::joint_map::matrix;
@@ -246,7 +245,7 @@ impl TryFrom<&RobotBody> for Robot {
                 .iter()
                 .map(|l| {
                     l.joint_limits_deg
-                        .map(|[lo, hi]| (to_radians(lo), to_radians(hi)))
+                        .map(|[lo, hi]| (lo.to_radians(), hi.to_radians()))
                 })
                 .collect(),
             joint_map: body
@@ -293,10 +292,10 @@ impl From<&LinkBody> for Link {
     fn from(link: &LinkBody) -> Self {
         Self {
             a_mm: link.a_mm,
-            alpha_rad: to_radians(link.alpha_deg),
+            alpha_rad: link.alpha_deg.to_radians(),
             d_mm: link.d_mm,
-            theta_offset_rad: to_radians(link.theta_offset_deg),
-            beta_rad: to_radians(link.beta_deg.unwrap_or(0.0)),
+            theta_offset_rad: link.theta_offset_deg.to_radians(),
+            beta_rad: f64::to_radians(link.beta_deg.unwrap_or(0.0)),
         }
     }
 }
@@ -440,7 +439,7 @@ impl From<MountingBody> for Mounting {
         };
         Self {
             gravity_in_base: Vector3::from(gravity).normalize(),
-            std_rad: to_radians(std_deg),
+            std_rad: std_deg.to_radians(),
         }
     }
 }

@@ -54,10 +54,9 @@ fn is_usual(kind: &NetworkKind) -> bool {
 
 /// The metadata of a residual network that the network itself does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs)] // where the names say it
 pub struct ResidualOrigin {
-    /// The model that was identified.
     pub model: Model,
-    /// The preset.
     pub preset: Preset,
     /// Mean squared error of the training points with all corrections, mm².
     pub training_error: f64,
@@ -105,9 +104,6 @@ pub fn write(network: &TrainedNetwork) -> Result<StoredNetwork, Error> {
 }
 
 /// Writes a residual network.
-///
-/// # Errors
-/// As [`write`].
 pub fn write_residual(
     network: &ResidualNetwork,
     origin: ResidualOrigin,
@@ -168,9 +164,6 @@ fn file_of(metadata: NetworkMetadata, tensors: &[NamedTensor<'_>]) -> Result<Sto
 }
 
 /// Reads a network of link parameters and checks all sizes.
-///
-/// # Errors
-/// [`Error`] if the file is not a valid network of this kind.
 pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
     let metadata = read_metadata(bytes, NetworkKind::LinkParameters)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);
@@ -191,9 +184,6 @@ pub fn read(bytes: &[u8]) -> Result<TrainedNetwork, Error> {
 }
 
 /// Reads a residual network and checks all sizes.
-///
-/// # Errors
-/// As [`read`].
 pub fn read_residual(bytes: &[u8]) -> Result<ResidualNetwork, Error> {
     let metadata = read_metadata(bytes, NetworkKind::Residual)?;
     let (n, h) = (metadata.parameter_names.len(), metadata.n_hidden);

@@ -25,9 +25,6 @@ pub struct SessionRecord {
 
 impl SessionRecord {
     /// Itself after a check of every value, its time in UTC; `None` if no value is stated.
-    ///
-    /// # Errors
-    /// [`Invalid`] with the name of each value that cannot be used.
     pub fn checked(mut self) -> Result<Option<Self>, Invalid> {
         let mut checker = Checker::default();
         for (at, text) in [

@@ -73,14 +73,13 @@ impl<'a> Files<'a> {
 
 /// Options for reading an upload.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // where the names say it
 pub struct UploadOptions<'a> {
     /// The column mapping of the caller.
     pub columns: &'a ColumnsBody,
     /// The decimal mark, if it is stated separately from the mapping.
     pub decimal: Option<Decimal>,
-    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
-    /// The frame of the positions.
     pub frame: Frame,
     /// The robot's number of links.
     pub n_joints: usize,
@@ -88,10 +87,19 @@ pub struct UploadOptions<'a> {
     pub is_time: fn(&str) -> bool,
 }
 
+impl UploadOptions<'_> {
+    fn of_file<'m>(&self, mapping: &'m Mapping, part: FilePart) -> TableOptions<'m> {
+        TableOptions {
+            mapping,
+            n_joints: self.n_joints,
+            needs: needs(part),
+            rotation: self.rotation,
+            is_time: self.is_time,
+        }
+    }
+}
+
 /// Reads the files of an upload.
-///
-/// # Errors
-/// [`Invalid`] with the file, line, row and column of each error.
 pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, Reading), Invalid> {
     let mut mappings = Vec::new();
     for (part, _) in &files.files {
@@ -142,14 +150,12 @@ fn joined(
 
 /// A stored upload, and how it was interpreted.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // where the names say it
 pub struct StoredTable<'a> {
-    /// Its content type.
     pub content_type: &'a str,
     /// A [`Reading`] in JSON.
     pub reading_json: &'a str,
-    /// Its bytes.
     pub bytes: &'a [u8],
-    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
 }
 
@@ -246,14 +252,8 @@ fn one(
 ) -> Result<Content, Invalid> {
     let mut mapping = mapping.clone();
     let read = source(bytes, &mut mapping).and_then(|source| {
-        let options = TableOptions {
-            mapping: &mapping,
-            n_joints: options.n_joints,
-            needs: needs(part),
-            rotation: options.rotation,
-            is_time: options.is_time,
-        };
-        table_points::read(source, &options).map_err(|error| table_error(&error))
+        table_points::read(source, &options.of_file(&mapping, part))
+            .map_err(|error| table_error(&error))
     });
     read.map_err(|error| of_file(error, part))
 }
@@ -271,14 +271,7 @@ pub fn preview(
     let mut mapping = options.columns.mapping(part)?;
     state_decimal(&mut mapping, options.decimal)?;
     let source = source(bytes, &mut mapping).map_err(|error| of_file(error, part))?;
-    let options = TableOptions {
-        mapping: &mapping,
-        n_joints: options.n_joints,
-        needs: needs(part),
-        rotation: options.rotation,
-        is_time: options.is_time,
-    };
-    table_points::preview(source, &options, n_rows)
+    table_points::preview(source, &options.of_file(&mapping, part), n_rows)
         .map_err(|error| of_file(table_error(&error), part))
 }
 

@@ -102,9 +102,6 @@ impl ToolBody {
     }
 
     /// Checks a tool that is a whole request body.
-    ///
-    /// # Errors
-    /// [`Invalid`] with a JSON pointer to each error.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
         self.check_into("", &mut checker);

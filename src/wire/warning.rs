@@ -16,6 +16,17 @@ pub struct Warning {
     pub rows: Vec<usize>,
 }
 
+impl Warning {
+    /// A warning that is not about rows.
+    pub fn new(code: &str, detail: impl Into<String>) -> Self {
+        Self {
+            code: code.into(),
+            detail: detail.into(),
+            rows: vec![],
+        }
+    }
+}
+
 impl From<&report::Warning> for Warning {
     fn from(warning: &report::Warning) -> Self {
         Self {

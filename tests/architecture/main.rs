@@ -660,6 +660,7 @@ fn a_warning_without_words_is_found_however_it_is_written() {
     for line in [
         "Warning { code: \"not_thought_of\", detail, rows: vec![] }",
         "warnings.push(warning(\n    \"not_thought_of\",\n    detail));",
+        "warnings.push(Warning::new(\n    \"not_thought_of\",\n    detail));",
         "let (code, what): (&str, &str) = (\"not_thought_of\", \"words\"); Warning { code, detail }",
         "Explanation::Warning { code: \"not_thought_of\", detail }",
         "pub const NEW: &str = \"not_thought_of\"; Warning { code: NEW, detail }",

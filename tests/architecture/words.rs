@@ -24,7 +24,7 @@ pub fn texts(table: &str) -> Vec<(&'static str, &'static str)> {
         .collect()
 }
 
-/// Codes of the warnings in a source file: `code: "…"`, `warning("…"`, `const NAME: &str = "…"`, and tables of `("…", "words")`, in files about
+/// Codes of the warnings in a source file: `code: "…"`, `Warning::new("…"`, `warning("…"`, `const NAME: &str = "…"`, and tables of `("…", "words")`, in files about
 /// warnings or suspicions.
 pub fn warnings(text: &str) -> Vec<&str> {
     if !["Warning", "warning("]
@@ -40,7 +40,9 @@ pub fn warnings(text: &str) -> Vec<&str> {
 }
 
 fn is_code(before: &str) -> bool {
-    before.ends_with("code:") || before.ends_with("warning(") || before.ends_with(": &str =")
+    ["code:", "Warning::new(", "warning(", ": &str ="]
+        .iter()
+        .any(|opens| before.ends_with(opens))
 }
 
 fn is_chosen(before: &str, after: &str) -> bool {

@@ -58,7 +58,6 @@ pub enum WhatMoved {
 /// A step: something moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FoundStep {
-    /// The part that moved.
     pub moved: WhatMoved,
     /// First data row after the step.
     pub row: usize,
@@ -73,7 +72,6 @@ pub struct FoundStep {
 /// Result of the screening.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Screening {
-    /// Outliers, by row.
     pub outliers: Vec<Outlier>,
     /// Standard deviation of one coordinate of the other points, mm.
     pub scale_mm: f64,
@@ -83,13 +81,11 @@ pub struct Screening {
     pub is_for_review: bool,
     /// True if the outliers are few enough to be left out of comparisons.
     pub are_few: bool,
-    /// Steps, by row.
     pub steps: Vec<FoundStep>,
     /// Drift common to all points.
     pub drift: Option<Drift>,
     /// Rows of segments without identify points. They are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
-    /// The targets of the fit.
     pub targets: FittedTargets,
 }
 

@@ -278,11 +278,7 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
             "{}: no uncertainty is stated where a bound ended the fit, and the others are those beside it",
             at_bounds.join(", ")
         );
-        warnings.push(Warning {
-            code: "at_bound",
-            detail,
-            rows: vec![],
-        });
+        warnings.push(Warning::new("at_bound", detail));
     }
     let trusted = problem.trusted();
     let counting = trusted.iter().filter(|o| o.weight > 0.0).count();
@@ -317,11 +313,7 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
             rms(without),
             all.join("; ")
         );
-        warnings.push(Warning {
-            code: "prior_contradicted",
-            detail,
-            rows: vec![],
-        });
+        warnings.push(Warning::new("prior_contradicted", detail));
     }
     warnings
 }

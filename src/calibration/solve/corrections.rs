@@ -157,15 +157,14 @@ pub fn level_contradicts_mounting(problem: &Problem<'_>) -> Option<Warning> {
     let tilt_rad = stated.gravity_in_base.angle(&by_level.gravity_in_base);
     let std_rad = libm::hypot(stated.std_rad, by_level.std_rad);
     let sigmas = tilt_rad / std_rad;
-    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| Warning {
-        code: "mounting_contradicted",
-        detail: format!(
+    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| {
+        let detail = format!(
             "by the level of the instrument gravity is {:.1}° from the mounting as it is stated: {sigmas:.1} times the {:.2}° (one standard deviation) \
              to which both are known. Check how the robot is mounted, and whether the instrument was levelled (instrument_levelled)",
             tilt_rad.to_degrees(),
             std_rad.to_degrees()
-        ),
-        rows: vec![],
+        );
+        Warning::new("mounting_contradicted", detail)
     })
 }
 
@@ -200,15 +199,14 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
         Some(_) => "the mounting as it is stated",
         None => "a floor, on which a robot stands where no mounting is stated",
     };
-    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| Warning {
-        code: "mounting_contradicted",
-        detail: format!(
+    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| {
+        let detail = format!(
             "the robot sags as if it hung {:.1}° from {as_known}: {sigmas:.1} times the {:.2}° (one standard deviation) to which that is known. Check how it is \
              mounted, and state it with the robot",
             tilt_rad.to_degrees(),
             std_rad.to_degrees()
-        ),
-        rows: vec![],
+        );
+        Warning::new("mounting_contradicted", detail)
     })
 }
 
@@ -217,22 +215,14 @@ pub fn left_out_for_priors() -> Warning {
     // stated bounds and means of links have never been tested together with corrections on a measured robot
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because parameters have priors: \
                   `links_with_corrections` would not keep to them. The set predicts by its links alone; leave `priors` out to have corrections";
-    Warning {
-        code: "corrections_left_out",
-        detail: detail.into(),
-        rows: vec![],
-    }
+    Warning::new("corrections_left_out", detail)
 }
 
 /// Warning: no corrections were searched for in a partial recalibration.
 pub fn left_out_of_a_part() -> Warning {
     let detail = "what links cannot say (sag, harmonics, the residual network) was not looked for, because most parameters were held: \
                   corrections would say what those leave over. The set predicts by its links alone; identify all parameters to have corrections";
-    Warning {
-        code: "corrections_left_out",
-        detail: detail.into(),
-        rows: vec![],
-    }
+    Warning::new("corrections_left_out", detail)
 }
 
 /// Veto by the verify points. It selects nothing: it keeps all corrections, or drops all of them if the robot with corrections is further from these
@@ -289,11 +279,7 @@ pub fn veto(
         points.len(),
         comparison.remark()
     );
-    let warning = Warning {
-        code: "corrections_worse_on_verify_points",
-        detail,
-        rows: vec![],
-    };
+    let warning = Warning::new("corrections_worse_on_verify_points", detail);
     (found, Some(warning))
 }
 

@@ -36,7 +36,6 @@ pub struct Final<'a> {
     pub corrected: Option<CorrectedModel>,
     /// Its uncertainty, whether or not it can be stated.
     pub uncertainty: Option<Uncertainty>,
-    /// Its errors, for the report.
     pub errors: FinalErrors,
 }
 
@@ -74,9 +73,6 @@ const ROUNDING_PER_REACH: f64 = 1e-6;
 
 /// Fits all points, starting from the verified fit. Returns no fit but a warning if the verify points do not belong to the others: no single robot
 /// fits both.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn final_fit<'a>(
     verified: &Problem<'a>,
     model: &KinematicModel,
@@ -144,11 +140,7 @@ fn subsets_differ(all_mm: f64, identify_mm: f64) -> Warning {
          to identify from show too little of the robot. The verified parameters are delivered as they are; see the errors on the points to verify, and \
          measure again, with the subsets mixed"
     );
-    Warning {
-        code: "subsets_differ",
-        detail,
-        rows: vec![],
-    }
+    Warning::new("subsets_differ", detail)
 }
 
 impl<'a> Problem<'a> {

@@ -21,9 +21,6 @@ const BETTER: f64 = 5.0;
 pub const MODEL_TOO_SMALL: &str = "model_too_small";
 
 /// Warning if the paper's model fits the points poorly and the complete model fits them well.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn warning(
     problem: &Problem<'_>,
     found: &KinematicModel,
@@ -68,11 +65,7 @@ pub fn warning(
          an instrument's frame, read them in the frame instrument",
         target.x, target.y, target.z
     );
-    Ok(Some(Warning {
-        code: MODEL_TOO_SMALL,
-        detail,
-        rows: vec![],
-    }))
+    Ok(Some(Warning::new(MODEL_TOO_SMALL, detail)))
 }
 
 /// Root mean square of the weighted residuals, mm.

@@ -27,9 +27,6 @@ pub enum Start {
 }
 
 /// Runs a swarm in the box around a reference.
-///
-/// # Errors
-/// [`Error::Cancelled`].
 pub fn swarm(
     problem: &Problem<'_>,
     reference: &KinematicModel,

@@ -23,22 +23,10 @@ pub fn warnings(robot: &Robot, set: &MeasurementSet) -> Vec<Warning> {
     if split::has_column(set)
         && let Err(error) = split::by_column(set)
     {
-        warnings.push(Warning {
-            code: "bad_subset",
-            detail: error.to_string(),
-            rows: vec![],
-        });
+        warnings.push(Warning::new("bad_subset", error.to_string()));
     }
     warnings.extend(outside_limits(robot, set));
     warnings
-}
-
-fn warning(code: &'static str, detail: String) -> Warning {
-    Warning {
-        code,
-        detail,
-        rows: vec![],
-    }
 }
 
 /// Warning if a default job would be refused for a lack of equations. It also says what the set can be used for.
@@ -56,7 +44,7 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
             "kept, but too small to identify from, and as it was read it does not fit this robot ({rms_mm:.1} mm rms): a verification would find \
              that, and the robot would have to be checked: {detail}"
         );
-        return Some(warning("under_determined", detail));
+        return Some(Warning::new("under_determined", detail));
     }
     let (refit, of_which) = match set.frame {
         Frame::Instrument => (true, "that was identified in the instrument's frame"),
@@ -79,7 +67,10 @@ fn too_small(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
             )
         }
     };
-    Some(warning("under_determined", format!("{serves}: {detail}")))
+    Some(Warning::new(
+        "under_determined",
+        format!("{serves}: {detail}"),
+    ))
 }
 
 fn duplicates(set: &MeasurementSet) -> Option<Warning> {
@@ -120,7 +111,7 @@ fn still_joints(set: &MeasurementSet) -> Option<Warning> {
         "joints that move less than 20° over the whole set: {}; their parameters will be uncertain",
         still.join(", ")
     );
-    (!still.is_empty()).then(|| warning("joint_hardly_moves", detail))
+    (!still.is_empty()).then(|| Warning::new("joint_hardly_moves", detail))
 }
 
 fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
@@ -128,7 +119,7 @@ fn narrow_cloud(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {
     let detail = format!(
         "the points lie within {spread_mm:.0} mm (rms) of their centre, the arm reaches {reach_mm:.0} mm; spread the poses evenly over the workspace"
     );
-    Some(warning("poses_not_spread", detail))
+    Some(Warning::new("poses_not_spread", detail))
 }
 
 fn outside_limits(robot: &Robot, set: &MeasurementSet) -> Option<Warning> {

@@ -96,12 +96,11 @@ pub fn shows_little(
             100.0 * SHOWN
         ));
     }
-    (!reasons.is_empty()).then(|| Warning {
-        code: SHOWS_LITTLE,
-        detail: format!(
+    (!reasons.is_empty()).then(|| {
+        let detail = format!(
             "the session is no evidence: {}. A robot that has changed may fit it as well: spread the poses over the workspace and move every joint",
             reasons.join("; ")
-        ),
-        rows: vec![],
+        );
+        Warning::new(SHOWS_LITTLE, detail)
     })
 }

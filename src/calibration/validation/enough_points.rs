@@ -100,12 +100,11 @@ pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
 
 /// Warning if there are few points for the number of refitted base and target parameters. Such points are no evidence.
 pub fn few_verify_points(n_points: usize, n_refitted: usize) -> Option<Warning> {
-    (3 * n_points < FEW_RESIDUALS * n_refitted).then(|| Warning {
-        code: FEW_VERIFY_POINTS,
-        detail: format!(
+    (3 * n_points < FEW_RESIDUALS * n_refitted).then(|| {
+        let detail = format!(
             "{n_points} points, from which {n_refitted} numbers of base and targets were refitted: the errors are smaller than they would be elsewhere"
-        ),
-        rows: vec![],
+        );
+        Warning::new(FEW_VERIFY_POINTS, detail)
     })
 }
 

@@ -112,11 +112,8 @@ pub fn check_released(
         CheckVerdict::CannotTell => Some(CHECK_CANNOT_TELL),
     };
     report.method_reason = format!("nothing was identified: {}", found.reason);
-    let warning = code.map(|code| Warning {
-        code,
-        detail: format!("{}. Next: {}", found.reason, found.next),
-        rows: vec![],
-    });
+    let warning =
+        code.map(|code| Warning::new(code, format!("{}. Next: {}", found.reason, found.next)));
     report.warnings.splice(0..0, warning);
     report.quick_check = Some(found);
     Ok(report)

@@ -11,9 +11,6 @@ use std::ops::ControlFlow;
 
 /// Errors of another robot at each verify point, mm, for a request whose verify points are from its own upload. Base and targets are placed by all
 /// points of the upload, not by the verify points alone, as for the robot that the request identified.
-///
-/// # Errors
-/// As [`verify`].
 pub fn errors_on_verify_subset_mm(
     request: &CalibrationRequest,
     robot: &IdentifiedRobot,
@@ -26,9 +23,6 @@ pub fn errors_on_verify_subset_mm(
 
 /// Errors of a robot at all points of `set`, mm, with base and targets placed anew as [`verify`] does. They are those of the links alone or with
 /// corrections, whichever are larger.
-///
-/// # Errors
-/// As [`verify`].
 pub fn errors_mm(
     request: &CalibrationRequest,
     set: &MeasurementSet,

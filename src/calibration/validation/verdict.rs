@@ -144,11 +144,7 @@ impl Verdict {
                 (WORSE_THAN_IDENTIFIED, detail)
             }
         };
-        Some(Warning {
-            code,
-            detail,
-            rows: vec![],
-        })
+        Some(Warning::new(code, detail))
     }
 }
 
@@ -201,11 +197,7 @@ pub fn no_fit(
             median_rad.to_degrees()
         )
     };
-    Some(Warning {
-        code: "no_fit",
-        detail,
-        rows: vec![],
-    })
+    Some(Warning::new("no_fit", detail))
 }
 
 /// Judges the identified robot by another session. `errors_mm` are as in [`session_fit`], `fitted` are the errors of the points that it was
@@ -252,18 +244,13 @@ pub fn warnings(
     nominal: &[Link],
     fit: Option<Warning>,
 ) -> Vec<Warning> {
-    let warning = |code, detail: String| Warning {
-        code,
-        detail,
-        rows: vec![],
-    };
     let mut warnings = Vec::new();
     let is_evidence = fit.as_ref().is_none_or(|told| told.code != DOES_NOT_FIT);
     warnings.extend(fit);
     match &report.verify {
-        None => warnings.push(warning(
+        None => warnings.push(Warning::new(
             "no_verify_points",
-            "no points were kept to verify: the errors after are those of the fit itself".into(),
+            "no points were kept to verify: the errors after are those of the fit itself",
         )),
         Some(_) if is_evidence => {
             let to_verify = report
@@ -283,7 +270,7 @@ pub fn warnings(
                     comparison.after_rms_mm,
                     comparison.before_rms_mm
                 );
-                warnings.push(warning("no_better_than_nominal", detail));
+                warnings.push(Warning::new("no_better_than_nominal", detail));
             }
         }
         Some(_) => {}
@@ -299,15 +286,15 @@ pub fn warnings(
             report.model_rank,
             groups.join("; ")
         );
-        warnings.push(warning("unidentifiable_parameters", detail));
+        warnings.push(Warning::new("unidentifiable_parameters", detail));
     }
     warnings.extend(plausibility::warnings(report, nominal));
     if report.method == Method::LeastSquares
         && matches!(report.termination, "iteration_limit" | "not_finite")
     {
-        warnings.push(warning(
+        warnings.push(Warning::new(
             "not_converged",
-            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"".into(),
+            "least squares did not converge; check joint offsets and wild points, or try method \"pso\"",
         ));
     }
     warnings

@@ -32,10 +32,8 @@ const PER_NUMBER: usize = 2;
 pub struct Layout<'a> {
     request: &'a CalibrationRequest,
     set: &'a MeasurementSet,
-    /// The points as measured.
     measured: Observed,
     arrangement: Arrangement,
-    /// Result of the screening.
     pub screening: Screening,
     /// True if base and targets are placed anew.
     pub is_placed_anew: bool,
@@ -73,7 +71,6 @@ fn counting(points: &[Observation]) -> Vec<Observation> {
 pub struct PlacedCorrected {
     /// The robot, with base and targets on the points.
     pub robot: IdentifiedRobot,
-    /// The points.
     pub points: Vec<Observation>,
 }
 
@@ -143,9 +140,6 @@ impl<'a> Layout<'a> {
     }
 
     /// Places a robot on these points. Its links stay; base and targets stay, or are placed anew.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
     pub fn place(&self, model: &KinematicModel) -> Result<Placed, Error> {
         let mut observed = self.measured.clone();
         if !self.is_placed_anew {

@@ -257,11 +257,7 @@ fn warnings(
     warnings.extend(shows_little);
     warnings.extend(request.scale_at_reach().and_then(instrument_scale));
     if let Some(detail) = scored.base_hidden_because {
-        warnings.push(Warning {
-            code: BASE_NOT_CHECKED,
-            detail: detail.into(),
-            rows: vec![],
-        });
+        warnings.push(Warning::new(BASE_NOT_CHECKED, detail));
     }
     warnings.extend(few_verify_points(verify.n_points, scored.n_refitted));
     warnings.extend(scored.remarks.iter().cloned());

@@ -128,9 +128,9 @@ pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
 
 fn otherwise(model: &KinematicModel, own: &Noise, other: &Noise, reading: Reading) -> Warning {
     let joint = model.links.len();
-    Warning {
-        code: JOINT_MAP,
-        detail: format!(
+    Warning::new(
+        JOINT_MAP,
+        format!(
             "the points scatter by {:.4} mm, and by {:.4} mm with joint {joint} {} (one standard deviation of a coordinate): the flange is turned \
              wrongly. Turn joint {joint} at the controller, compare the nominal robot, correct the robot's joint_map, and upload the file again. It \
              cannot be released",
@@ -138,8 +138,7 @@ fn otherwise(model: &KinematicModel, own: &Noise, other: &Noise, reading: Readin
             other.std_mm,
             reading.in_words(joint)
         ),
-        rows: vec![],
-    }
+    )
 }
 
 /// True if a link is rotated by more than the zero error of an unmastered joint.
@@ -170,14 +169,13 @@ fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
 fn out_of_reach(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
     let of_targets = model.targets_mm.iter().map(|target| target.norm());
     let farthest_mm = of_targets.fold(0.0, f64::max);
-    (farthest_mm > reach_mm).then(|| Warning {
-        code: JOINT_MAP,
-        detail: format!(
+    (farthest_mm > reach_mm).then(|| {
+        let detail = format!(
             "the reflector is found {farthest_mm:.0} mm from the flange, and the whole arm reaches {reach_mm:.0} mm: no tool is as long. The joints are \
              counted otherwise, or the frame is mirrored, and the points cover too little of the workspace to show it. Compare the controller's joint \
              values with the nominal robot, and measure poses spread over the workspace"
-        ),
-        rows: vec![],
+        );
+        Warning::new(JOINT_MAP, detail)
     })
 }
 
@@ -193,14 +191,13 @@ fn behind_the_wrist(model: &KinematicModel, reach_mm: f64) -> Option<Warning> {
     let mut targets = model.targets_mm.iter();
     let inside = targets.find(|t| behind_mm(t) > near_mm.max(t.xy().norm()))?;
     let joint = model.links.len() - 1;
-    Some(Warning {
-        code: JOINT_MAP,
-        detail: format!(
+    Some(Warning::new(
+        JOINT_MAP,
+        format!(
             "the reflector is found {:.1} mm behind the wrist, inside the arm: joint {joint} that is counted from half a turn off looks like that, and then \
              the flange is turned wrongly. Compare the controller's joint values with the nominal robot, correct the robot's joint_map, and upload the \
              file again. It cannot be released",
             behind_mm(inside)
         ),
-        rows: vec![],
-    })
+    ))
 }

@@ -123,11 +123,7 @@ pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Optio
     let Some(found) = flange_rotation else {
         let detail = "by how much the flange may be turned from where the identified robot has it could not be computed. Corrected targets are given \
                       for the position of a measured reflector alone. Identify all parameters from a reflector off the last axis, or from two";
-        return Some(Warning {
-            code: NOT_KNOWN,
-            detail: detail.into(),
-            rows: vec![],
-        });
+        return Some(Warning::new(NOT_KNOWN, detail));
     };
     if found.std_rad() <= MAX_FLANGE_ROTATION_STD_RAD {
         return None;
@@ -147,11 +143,7 @@ pub fn warning(flange_rotation: Option<FlangeRotation>, n_links: usize) -> Optio
             last_joint_zero_remedy(n_links)
         )
     };
-    Some(Warning {
-        code: NOT_KNOWN,
-        detail,
-        rows: vec![],
-    })
+    Some(Warning::new(NOT_KNOWN, detail))
 }
 
 /// Message if the measured positions determine the flange's rotation except for the zero of the last joint.

@@ -110,15 +110,14 @@ impl OverstatedNoise {
 
     /// The warning of a job.
     pub fn warning(&self) -> Warning {
-        Warning {
-            code: NOISE_OVERSTATED,
-            detail: format!(
+        Warning::new(
+            NOISE_OVERSTATED,
+            format!(
                 "{}. A stated noise is a lower bound: the stated uncertainty is too large, and changes of the robot stay hidden. State the instrument's noise in {}, \
                  or leave it out",
                 self.in_words(),
                 if self.unit == "mm" { "mm" } else { "degrees" }
             ),
-            rows: vec![],
-        }
+        )
     }
 }

@@ -78,11 +78,7 @@ pub fn base_frame_off(t_measuring_base: &IsometryMatrix3<f64>) -> Option<Warning
         at_mm.z,
         turned_rad.to_degrees()
     );
-    is_off.then_some(Warning {
-        code: BASE_FRAME_OFF,
-        detail,
-        rows: vec![],
-    })
+    is_off.then_some(Warning::new(BASE_FRAME_OFF, detail))
 }
 
 /// Warning code: the links only fit with a joint counted in another way.
@@ -111,15 +107,14 @@ pub fn joint_counted_otherwise(
         .filter(|(name, delta_rad)| delta_rad.abs() > UNMASTERED_RAD && !unseen.contains(name))
         .map(|(name, delta_rad)| format!("{name} by {:.1}°", delta_rad.to_degrees()))
         .collect();
-    (!words.is_empty()).then(|| Warning {
-        code: JOINT_MAP,
-        detail: format!(
+    (!words.is_empty()).then(|| {
+        let detail = format!(
             "the points fit only with {}: a joint that counts the other way round, from another zero, or together with another joint looks \
              like that, and then the flange is turned wrongly. Compare the controller's joint values with the nominal robot, correct the \
              robot's joint_map, and upload the file again. It cannot be released",
             words.join(", ")
-        ),
-        rows: vec![],
+        );
+        Warning::new(JOINT_MAP, detail)
     })
 }
 
@@ -143,11 +138,6 @@ pub const TOOL_UNCERTAIN: &str = "tool_uncertain";
 
 /// Warnings on a finished identification, for its report.
 pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
-    let warning = |code, detail| Warning {
-        code,
-        detail,
-        rows: vec![],
-    };
     let mut warnings = Vec::new();
     let changes = implausible_changes(&report.links, nominal);
     if !changes.is_empty() {
@@ -155,7 +145,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
             "against the nominal robot {}: a wrong tool or base, a slipped joint, another robot?",
             changes.join(", ")
         );
-        warnings.push(warning("implausible_parameters", detail));
+        warnings.push(Warning::new("implausible_parameters", detail));
     }
     let measured = without_outliers(&report.per_point, Subset::Verify)
         .or_else(|| without_outliers(&report.per_point, Subset::Identify));
@@ -168,7 +158,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
              spread over the workspace, with every joint moving",
             tool.max_mm
         );
-        warnings.push(warning(TOOL_UNCERTAIN, detail));
+        warnings.push(Warning::new(TOOL_UNCERTAIN, detail));
     }
     warnings.extend(shared_errors(report));
     let told = report
@@ -193,7 +183,7 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
             "all lengths are {:+.3} % off by the same share: {cause}",
             100.0 * scale
         );
-        warnings.push(warning("scale_suspect", detail));
+        warnings.push(Warning::new("scale_suspect", detail));
     }
     warnings.extend(of_instrument.and_then(instrument_scale));
     warnings
@@ -205,15 +195,14 @@ pub const INSTRUMENT_SCALE: &str = "instrument_scale";
 /// Warning if the reference shows that the instrument measures lengths wrongly.
 pub fn instrument_scale(of: ScaleAtReach) -> Option<Warning> {
     let ScaleAtReach { scale, std_mm } = of;
-    scale.is_off().then(|| Warning {
-        code: INSTRUMENT_SCALE,
-        detail: format!(
+    scale.is_off().then(|| {
+        let detail = format!(
             "the instrument measures lengths {:+.1} ppm wrong (standard uncertainty {:.1} ppm), by its reference: {std_mm:.3} mm at the arm's reach. The \
              positions are not corrected for it. Set the temperature and the refraction of the instrument, measure the reference again, and then the robot",
             PPM * scale.error,
             PPM * scale.std
-        ),
-        rows: vec![],
+        );
+        Warning::new(INSTRUMENT_SCALE, detail)
     })
 }
 
@@ -262,14 +251,13 @@ fn common_scale(links: &[Link], nominal: &[Link], unseen: &BTreeSet<&str>) -> Op
 fn shared_errors(report: &CalibrationReport) -> Option<Warning> {
     let uncertainty = report.uncertainty.as_ref()?;
     let (shared_mm, own_mm) = (uncertainty.configuration_std_mm, uncertainty.noise_std_mm);
-    (shared_mm > SHARED * own_mm).then(|| Warning {
-        code: "configurations_err_together",
-        detail: format!(
+    (shared_mm > SHARED * own_mm).then(|| {
+        let detail = format!(
             "the points of one configuration err together by {shared_mm:.4} mm (one standard deviation of a coordinate), each by itself by {own_mm:.4} mm: \
              joint values that were read before the arm had settled look like that, and so do errors that links cannot say. Read the joint values again \
              once the arm stands still, or take the commanded ones, and compare"
-        ),
-        rows: vec![],
+        );
+        Warning::new("configurations_err_together", detail)
     })
 }
 

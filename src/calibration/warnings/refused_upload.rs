@@ -62,11 +62,7 @@ mod tests {
     #[test]
     fn columns_that_are_not_read_are_named_where_nothing_fits() {
         let told = |code| {
-            let told = Warning {
-                code,
-                detail: "that is no fit".into(),
-                rows: vec![],
-            };
+            let told = Warning::new(code, "that is no fit");
             with_unread(told, Some("Not read: \"Target\"")).detail
         };
         assert_eq!(told(NO_FIT), "that is no fit. Not read: \"Target\"");

@@ -177,9 +177,9 @@ fn drifted(drift: &Drift) -> Warning {
             )
         },
     );
-    Warning {
+    Warning::new(
         code,
-        detail: format!(
+        format!(
             "from the first row to the last one the measured points moved by ({:.3}, {:.3}, {:.3}) mm in the measuring frame, {:.3} mm long (standard deviation \
              {:.3} mm), {how}; {repeats}. Base or instrument drifted: let both warm up, fix them, and measure a pose again from time to time",
             v.x,
@@ -188,8 +188,7 @@ fn drifted(drift: &Drift) -> Warning {
             v.norm(),
             drift.std_mm
         ),
-        rows: vec![],
-    }
+    )
 }
 
 fn outliers(screening: &Screening, observed: &Observed, asked: bool) -> Option<Warning> {

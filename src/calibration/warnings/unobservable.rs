@@ -98,11 +98,7 @@ pub fn warning(
          corrected poses, and another tool than that reflector, need not be. Measure a reflector off the last axis, or two, at poses that move every \
          joint.{reversed}"
     );
-    Some(Warning {
-        code: "pose_not_seen",
-        detail,
-        rows: vec![],
-    })
+    Some(Warning::new("pose_not_seen", detail))
 }
 
 /// Effect of the directions that the points do not determine at all, to first order. With poses, base and target rotate together with these

@@ -61,7 +61,7 @@ const PERMIT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Attempts with unknown keys per address before the answer is 429 instead of 401: burst, and rate per second.
 const FAILED_ATTEMPTS: (f64, f64) = (20.0, 0.5);
 
-/// The limits of one server; clones share them.
+/// The limits of one server; clones share them. What they do not admit is [`Error::Busy`] or [`Error::RateLimited`].
 #[derive(Clone, Debug)]
 pub struct Limits(Arc<Inner>);
 
@@ -146,9 +146,6 @@ impl Limits {
     /// Admits a request before it is routed. A read takes its permit now. A request with a body takes it when the body has arrived
     /// ([`BodyBudget::arrived`]), but is refused now if none is free. [`RequestClass::Safety`] takes its permit when its key is known
     /// ([`Limits::compute`]), so that nobody without a key can use them up.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub fn admit(&self, class: RequestClass) -> Result<Option<OwnedSemaphorePermit>, Error> {
         let refuse_if_none_free = |semaphore: &Semaphore| match semaphore.available_permits() {
             0 => Err(Error::Busy),
@@ -164,9 +161,6 @@ impl Limits {
     }
 
     /// A permit to wait for a job, for a long poll or an event stream.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub fn waiting(&self) -> Result<OwnedSemaphorePermit, Error> {
         take(&self.0.waiting, 1)
     }
@@ -175,9 +169,6 @@ impl Limits {
     /// inputs, so that waiting requests hold none in memory. If the answer is a document, take it before reading any row: then few database
     /// connections read documents, and only these keep memory for them (with 40 clients, the process takes 340 MiB). A request of
     /// [`RequestClass::Safety`] takes its only permit here.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub async fn compute(&self, class: RequestClass) -> Result<ComputePermit, Error> {
         let permits = match class {
             RequestClass::Read | RequestClass::CostlyRead | RequestClass::Calculation => {
@@ -190,26 +181,17 @@ impl Limits {
     }
 
     /// Waits for the one permit to count all jobs. The metrics take no other permit, and counting a million jobs takes 0.3 s.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub async fn statistics(&self) -> Result<OwnedSemaphorePermit, Error> {
         wait_for(&self.0.statistics).await
     }
 
     /// A permit for the memory of a large answer until it is sent. A single answer beyond the budget takes all of it.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub fn answer(&self, bytes: u64) -> Result<OwnedSemaphorePermit, Error> {
         let kib = usize::try_from(bytes.div_ceil(1024)).unwrap_or(usize::MAX);
         take(&self.0.answers_kib, kib.min(ANSWERS_KIB))
     }
 
     /// Counts one more request of this key.
-    ///
-    /// # Errors
-    /// [`Error::RateLimited`].
     pub fn count_request(&self, holder: &str) -> Result<(), Error> {
         match &self.0.requests_per_key {
             Some(buckets) if !buckets.take(&holder.to_owned()) => {
@@ -233,9 +215,6 @@ impl Limits {
     }
 
     /// Reserves memory for a body that begins to arrive. If the announced size is large, all memory is reserved at once.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub fn body(
         &self,
         class: RequestClass,
@@ -329,9 +308,6 @@ impl BodyBudget {
     }
 
     /// Takes the request's permit, once the whole body has arrived. The caller must keep all permits as long as the bytes.
-    ///
-    /// # Errors
-    /// [`Error::Busy`].
     pub fn arrived(mut self) -> Result<Vec<OwnedSemaphorePermit>, Error> {
         match self.class {
             RequestClass::Calculation => self.permits.push(take(&self.limits.0.calculations, 1)?),

@@ -6,7 +6,6 @@ use crate::exchange::refit::{Refit, is_mastered};
 use crate::exchange::universal_robots::{FRAMES, UrArm};
 use crate::exchange::{Chain, ChainJoint, Origin, pose_of};
 use crate::kinematics::{Link, Robot};
-use crate::wire::angle::to_degrees;
 use crate::wire::compensate::ErrorFrame;
 use crate::wire::export::{ExportDocument, MasteringDocument, MasteringOffset, RemainingError};
 use crate::wire::parameter_set::IdentifiedLink;
@@ -43,7 +42,7 @@ pub fn mastering_document(robot: &Robot, refit: &Refit, base: Base) -> Mastering
     let offsets = robot.joint_rates().lu().solve(&change).unwrap_or(change);
     let joint = |i: usize| MasteringOffset {
         joint: i + 1,
-        offset_deg: to_degrees(offsets[i]),
+        offset_deg: f64::to_degrees(offsets[i]),
         determined: is_mastered(i, n, base),
     };
     MasteringDocument {

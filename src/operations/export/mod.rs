@@ -20,21 +20,17 @@ use crate::wire::robot_model::RobotModel;
 
 /// An exported text.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // where the names say it
 pub struct Exported {
-    /// Its media type.
     pub content_type: &'static str,
     /// Extension of its file name.
     pub extension: &'static str,
-    /// The text.
     pub text: String,
     /// Remaining error, if the format cannot represent all identified parameters.
     pub remaining: Option<RemainingError>,
 }
 
 /// Exports a parameter set.
-///
-/// # Errors
-/// [`Error`].
 pub fn export(
     source: &Source<'_>,
     format: ExportFormat,
@@ -44,65 +40,41 @@ pub fn export(
         refuse_wrong_robot(source)?;
     }
     let (links, remaining) = exported_links(source, beta);
-    match format {
+    let same_document = |format, back: &ExportDocument| {
+        check::same_links(
+            format,
+            source.robot,
+            &links,
+            &back.content.kinematic_links(),
+        )
+    };
+    let (content_type, extension, text) = match format {
         ExportFormat::Json => {
             let document = documents::export_document(source, &links, remaining);
             let text =
                 serde_json::to_string_pretty(&document).map_err(|e| unreadable("json", e))?;
-            let back: ExportDocument =
-                serde_json::from_str(&text).map_err(|e| unreadable("json", e))?;
-            check::same_links(
-                "json",
-                source.robot,
-                &links,
-                &back.content.kinematic_links(),
-            )?;
-            Ok(Exported {
-                content_type: "application/json",
-                extension: "json",
-                text,
-                remaining,
-            })
+            let back = serde_json::from_str(&text).map_err(|e| unreadable("json", e))?;
+            same_document("json", &back)?;
+            ("application/json", "json", text)
         }
         ExportFormat::Yaml => {
             let document = documents::export_document(source, &links, remaining);
             let text = yaml_serde::to_string(&document).map_err(|e| unreadable("yaml", e))?;
-            let back: ExportDocument =
-                yaml_serde::from_str(&text).map_err(|e| unreadable("yaml", e))?;
-            check::same_links(
-                "yaml",
-                source.robot,
-                &links,
-                &back.content.kinematic_links(),
-            )?;
-            Ok(Exported {
-                content_type: "application/yaml",
-                extension: "yaml",
-                text,
-                remaining,
-            })
+            let back = yaml_serde::from_str(&text).map_err(|e| unreadable("yaml", e))?;
+            same_document("yaml", &back)?;
+            ("application/yaml", "yaml", text)
         }
         ExportFormat::Csv => {
             let text = documents::csv_text(&links);
             let table =
                 import_table::table(text.as_bytes()).map_err(|e| unreadable("csv", e.summary()))?;
             check::same_links("csv", source.robot, &links, &table.links)?;
-            Ok(Exported {
-                content_type: "text/csv",
-                extension: "csv",
-                text,
-                remaining,
-            })
+            ("text/csv", "csv", text)
         }
         ExportFormat::Urdf => {
             let text = urdf::written_text(source, &links);
             check::same_chain("urdf", source.robot, &links, text.as_bytes())?;
-            Ok(Exported {
-                content_type: "application/xml",
-                extension: "urdf",
-                text,
-                remaining,
-            })
+            ("application/xml", "urdf", text)
         }
         ExportFormat::UrKinematics => {
             let makers_arms = arms_of_universal_robots()?;
@@ -122,15 +94,16 @@ pub fn export(
             let back =
                 documents::read_ur_kinematics(&text).map_err(|e| unreadable("ur_kinematics", e))?;
             check::same_description(source.robot, &links, &back, arm.base)?;
-            Ok(Exported {
-                content_type: "application/yaml",
-                extension: "yaml",
-                text,
-                remaining,
-            })
+            ("application/yaml", "yaml", text)
         }
-        ExportFormat::Mastering => mastering(source),
-    }
+        ExportFormat::Mastering => return mastering(source),
+    };
+    Ok(Exported {
+        content_type,
+        extension,
+        text,
+        remaining,
+    })
 }
 
 /// Refuses to write what moves a robot from a set that does not fit it. Documents with provenance and warnings are written all the same.

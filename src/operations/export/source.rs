@@ -3,7 +3,6 @@
 use crate::compensation::Base;
 use crate::identification::problem::BASE_RAD;
 use crate::kinematics::Robot;
-use crate::wire::angle::to_degrees;
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};
 use crate::wire::robot::RobotBody;
@@ -59,7 +58,7 @@ impl Source<'_> {
             format!(
                 "The measured positions place the robot's base at {x:.3}, {y:.3}, {z:.3} mm of the base frame that they are stated in, turned by \
                  {:.4} degrees. These origins leave that out: place the robot there in the cell, or correct targets with kincal.",
-                to_degrees(turned_rad)
+                turned_rad.to_degrees()
             )
         })
     }

@@ -9,7 +9,8 @@ use crate::store::from_row::row;
 use crate::store::id_prefix::IdPrefix;
 use crate::store::idempotency::{self, Answered, IdempotencyScope};
 use crate::store::job_sessions::further_set_ids;
-use crate::store::{AuditEvent, Result, Store, estimates, report_summaries};
+use crate::store::report_summaries::SummaryOfReport;
+use crate::store::{AuditEvent, Result, Store, estimates, read, report_summaries};
 use crate::wire::canonical::sha256_hex;
 use crate::wire::report_summary::summary_json;
 use serde::Deserialize;
@@ -80,21 +81,15 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
             event,
             name: "sha256",
         };
-        let mut after = String::new();
-        loop {
-            let query = sqlx::query_as(query).bind(&after).bind(DOCUMENT_BATCH);
-            let rows: Vec<(String, String, Vec<u8>)> = query.fetch_all(store.readers()).await?;
-            let Some(last) = rows.last() else { break };
-            after.clone_from(&last.0);
-            for (id, kept, body) in rows {
-                found += 1;
-                let now = sha256_hex(&body);
-                check.require(kept.is_empty() || kept == now, || {
-                    format!("{id}: its bytes do not match its hash")
-                });
-                compare_with_entry(&mut check, chain, &id, field, &now);
-            }
-        }
+        let examine = |(id, kept, body): (String, String, Vec<u8>)| {
+            found += 1;
+            let now = sha256_hex(&body);
+            check.require(kept.is_empty() || kept == now, || {
+                format!("{id}: its bytes do not match its hash")
+            });
+            compare_with_entry(&mut check, chain, &id, field, &now);
+        };
+        read::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     let documents = [
         (REPORTS, AuditEvent::JobSucceeded, "report_sha256"),
@@ -107,21 +102,12 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
     ];
     for (query, event, name) in documents {
         let field = EntryField { event, name };
-        let mut after = String::new();
-        loop {
-            let rows: Vec<(String, String)> = sqlx::query_as(query)
-                .bind(&after)
-                .bind(DOCUMENT_BATCH)
-                .fetch_all(store.readers())
-                .await?;
-            let Some(last) = rows.last() else { break };
-            after.clone_from(&last.0);
-            for (id, document) in rows {
-                found += 1;
-                let now = sha256_hex(document.as_bytes());
-                compare_with_entry(&mut check, chain, &id, field, &now);
-            }
-        }
+        let examine = |(id, document): (String, String)| {
+            found += 1;
+            let now = sha256_hex(document.as_bytes());
+            compare_with_entry(&mut check, chain, &id, field, &now);
+        };
+        read::each(store, query, DOCUMENT_BATCH, |row| &row.0, examine).await?;
     }
     check.n_examined = found;
     compare_summaries(&mut check, store).await?;
@@ -132,26 +118,20 @@ pub(super) async fn uploads_read_back(store: &Store, chain: &Chain) -> Result<Ch
 
 /// Compares each summary with its report. The order of fields does not count.
 async fn compare_summaries(check: &mut Check, store: &Store) -> Result<()> {
-    let mut after = String::new();
-    loop {
-        let rows = report_summaries::with_reports(store, &after, DOCUMENT_BATCH).await?;
-        let Some(last) = rows.last() else {
-            return Ok(());
-        };
-        after.clone_from(&last.job_id);
-        for row in rows {
-            check.n_examined += 1;
-            let expected = summary_json(&row.report_json).ok();
-            let says_the_same = expected.is_some_and(|expected| {
-                let [expected, found] =
-                    [&expected, &row.summary_json].map(|text| serde_json::from_str::<Value>(text));
-                matches!((expected, found), (Ok(expected), Ok(found)) if expected == found)
-            });
-            check.require(says_the_same, || {
-                format!("{}: its summary does not match its report", row.job_id)
-            });
-        }
-    }
+    let examine = |row: SummaryOfReport| {
+        check.n_examined += 1;
+        let expected = summary_json(&row.report_json).ok();
+        let says_the_same = expected.is_some_and(|expected| {
+            let [expected, found] =
+                [&expected, &row.summary_json].map(|text| serde_json::from_str::<Value>(text));
+            matches!((expected, found), (Ok(expected), Ok(found)) if expected == found)
+        });
+        check.require(says_the_same, || {
+            format!("{}: its summary does not match its report", row.job_id)
+        });
+    };
+    let query = report_summaries::BY_ID;
+    read::each(store, query, DOCUMENT_BATCH, |row| &row.job_id, examine).await
 }
 
 /// A field of the newest entry of an event.
@@ -194,11 +174,7 @@ async fn is_there(store: &Store, id: &str) -> Result<bool> {
         IdPrefix::Network => SUBJECT_NETWORK,
         IdPrefix::Key => SUBJECT_KEY,
     };
-    let n: i64 = sqlx::query_scalar(query)
-        .bind(id)
-        .fetch_one(store.readers())
-        .await?;
-    Ok(n == 1)
+    Ok(read::value::<i64>(store.readers(), query, id).await? == 1)
 }
 
 /// I2: the stored answer to an Idempotency-Key and the effect of the request agree, because one transaction wrote both. A missing answer cannot be
@@ -260,39 +236,30 @@ pub(super) async fn jobs_end_once(
         "I3",
         "every accepted job ends in exactly one state, and none is stuck",
     );
-    let mut after = String::new();
-    loop {
-        let rows: Vec<(String, String, i64, i64)> = sqlx::query_as(ENDS)
-            .bind(&after)
-            .bind(BATCH)
-            .fetch_all(store.readers())
-            .await?;
-        let Some(last) = rows.last() else { break };
-        after.clone_from(&last.0);
-        for (id, status, created_at_ms, n_sets) in rows {
-            check.n_examined += 1;
-            let ended = |event: AuditEvent| chain.entries(&id, event).count();
-            let ends = [
-                ("succeeded", ended(AuditEvent::JobSucceeded)),
-                ("failed", ended(AuditEvent::JobFailed)),
-                ("cancelled", ended(AuditEvent::JobCancelled)),
-            ];
-            let n_ends: usize = ends.iter().map(|(_, n)| n).sum();
-            let is_over = ends.iter().any(|(end, _)| *end == status);
-            if created_at_ms > chain.begun_at_ms {
-                check.require(n_ends == usize::from(is_over), || {
-                    format!("{id} is {status} and has ended {n_ends} times")
-                });
-                let agrees = !is_over || ends.contains(&(status.as_str(), 1));
-                check.require(agrees, || {
-                    format!("{id} is {status}, but ended otherwise in the audit chain")
-                });
-            }
-            check.require(n_sets == 0 || status == "succeeded", || {
-                format!("{id} is {status} and has a parameter set")
+    let examine = |(id, status, created_at_ms, n_sets): (String, String, i64, i64)| {
+        check.n_examined += 1;
+        let ended = |event: AuditEvent| chain.entries(&id, event).count();
+        let ends = [
+            ("succeeded", ended(AuditEvent::JobSucceeded)),
+            ("failed", ended(AuditEvent::JobFailed)),
+            ("cancelled", ended(AuditEvent::JobCancelled)),
+        ];
+        let n_ends: usize = ends.iter().map(|(_, n)| n).sum();
+        let is_over = ends.iter().any(|(end, _)| *end == status);
+        if created_at_ms > chain.begun_at_ms {
+            check.require(n_ends == usize::from(is_over), || {
+                format!("{id} is {status} and has ended {n_ends} times")
+            });
+            let agrees = !is_over || ends.contains(&(status.as_str(), 1));
+            check.require(agrees, || {
+                format!("{id} is {status}, but ended otherwise in the audit chain")
             });
         }
-    }
+        check.require(n_sets == 0 || status == "succeeded", || {
+            format!("{id} is {status} and has a parameter set")
+        });
+    };
+    read::each(store, ENDS, BATCH, |row| &row.0, examine).await?;
     if options.is_served {
         let stuck: Vec<String> = sqlx::query_scalar(STUCK)
             .bind(STUCK_AFTER_MS)
@@ -360,51 +327,42 @@ pub(super) async fn same_request_same_result(store: &Store, chain: &Chain) -> Re
         "the same request, seed and version gives the same bytes",
     );
     let mut results: BTreeMap<String, (String, String)> = BTreeMap::new();
-    let mut after = String::new();
-    loop {
-        let rows: Vec<SucceededJob> = sqlx::query_as(JOBS)
-            .bind(&after)
-            .bind(DOCUMENT_BATCH)
-            .fetch_all(store.readers())
-            .await?;
-        let Some(last) = rows.last() else { break };
-        after.clone_from(&last.id);
-        for job in rows {
-            let SucceededJob {
-                id, result_sha256, ..
-            } = job;
-            check.n_examined += 1;
-            let report: ReportOrigin = serde_json::from_str(&job.report_json).unwrap_or_default();
-            check.require(report.result_sha256 == result_sha256, || {
-                format!("{id}: its report does not match its result hash")
-            });
-            let field = EntryField {
-                event: AuditEvent::JobSucceeded,
-                name: "result_sha256",
-            };
-            compare_with_entry(&mut check, chain, &id, field, &result_sha256);
-            let inputs = serde_json::json!([
-                job.robot_id,
-                job.robot_version,
-                job.measurement_set_id,
-                job.further_set_ids,
-                job.verify_set_id,
-                job.frames_id,
-                job.network_input_id,
-                job.residual_network_input_id,
-                job.parameter_set_input_id,
-                job.request_json,
-                report.version
-            ])
-            .to_string();
-            let (first, expected) = results
-                .entry(inputs)
-                .or_insert_with(|| (id.clone(), result_sha256.clone()));
-            check.require(*expected == result_sha256, || {
-                format!("{id} and {first} have equal inputs and different results")
-            });
-        }
-    }
+    let examine = |job: SucceededJob| {
+        let SucceededJob {
+            id, result_sha256, ..
+        } = job;
+        check.n_examined += 1;
+        let report: ReportOrigin = serde_json::from_str(&job.report_json).unwrap_or_default();
+        check.require(report.result_sha256 == result_sha256, || {
+            format!("{id}: its report does not match its result hash")
+        });
+        let field = EntryField {
+            event: AuditEvent::JobSucceeded,
+            name: "result_sha256",
+        };
+        compare_with_entry(&mut check, chain, &id, field, &result_sha256);
+        let inputs = serde_json::json!([
+            job.robot_id,
+            job.robot_version,
+            job.measurement_set_id,
+            job.further_set_ids,
+            job.verify_set_id,
+            job.frames_id,
+            job.network_input_id,
+            job.residual_network_input_id,
+            job.parameter_set_input_id,
+            job.request_json,
+            report.version
+        ])
+        .to_string();
+        let (first, expected) = results
+            .entry(inputs)
+            .or_insert_with(|| (id.clone(), result_sha256.clone()));
+        check.require(*expected == result_sha256, || {
+            format!("{id} and {first} have equal inputs and different results")
+        });
+    };
+    read::each(store, JOBS, DOCUMENT_BATCH, |row| &row.id, examine).await?;
     Ok(check)
 }
 

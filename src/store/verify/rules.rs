@@ -10,7 +10,7 @@ use crate::store::parameter_sets::ParameterSetRow;
 use crate::store::policies::PolicyChange;
 use crate::store::{
     ApiKeyRow, ArchivedRow, AuditEvent, FramesRow, MeasurementSetRow, NamedDocumentRow, NetworkRow,
-    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, robot_versions,
+    ParameterSetStatus, Result, RobotRow, Store, VerificationRow, read, robot_versions,
 };
 use crate::wire::canonical;
 
@@ -138,25 +138,14 @@ async fn each<T: Audited>(
     chain: &Chain,
     mut further: impl FnMut(&mut Check, &T),
 ) -> Result<()> {
-    let mut after = String::new();
-    loop {
-        let rows: Vec<T> = sqlx::query_as(T::BY_ID)
-            .bind(&after)
-            .bind(BATCH)
-            .fetch_all(store.readers())
-            .await?;
-        let Some(last) = rows.last() else {
-            return Ok(());
-        };
-        last.subject().clone_into(&mut after);
-        for row in &rows {
-            check.n_examined += 1;
-            row.expected_entries()
-                .iter()
-                .for_each(|entry| compare(check, chain, row.subject(), entry));
-            further(check, row);
-        }
-    }
+    let examine = |row: T| {
+        check.n_examined += 1;
+        row.expected_entries()
+            .iter()
+            .for_each(|entry| compare(check, chain, row.subject(), entry));
+        further(check, &row);
+    };
+    read::each(store, T::BY_ID, BATCH, T::subject, examine).await
 }
 
 /// Compares a row's fields with an audit entry. Fields that the entry does not have are skipped, because older entries lack some fields.
