@@ -22,6 +22,7 @@ use crate::identification::changes::{
 };
 use crate::identification::evidence::Noise;
 use crate::identification::parameters::Parameter;
+use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::sessions::{first_rows, name, shared_targets};
 use crate::measurement::split::has_column;
 use crate::measurement::{MeasurementSet, Subset};
@@ -40,7 +41,7 @@ const LEAST_NOISE_SHARE: f64 = 0.1;
 /// may repeat another.
 ///
 /// # Errors
-/// [`Error::Unusable`] as [`check::check`], and with code `mixed_frames`, `model_mismatch`, `bad_subset`, `session_repeated`.
+/// [`Error::Unusable`] as [`check::check`], and with code `mixed_frames`, `model_mismatch`, `bad_subset`, `too_many_targets`, `session_repeated`.
 pub fn check(request: &CalibrationRequest) -> Result<(), Error> {
     check_sessions(request)?;
     for (session, set) in request.sessions.iter().enumerate() {
@@ -80,19 +81,31 @@ fn check_sessions(request: &CalibrationRequest) -> Result<(), Error> {
         );
         return Err(unusable("bad_subset", detail));
     }
-    for (later, set) in sessions.iter().enumerate() {
-        let is_copy = |earlier: &MeasurementSet| !is_anew(&request.robot, earlier, set);
-        if let Some(earlier) = sessions[..later].iter().position(is_copy) {
-            let detail = format!(
-                "{} repeats rows of {}, and nothing shows that they were measured anew: fitted together they would count twice. Leave one of them out, or \
-                 measure other poses",
-                name(later),
-                name(earlier)
-            );
-            return Err(unusable("session_repeated", detail));
-        }
+    let n_targets = request.set.n_targets();
+    if n_targets > MAX_TARGETS {
+        let detail = format!(
+            "{n_targets} targets in all, those of one target_name counted once; {MAX_TARGETS} are allowed in one job: leave sessions out"
+        );
+        return Err(unusable("too_many_targets", detail));
+    }
+    let is_copy = |(earlier, later): &(usize, usize)| {
+        !is_anew(&request.robot, &sessions[*earlier], &sessions[*later])
+    };
+    if let Some((earlier, later)) = pairs(sessions.len()).find(is_copy) {
+        let detail = format!(
+            "{} repeats rows of {}, and nothing shows that they were measured anew: fitted together they would count twice. Leave one of them out, or \
+             measure other poses",
+            name(later),
+            name(earlier)
+        );
+        return Err(unusable("session_repeated", detail));
     }
     Ok(())
+}
+
+/// Each pair of sessions, the earlier first.
+fn pairs(n_sessions: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n_sessions).flat_map(|later| (0..later).map(move |earlier| (earlier, later)))
 }
 
 /// The request that identifies a session alone, from all of its points.
@@ -203,11 +216,6 @@ fn too_coarse(session: usize, overstated: &OverstatedNoise) -> Error {
     unusable(NOISE_OVERSTATED, detail)
 }
 
-/// Each pair of sessions, the earlier first.
-fn pairs(n_sessions: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..n_sessions).flat_map(|later| (0..later).map(move |earlier| (earlier, later)))
-}
-
 /// Probability of a false alarm of each test, so that one of all of them is as rare as stated: robot and shared targets, of each pair of sessions.
 fn share_of_alarms(request: &CalibrationRequest) -> f64 {
     let sets = &request.sessions;
@@ -260,17 +268,15 @@ fn names_of_shared_targets(sets: &[MeasurementSet]) -> Vec<String> {
 
 fn pooled(estimates: &[Estimate], alarm: f64) -> Result<Pool, Error> {
     let mut least_alike: Option<(usize, usize, Tested)> = None;
-    for (later, after) in estimates.iter().enumerate() {
-        for (earlier, before) in estimates[..later].iter().enumerate() {
-            let tested = compare(before, after)
-                .ok_or_else(|| not_comparable(later))?
-                .robot;
-            let is_less_alike = |(_, _, least): &(usize, usize, Tested)| {
-                (tested.probability, -tested.chi_square) < (least.probability, -least.chi_square)
-            };
-            if least_alike.as_ref().is_none_or(is_less_alike) {
-                least_alike = Some((earlier, later, tested));
-            }
+    for (earlier, later) in pairs(estimates.len()) {
+        let tested = compare(&estimates[earlier], &estimates[later])
+            .ok_or_else(|| not_comparable(later))?
+            .robot;
+        let is_less_alike = |(_, _, least): &(usize, usize, Tested)| {
+            (tested.probability, -tested.chi_square) < (least.probability, -least.chi_square)
+        };
+        if least_alike.as_ref().is_none_or(is_less_alike) {
+            least_alike = Some((earlier, later, tested));
         }
     }
     let (earlier, later, tested) = least_alike.ok_or_else(|| not_comparable(0))?;

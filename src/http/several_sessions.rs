@@ -3,12 +3,12 @@
 use crate::store::MeasurementSetRow;
 use crate::wire::Invalid;
 use crate::wire::job::JobRequestBody;
-use crate::wire::measurement::{MAX_POINTS, MAX_TARGETS};
+use crate::wire::measurement::MAX_POINTS;
 
-/// Refuses sets that cannot be fitted together: of different frames, with different serial numbers, or too many points or targets in all.
+/// Refuses sets that cannot be fitted together: of different frames, with different serial numbers, or too many points in all.
 ///
 /// # Errors
-/// [`Invalid`]: `mixed_frames`, `robot_mismatch`, `too_many_points`, `too_many_targets`.
+/// [`Invalid`]: `mixed_frames`, `robot_mismatch`, `too_many_points`.
 pub fn check(request: &JobRequestBody, sets: &[MeasurementSetRow]) -> Result<(), Invalid> {
     let [first, further @ ..] = sets else {
         return Ok(());
@@ -32,31 +32,16 @@ pub fn check(request: &JobRequestBody, sets: &[MeasurementSetRow]) -> Result<(),
             return Err(Invalid::at(&at, "robot_mismatch", detail));
         }
     }
-    let limits = [
-        (
-            "points",
+    let n_points: i64 = sets.iter().map(|set| set.n_points).sum();
+    if sets.len() > 1 && n_points > MAX_POINTS as i64 {
+        let detail = format!(
+            "{n_points} points in all; {MAX_POINTS} are allowed in one job: leave sessions out"
+        );
+        return Err(Invalid::at(
+            "/measurement_set_ids",
             "too_many_points",
-            MAX_POINTS,
-            sum(sets, |set| set.n_points),
-        ),
-        (
-            "targets",
-            "too_many_targets",
-            MAX_TARGETS,
-            sum(sets, |set| set.n_targets),
-        ),
-    ];
-    for (what, code, limit, found) in limits {
-        if sets.len() > 1 && found > limit as i64 {
-            let detail = format!(
-                "{found} {what} in all; {limit} are allowed in one job: leave sessions out"
-            );
-            return Err(Invalid::at("/measurement_set_ids", code, detail));
-        }
+            detail,
+        ));
     }
     Ok(())
-}
-
-fn sum(sets: &[MeasurementSetRow], of: impl Fn(&MeasurementSetRow) -> i64) -> i64 {
-    sets.iter().map(of).sum()
 }

@@ -197,11 +197,11 @@ fn refuse_apart(instrument: &Content, pairing: &Pairing) -> Result<(), JoinError
         .collect();
     let position = |row: usize| instrument.points[row].position_mm;
     let limit_mm = MAX_APART * extent_mm(joined.iter().map(|(row, _)| position(*row)));
-    let mut first: BTreeMap<(usize, usize, Option<&String>), usize> = BTreeMap::new();
+    let mut first: BTreeMap<_, usize> = BTreeMap::new();
     for (row, robot_row) in joined {
         let point = &instrument.points[row];
         let known = *first
-            .entry((robot_row, point.target, point.station.as_ref()))
+            .entry((robot_row, point.target, &point.target_name, &point.station))
             .or_insert(row);
         let apart_mm = (position(row) - position(known)).norm();
         if apart_mm > limit_mm {

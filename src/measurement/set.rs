@@ -90,16 +90,14 @@ impl MeasurementSet {
     /// A set in which all points have a configuration. Points without a label get the same label if their joint values are equal. Targets with names are
     /// numbered in the order in which the names appear.
     pub fn new(frame: Frame, mut points: Vec<Point>) -> Self {
+        let names = points.iter().filter_map(|p| p.target_name.as_deref());
+        let (numbers, _) = numbered(names);
+        let named = points.iter_mut().filter(|p| p.target_name.is_some());
+        for (point, number) in named.zip(numbers) {
+            point.target = number;
+        }
         let mut configurations = Configurations::default();
-        let mut names: Vec<String> = Vec::new();
         for (row, point) in points.iter_mut().enumerate() {
-            if let Some(name) = &point.target_name {
-                let known = names.iter().position(|known| known == name);
-                point.target = known.unwrap_or(names.len());
-                if known.is_none() {
-                    names.push(name.clone());
-                }
-            }
             if point.configuration.is_empty() {
                 point.configuration =
                     format!("row_{}", configurations.first_row_like(&point.q_rad, row));
@@ -216,10 +214,29 @@ impl MeasurementSet {
         of_target?.target_name.as_deref()
     }
 
+    /// The names of all targets in the order of their numbers; empty if not all have one.
+    pub fn target_names(&self) -> Vec<&str> {
+        let names = (0..self.n_targets()).map(|target| self.target_name(target));
+        names.collect::<Option<_>>().unwrap_or_default()
+    }
+
     /// Number of targets: one more than the largest index.
     pub fn n_targets(&self) -> usize {
         self.points.iter().map(|p| p.target + 1).max().unwrap_or(0)
     }
+}
+
+/// Numbers names in the order in which they appear: the number of each, and the different names in the order of their numbers.
+pub(super) fn numbered<'n>(names: impl Iterator<Item = &'n str>) -> (Vec<usize>, Vec<&'n str>) {
+    let mut different = Vec::new();
+    let number = |name| {
+        let known = different.iter().position(|known| *known == name);
+        known.unwrap_or_else(|| {
+            different.push(name);
+            different.len() - 1
+        })
+    };
+    (names.map(number).collect(), different)
 }
 
 /// Rows whose joint values differ by less than this in every joint are one configuration, if the file has no labels, rad (0.05°). The readings of a

@@ -2,6 +2,7 @@
 
 use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::csv_issue::Issue;
+use crate::measurement::set::numbered;
 use std::collections::BTreeSet;
 
 /// Number of rows from which on a column with another reflector in each row names points.
@@ -67,22 +68,15 @@ pub(super) fn reflectors(
         );
         return Err(issue(row, "not_an_index", detail));
     }
-    let mut names: Vec<String> = Vec::new();
-    let mut numbers = Vec::with_capacity(cells.len());
-    for (row, cell) in cells.iter().enumerate() {
-        let known = names.iter().position(|name| name == cell);
-        numbers.push(known.unwrap_or(names.len()));
-        if known.is_none() {
-            names.push(cell.clone());
-        }
-        if names.len() > MAX_TARGETS {
-            let detail = format!(
-                "column {column} has more than {MAX_TARGETS} different names, and a tool has at most {MAX_TARGETS} reflectors (target): if it names \
-                 points, leave it aside in the column mapping: {{\"ignore\": [{column:?}]}}"
-            );
-            return Err(issue(Some(row), "not_an_index", detail));
-        }
+    let (numbers, names) = numbered(cells.iter().map(String::as_str));
+    if let Some(row) = numbers.iter().position(|number| *number >= MAX_TARGETS) {
+        let detail = format!(
+            "column {column} has more than {MAX_TARGETS} different names, and a tool has at most {MAX_TARGETS} reflectors (target): if it names \
+             points, leave it aside in the column mapping: {{\"ignore\": [{column:?}]}}"
+        );
+        return Err(issue(Some(row), "not_an_index", detail));
     }
+    let names = names.into_iter().map(str::to_owned).collect();
     Ok(Reflectors { numbers, names })
 }
 

@@ -110,11 +110,12 @@ pub fn read(files: &Files, options: &UploadOptions) -> Result<(MeasurementSet, R
     let read = |at: usize| one(files.files[at], &mappings[at], options);
     if files.files.len() == 1 {
         let content = read(0)?;
+        let set = MeasurementSet::new(options.frame, content.points);
         let reading = Reading {
-            understood: Some(UnderstoodBody::from(&content.understood)),
+            understood: Some(UnderstoodBody::from(&content.understood).with_targets_of(&set)),
             ..Reading::default()
         };
-        return Ok((MeasurementSet::new(options.frame, content.points), reading));
+        return Ok((set, reading));
     }
     let (robot, instrument) = (read(0)?, read(1)?);
     joined(&robot, &instrument, &options.columns.join()?, options.frame)
@@ -129,14 +130,8 @@ fn joined(
     let (points, found) = join(robot, instrument, how)
         .map_err(|error| invalid(vec![Issue::at("/join", error.code, error.detail)]))?;
     let set = MeasurementSet::new(frame, points);
-    let mut of_instrument = UnderstoodBody::from(&instrument.understood);
     // numbered as they appear in the rows that have a partner
-    let names: Option<Vec<String>> = (0..set.n_targets())
-        .map(|target| set.target_name(target).map(str::to_owned))
-        .collect();
-    if let Some(names) = names {
-        of_instrument.reflectors = names;
-    }
+    let of_instrument = UnderstoodBody::from(&instrument.understood).with_targets_of(&set);
     let reading = Reading {
         joined: Some(JoinedFiles {
             robot: UnderstoodBody::from(&robot.understood),

@@ -1,10 +1,10 @@
 //! How a table was interpreted. This is part of answers and is stored with the bytes of an upload.
 
-use crate::measurement::Decimal;
 use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
 use crate::measurement::programs::Unread;
 use crate::measurement::table_points::Understood;
+use crate::measurement::{Decimal, MeasurementSet};
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::reference::SetReference;
 use crate::wire::session_record::SessionRecord;
@@ -35,7 +35,8 @@ pub struct UnderstoodBody {
     /// True if quotes that close nothing were read as plain characters, or cells with line breaks were joined.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub plain_quotes: bool,
-    /// Whether lines that begin like comments are comments, if the mapping stated it.
+    /// Whether rows that begin with a comment sign are comments: as the mapping states it, else true if at most one in five rows begins so. Absent if no row of data
+    /// begins so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub comments: Option<bool>,
     /// The columns that are read.
@@ -278,6 +279,15 @@ fn split(means: &str) -> (&str, Option<&str>) {
 }
 
 impl UnderstoodBody {
+    /// The same with the names of the set's targets, if they have names.
+    pub fn with_targets_of(mut self, set: &MeasurementSet) -> Self {
+        let names = set.target_names();
+        if !names.is_empty() {
+            self.reflectors = names.into_iter().map(shown).collect();
+        }
+        self
+    }
+
     /// The mapping that reads the file in the same way.
     pub fn mapping(&self) -> Mapping {
         let column = |column: &UnderstoodColumn| {

@@ -450,6 +450,20 @@ fn what_cannot_be_fitted_together_is_refused_before_anything_is_computed() {
     by_fraction.verify = VerifySource::Fraction(0.5);
     assert_eq!(check(&by_fraction), Ok(()));
 
+    // Targets of one name count once: 20 of each session, with the same names or with others.
+    let many = |set: &MeasurementSet, prefix: &str| {
+        let mut set = set.clone();
+        for (row, point) in set.points.iter_mut().enumerate() {
+            point.target_name = Some(format!("{prefix}{}", row % 20));
+        }
+        MeasurementSet::new(set.frame, set.points)
+    };
+    let named = |prefix: &str| [many(&first, "A"), many(&second, prefix)];
+    let (code, detail) = refused(&named("B"));
+    assert_eq!(code, "too_many_targets");
+    assert!(detail.contains("40 targets in all"), "{detail}");
+    assert_ne!(refused(&named("A")).0, "too_many_targets");
+
     let mut few = second;
     few.points.truncate(8);
     let (code, detail) = refused(&[first, few]);
