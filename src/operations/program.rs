@@ -207,7 +207,10 @@ impl Program {
                 let n = self.places.first().map_or(0, |place| place.joints.len());
                 Issue {
                     pointer: None,
-                    detail: format!("the program has joint values of {n} joints: {}", issue.detail),
+                    detail: format!(
+                        "the program has joint values of {n} joints: {}",
+                        issue.detail
+                    ),
                     ..issue.clone()
                 }
             }
