@@ -2,19 +2,15 @@
 
 import { get, list, post } from "./api.js";
 import { cellCard, cellOf } from "./cell.js";
-import { rowsOf } from "./csv.js";
 import { el, fill, problem, say, table, warning } from "./dom.js";
-import { error, fixed, mm, signed, when } from "./format.js";
+import { capital, error, fixed, mm, signed, when } from "./format.js";
 import { best, state } from "./history.js";
 import { facts } from "./robots.js";
-import { saveText } from "./save.js";
+import { saveBytes } from "./save.js";
 import { foundAgainst } from "./verdicts.js";
 
-/** Targets of one request. */
-const PART = 5000;
 /** Targets that are listed on the page. */
 const SHOWN = 40;
-const DEG = 180 / Math.PI;
 
 /** The page. */
 export async function correctPage({ main, signal, may, query }, id) {
@@ -71,18 +67,19 @@ function form(robot, sets, doubtOf, out) {
     options(named, [["", "reflector, or as typed"], ...cell.tools.map(({ name }) => [name, name])]);
   };
   const tool = ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `Tool ${axis}, mm`, placeholder: axis }));
-  const file = el("input", { id: "correct-file", type: "file", accept: ".csv,.txt,.tsv,text/csv", required: true });
+  const file = el("input", { id: "correct-file", type: "file", accept: ".csv,.txt,.tsv,.xlsx,.ods,text/csv", required: true });
   const correct = async (unit) => {
     fill(out, el("p.quiet", {}, "Correcting …"));
     try {
-      const program = read(await file.files[0].text(), robot.links.length, unit);
-      const at = tool.map((input) => input.value);
-      const typed = at.some((v) => v !== "") && { tool: { translation_mm: at.map(Number) } };
-      const request = { mode: mode.value, ...typed, ...named.value && { tool_name: named.value }, ...program.targets && { frame: frame.value } };
+      const [program] = file.files;
+      const typed = ["x", "y", "z"].map((axis, i) => [`tool_${axis}_mm`, tool[i].value]).filter(([, value]) => value !== "");
+      const stated = new URLSearchParams([["mode", mode.value], ["frame", frame.value], ...named.value ? [["tool_name", named.value]] : [], ...typed, ...unit ? [["columns", JSON.stringify({ joint_unit: unit })]] : []]);
+      const answer = await post(`/v1/parameter-sets/${set.value}/compensate-program?${stated}`, program, "text/csv");
       const posesIn = frame.value === "measuring" ? "robot's base frame, which the controller knows" : frame.selectedOptions[0].textContent;
-      fill(out, corrected(program, await compensate(set.value, program, request), { name: file.files[0].name, posesIn, set: chosen(), doubt: doubtOf(chosen()) }));
+      fill(out, corrected(answer, { name: program.name, posesIn, set: chosen(), doubt: doubtOf(chosen()) }));
     } catch (error) {
-      fill(out, error.without ? unitQuestion(error.without, correct) : problem(error));
+      const without = withoutUnit(error);
+      fill(out, without.length > 0 && !unit ? unitQuestion(without, correct) : refused(error));
     }
   };
   const submit = (event) => {
@@ -90,7 +87,7 @@ function form(robot, sets, doubtOf, out) {
     if (file.files.length > 0) correct();
   };
   const node = el("form.card", { submit }, doubted, el("div.fields.wide", {}, setField, modeField, namedField, el("fieldset", {}, el("legend", {}, "Or its centre point in the flange frame, mm"), el("div.controls", {}, tool)), frameField),
-    el("label", { for: "correct-file" }, `A table (CSV with commas, semicolons or tabs) with q1_deg … q${robot.links.length}_deg (or _rad), or with J1 … J${robot.links.length} or A1 … A${robot.links.length}. With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Other columns are kept`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
+    el("label", { for: "correct-file" }, `A table (CSV, xlsx, ods) with q1_deg … q${robot.links.length}_deg (or _rad), or with J1 … J${robot.links.length} or A1 … A${robot.links.length}. With x_mm y_mm z_mm and quat_w quat_x quat_y quat_z its targets are Cartesian, and the joint values near ones. Everything else stays as it is`), el("div.fields", {}, file), el("button.primary", { type: "submit" }, "Correct"));
   return { node, offer };
 }
 
@@ -120,10 +117,16 @@ async function doubts(robot, signal) {
 
 const doubtWarning = (doubt) => doubt && el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "These parameters may be wrong. "), doubt.why, " Do not run a corrected program in the cell before the cause is known. ", el("a", { href: `#/jobs/${doubt.job}` }, "Look at that session")));
 
+/** Why a program was not corrected; one reason alone is said once. */
+const refused = (error) => problem({ ...error, ...error.errors?.length > 0 ? { code: undefined, title: "The program was not corrected", detail: capital(error.detail), errors: error.errors.length > 1 ? error.errors : [] } : {}, message: error.message });
+
+/** Joint columns that a refusal says have no unit. */
+const withoutUnit = (error) => [...new Set((error.errors ?? []).filter((issue) => issue.code === "missing_unit").map((issue) => issue.column ?? "The joint columns"))];
+
 /** Asks for the unit of joint columns that state none. */
 function unitQuestion(names, again) {
   const button = (unit, words) => el("button", { type: "button", click: () => again(unit) }, words);
-  return el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "In which unit are the joint values? "), `${names.join(", ")} state none.`), el("div.actions", {}, button("deg", "Degrees"), button("rad", "Radians")));
+  return el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "In which unit are the joint values? "), `${names.join(", ")} state none.`), el("div.actions", {}, button("deg", "Degrees"), button("rad", "Radians"), button("gon", "Gons")));
 }
 
 /** Why a program that was corrected with another set than the active one must not run in the cell. */
@@ -131,59 +134,6 @@ function trialOnly(set) {
   if (isActive(set)) return false;
   const why = set.status === "superseded" ? "This set is not in force any more: another one took its place." : "This set was never released: nobody has decided that a robot may move by it.";
   return el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "For trial only. "), why, " Do not run this program in the cell before a set is released and the program corrected with it. ", el("a", { href: `#/jobs/${set.job_id}` }, "To that parameter set")));
-}
-
-/** Joint and unit of a column, as programs and controllers name it: q1_deg, J1, A1 [deg], Joint 1 (rad). */
-const JOINT = /^(?:q|j|a|jt|joint|axis)[\s_[]*(\d{1,2})\]?[\s_,([]*(deg|rad|mm|°)?(?:rees?|ians?)?[)\]\s]*$/i;
-
-/** The targets of a file, and what is needed to write it again. `unit` is that of joint values whose columns state none. */
-function read(text, n, unit) {
-  const header = text.split(/\r\n|\n|\r/, 1)[0];
-  const separator = header.includes(";") ? ";" : header.includes("\t") ? "\t" : ",";
-  const [first, ...rows] = rowsOf(text, separator);
-  const joints = (first?.cells ?? []).map((cell, at) => ({ at, name: cell, joint: JOINT.exec(cell) })).filter(({ joint }) => joint);
-  const found = Array.from({ length: n }, (_, i) => joints.find(({ joint }) => Number(joint[1]) === i + 1));
-  const missing = found.findIndex((column) => column === undefined);
-  if (missing >= 0) throw { title: "A joint is missing", detail: `The file has no column for joint ${missing + 1}. It needs one for each of the ${n} joints: q1_deg … q${n}_deg (or _rad), J1 … J${n}, or A1 … A${n}, with commas, semicolons or tabs between them. Its first line has: ${first?.cells.join(", ") || "nothing"}` };
-  const without = found.filter(({ joint }) => !joint[2]).map(({ name }) => name);
-  if (without.length > 0 && !unit) throw { without };
-  const places = found.map(({ at, name, joint }) => ({ at, name, factor: (joint[2] ?? unit).toLowerCase() === "rad" ? DEG : 1 }));
-  const q = rows.map(({ cells, line }) => places.map(({ at, name, factor }) => {
-    const value = Number(separator === "," ? cells[at] : cells[at]?.replace(",", "."));
-    if (!Number.isFinite(value) || cells[at] === "" || cells[at] === undefined) throw { title: "A target cannot be read", detail: `Line ${line}, column ${name}: "${cells[at] ?? ""}" is no number.` };
-    return value * factor;
-  }));
-  if (q.length === 0) throw { title: "No targets", detail: "The file has a header row only." };
-  const [position, quaternion] = [["x_mm", "y_mm", "z_mm"], ["quat_w", "quat_x", "quat_y", "quat_z"]].map((names) => {
-    const all = names.map((name) => first.cells.findIndex((cell) => cell.toLowerCase() === name));
-    return all.includes(-1) ? null : all;
-  });
-  const values = ({ cells, line }, columns) => columns.map((at) => {
-    const value = Number(separator === "," ? cells[at] : cells[at]?.replace(",", "."));
-    if (!Number.isFinite(value) || (cells[at] ?? "") === "") throw { title: "A target cannot be read", detail: `Line ${line}, column ${first.cells[at]}: "${cells[at] ?? ""}" is no number.` };
-    return value;
-  });
-  const targets = position && rows.map((row, i) => ({ position_mm: values(row, position), ...quaternion && { quaternion: values(row, quaternion) }, q_near_deg: q[i] }));
-  return { header: first.cells, rows: rows.map((row) => row.cells), places, separator, q, targets, position, quaternion };
-}
-
-/** Fields of an answer with one entry for each target; the last two are not in every answer. */
-const LISTS = ["q_deg", "position_error_before_mm", "position_error_after_mm", "status", "extrapolated", "position_std_mm", "poses"];
-
-async function compensate(id, { q, targets }, request) {
-  const all = Object.fromEntries([...LISTS, "warnings"].map((key) => [key, []]));
-  for (let from = 0; from < q.length; from += PART) {
-    const wanted = targets ? { targets: targets.slice(from, from + PART) } : { q_deg: q.slice(from, from + PART) };
-    const part = await post(`/v1/parameter-sets/${id}/compensate`, { ...request, ...wanted });
-    for (const key of LISTS) all[key].push(...part[key] ?? []);
-    for (const { rows = [], ...said } of part.warnings ?? []) {
-      let known = all.warnings.find(({ code, detail }) => code === said.code && detail === said.detail);
-      if (known === undefined) all.warnings.push(known = { ...said, rows: [] });
-      known.rows.push(...rows.map((row) => row + from));
-    }
-    all.frame = part.frame;
-  }
-  return all;
 }
 
 const worst = (values) => values.reduce((a, b) => Math.max(a, b), 0);
@@ -201,9 +151,13 @@ const toLookAt = (answer) => answer.status.map((status, i) => [!FINE.includes(st
 /** The error that is left by the identified robot, with how well that robot is known: the first alone says nothing of the real tool. */
 const left = (mm, std) => `${error(mm)} ± ${std === undefined ? "?" : error(std)}`;
 
-function corrected(program, answer, { name, posesIn, set, doubt }) {
+function corrected(program, { name, posesIn, set, doubt }) {
+  const { position_std_mm: known, ...found } = program.corrected;
   // what the fit alone says of its uncertainty holds no longer: the newest session says more
-  if (doubt) answer.position_std_mm = doubt.rms === null ? [] : answer.status.map((_, i) => Math.max(answer.position_std_mm[i] ?? 0, doubt.rms));
+  const std = !doubt ? known : doubt.rms === null ? [] : found.status.map((_, i) => Math.max(known?.[i] ?? 0, doubt.rms));
+  const answer = { ...found, position_std_mm: std ?? [] };
+  const { lines, program_q_deg: q } = program;
+  const isCartesian = answer.poses !== undefined;
   const remarks = toLookAt(answer);
   const odd = remarks.map((remark, i) => [remark, i]).filter(([remark]) => remark.length > 0);
   const outside = answer.extrapolated.filter(Boolean).length;
@@ -212,16 +166,18 @@ function corrected(program, answer, { name, posesIn, set, doubt }) {
   const shown = order.slice(0, SHOWN);
   const sum = (i) => answer.position_error_after_mm[i] + (answer.position_std_mm[i] ?? 0);
   const last = answer.status.reduce((best, _, i) => (sum(i) > sum(best) ? i : best), 0);
-  const joints = program.q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - program.q[i][k], 4))], "n"]);
+  const joints = q[0].map((_, k) => [`q${k + 1}, °`, (i) => [fixed(answer.q_deg[i][k], 4), el("small.quiet", {}, signed(answer.q_deg[i][k] - q[i][k], 4))], "n"]);
   const frame = `in the ${answer.frame === "measuring" ? "measuring" : "robot's base"} frame`;
-  return [doubtWarning(doubt), trialOnly(set), facts([["Targets", program.q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))],
+  return [doubtWarning(doubt), trialOnly(set), facts([["Targets", q.length], ["Largest error before", mm(worst(answer.position_error_before_mm))],
     doubt?.rms === null ? ["Largest error after", "not known", "the fit's own figure holds no longer: see the warning above"] : ["Largest error after", `${left(answer.position_error_after_mm[last], answer.position_std_mm[last])} mm`, `by the identified robot, ${frame}; ± ${answer.position_std_mm.length === 0 ? "is not known for these parameters" : doubt ? "the error of the newest session" : "its standard uncertainty there"}`],
     answer.position_std_mm.length > 0 && ["Known to", mm(worst(answer.position_std_mm)), doubt ? "no better than the newest session found, rms" : "standard uncertainty of the tool's position at the least certain target"],
     ["To look at", odd.length, odd.length > 0 ? counted(remarks) : doubt ? "computed for all targets; see the warning above" : "all targets are corrected"], outside > 0 && ["Outside of what was measured", outside, "there the corrections fade to the links alone"]]),
-  answer.warnings.map(warning), notCorrected(answer), uncertain(answer, doubt),
-  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, answer, name, isActive(set) && !doubt) }, "Download as CSV"))),
-    table(`${shown.length < program.q.length ? `${shown.length} of ${program.q.length} targets` : "All targets"}; below each joint value its ${program.targets ? "difference from the near one" : "change"}. ${program.targets ? `The downloaded poses are in the ${posesIn}. ` : ""}After: what is left by the identified robot ± ${doubt ? "what is known of the tool's position" : "the standard uncertainty of the tool's position"}. Rows are counted from 0 without the header row.`,
-      [["Row", (i) => i, "n"], ["State", (i) => (remarks[i].length > 0 ? remarks[i].join(", ") : stateOf(answer.status[i])), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => left(answer.position_error_after_mm[i], answer.position_std_mm[i]), "n"], ...joints], shown, ""))];
+  (answer.warnings ?? []).map(({ rows = [], ...said }) => warning({ ...said, detail: rows.length > 0 ? `${said.detail} (${linesNamed(rows, lines)})` : said.detail })),
+  program.left_columns.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, "Poses beside the joint values stay as they are. "), `${program.left_columns.join(", ")} are the poses of the joint values before the correction: do not run the program by them.`)),
+  notCorrected(answer, lines), uncertain(answer, doubt, lines),
+  el("section.card", {}, el("div.head", {}, el("h2", {}, "Corrected targets"), el("div.actions", {}, el("button.primary", { type: "button", click: () => save(program, name, isActive(set) && !doubt) }, "Download the corrected program"))),
+    table(`${shown.length < q.length ? `${shown.length} of ${q.length} targets` : "All targets"}; below each joint value its ${isCartesian ? "difference from the near one" : "change"}. ${isCartesian ? `The downloaded poses are in the ${posesIn}. ` : ""}After: what is left by the identified robot ± ${doubt ? "what is known of the tool's position" : "the standard uncertainty of the tool's position"}.`,
+      [["Line", (i) => lines[i], "n"], ["State", (i) => (remarks[i].length > 0 ? remarks[i].join(", ") : stateOf(answer.status[i])), "state"], ["Before, mm", (i) => error(answer.position_error_before_mm[i]), "n"], ["After, mm", (i) => left(answer.position_error_after_mm[i], answer.position_std_mm[i]), "n"], ...joints], shown, ""))];
 }
 
 /** How many targets have which remark. */
@@ -231,29 +187,23 @@ function counted(remarks) {
   return [...all].map(([remark, n]) => `${n} ${remark}`).join(", ");
 }
 
-/** The first of some rows, named. */
-const rowsNamed = (rows) => `Rows ${rows.slice(0, 12).join(", ")}${rows.length > 12 ? ` and ${rows.length - 12} more` : ""}.`;
+/** The lines of some targets, the first of them named. */
+const linesNamed = (targets, lines) => `${targets.length === 1 ? "line" : "lines"} ${targets.slice(0, 12).map((i) => lines[i]).join(", ")}${targets.length > 12 ? ` and ${targets.length - 12} more` : ""} of the file`;
+const sentenceOf = (targets, lines) => `${capital(linesNamed(targets, lines))}.`;
 
-function notCorrected({ status }) {
+function notCorrected({ status }, lines) {
   const rows = status.map((_, i) => i).filter((i) => !FINE.includes(status[i]));
-  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is not fully corrected. " : `${rows.length} targets are not fully corrected. `), "The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. ", rowsNamed(rows)));
+  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is not fully corrected. " : `${rows.length} targets are not fully corrected. `), "The tool stays off by the error that is stated. They are in the downloaded file with the joint values below: look at them before the program runs. ", sentenceOf(rows, lines)));
 }
 
-function uncertain(answer, doubt) {
+function uncertain(answer, doubt, lines) {
   const rows = answer.status.map((_, i) => i).filter((i) => isUncertain(answer, i));
-  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is uncertain. " : `${rows.length} targets are uncertain. `), doubt ? "The newest session missed by more than they are corrected by, so the correction may make them worse. " : "There the tool is known less well than it is corrected by, so the correction may make it worse. Measure poses near these targets, and calibrate again. ", rowsNamed(rows)));
+  return rows.length > 0 && el("div.warning", {}, el("p", {}, el("strong", {}, rows.length === 1 ? "One target is uncertain. " : `${rows.length} targets are uncertain. `), doubt ? "The newest session missed by more than they are corrected by, so the correction may make them worse. " : "There the tool is known less well than it is corrected by, so the correction may make it worse. Measure poses near these targets, and calibrate again. ", sentenceOf(rows, lines)));
 }
 
-function save({ header, rows, places, separator, position, quaternion }, answer, name, isForCell) {
-  const quoted = (cell) => (/["\n\r]/.test(cell) || cell.includes(separator) ? `"${cell.replaceAll("\"", "\"\"")}"` : cell);
-  const number = (value) => (separator === "," ? String(value) : String(value).replace(".", separator === ";" ? "," : "."));
-  const lines = rows.map((cells, i) => cells.map((cell, at) => {
-    const pose = answer.poses[i];
-    const [axis, part] = [position, quaternion].map((columns) => (pose && columns ? columns.indexOf(at) : -1));
-    if (axis >= 0) return number(Number(pose.position_mm[axis].toFixed(5)));
-    if (part >= 0) return number(Number(pose.quaternion[part].toFixed(9)));
-    const k = places.findIndex((place) => place.at === at);
-    return k < 0 ? quoted(cell) : number(Number((answer.q_deg[i][k] / places[k].factor).toFixed(8)));
-  }).join(separator));
-  saveText(`${header.map(quoted).join(separator)}\n${lines.join("\n")}\n`, name.replace(/(\.\w+)?$/, isForCell ? "-corrected.csv" : "-corrected-for-trial.csv"), "text/csv");
+/** Offers the program as the service wrote it, byte for byte. */
+function save({ program_base64: text, is_workbook: isWorkbook }, name, isForCell) {
+  const bytes = Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
+  const [, stem, ending] = /^(.*?)(\.\w+)?$/.exec(name);
+  saveBytes(bytes, `${stem}-corrected${isForCell ? "" : "-for-trial"}${isWorkbook ? ".tsv" : ending ?? ".csv"}`);
 }

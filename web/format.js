@@ -54,6 +54,9 @@ export function signed(value, decimals = 4) {
 /** A value, not a change: a sign only below zero. */
 export const fixed = (value, decimals = 4) => signed(value, decimals).replace("+", "");
 
+/** When a session was measured, and how that is known. */
+export const measuredAt = (record) => `measured ${when(record.measured_at)}${record.measured_at_of_points ? ", by the times of its points" : ""}`;
+
 /** A local date and time. */
 export function when(text) {
   if (!text) return "–";

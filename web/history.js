@@ -15,15 +15,14 @@ const MAX_SESSIONS = 30;
 
 /** State of a robot: its sets, newest first, the active one, the last job, the error, and the sessions that scored sets. */
 export async function state(robot, signal) {
-  const [sets, jobs, sessions, putAway] = await Promise.all([
+  const [sets, jobs, sessions] = await Promise.all([
     list(`/v1/robots/${robot.id}/parameter-sets`, MAX_LISTED, signal),
     get(`/v1/robots/${robot.id}/jobs?limit=1`, signal),
     sessionsOf(robot, signal),
-    list(`/v1/robots/${robot.id}/jobs?archived=true`, MAX_LISTED, signal),
   ]);
   const active = sets.find((set) => set.status === "released") ?? (sets.length < MAX_LISTED ? null : await olderActive(robot, sets, signal));
   // what came from an archived job asks for nothing, as in the list of robots
-  const newest = sets.find((set) => set.status !== "withdrawn" && putAway.every((job) => job.id !== set.job_id)) ?? null;
+  const newest = sets.find((set) => set.status !== "withdrawn" && !set.job_archived_at) ?? null;
   const measured = active ?? newest;
   const report = measured && (await get(`/v1/jobs/${measured.job_id}/report`, signal));
   const since = active && newest && newest.id !== active.id && newest.created_at > active.created_at ? newest : null;

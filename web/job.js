@@ -3,7 +3,7 @@
 import { follow, get, post } from "./api.js";
 import { convergence } from "./figures.js";
 import { el, fill, problem, say } from "./dom.js";
-import { capital, count, instrument, method, number, when } from "./format.js";
+import { capital, count, instrument, measuredAt, method, number, when } from "./format.js";
 import { statusBadge } from "./robot.js";
 import { result } from "./result.js";
 import { nPoints, setIds, setsInWords } from "./sessions.js";
@@ -50,7 +50,7 @@ function asked(job, verified) {
 function head(job, robot, sets, verified) {
   const [set] = sets;
   const frame = `${set.frame === "base" ? "robot base" : "instrument"} frame`;
-  const stated = `${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; measured ${when(set.record.measured_at)}` : ""}`;
+  const stated = `${set.instrument ? `; instrument: ${instrument(set.instrument)}` : ""}${set.record?.measured_at ? `; ${measuredAt(set.record)}` : ""}`;
   const points = sets.length > 1 ? `${sets.length} sessions, ${count(nPoints(sets))} points together, ${frame}: ${setsInWords(sets)}` : `${set.name ?? "a set without a name"} (${count(set.n_points)} points, ${frame}${stated})`;
   return el("div.head", {}, el("div", {}, el("p.crumbs", {}, el("a", { href: "#/" }, "Robots"), " / ", el("a", { href: `#/robots/${robot.id}` }, robot.name)),
     el("h1", {}, `${capital(noun(job))} of ${robot.name}`),

@@ -3,7 +3,7 @@
 import { get, list, post } from "./api.js";
 import { armFigure } from "./arm.js";
 import { brief, el, fill, problem, table } from "./dom.js";
-import { age, capital, count, error, EVIDENCE, gateTitle, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
+import { age, capital, count, error, EVIDENCE, gateTitle, measuredAt, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
 import { SOON_JUDGED, verifyPage } from "./next.js";
@@ -177,15 +177,16 @@ function guide(robot, stand, { now, sets, may, signal }) {
   const found = lastSession && foundAgainst(lastSession.report);
   if (active && now?.need === "drifted") return card(`The newest session speaks against the active set. ${capital(now.reason)}. The cell runs this set until another one is released, or it is withdrawn.`, since && link("a.button.primary", `#/jobs/${since.job_id}`, "Review the newer result"), link(since ? "a.button" : "a.button.primary", `#/jobs/${now.need_job_id}`, "Look at that session"),
     verify(active), may("identify") && link("a.button", `#/robots/${robot.id}/upload`, "Calibrate anew"), may("release") && link("a.button", `#/jobs/${active.job_id}`, "Withdraw the set"));
-  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
+  if (review) return card([active ? "A newer result waits for a review: release it, or keep the active set. " : "The newest result waits for a review. ", found && !active ? `A later session speaks against it: ${found}. ` : "", releasable(review, sets, now, signal)], link("a.button.primary", `#/jobs/${review.job_id}`, "Review the result"), verify(review));
   if (!lastSession) return card("The active set was not verified by another session yet. Measure some 20 to 30 other poses: only that shows a wrong tool, base or scale.", verify(active, "a.button.primary"), link("a.button", `#/robots/${robot.id}/plan`, "Plan the poses to measure"));
   return card("The active set is in force, and the newest session agrees with it. Verify it with a short session from time to time.", link("a.button.primary", `#/robots/${robot.id}/correct`, "Correct a program"), verify(active));
 }
 
-/** Whether a release would be accepted, by the gates. Large sets take them long, so these are not asked here. */
-function releasable(set, sets, signal) {
+/** Whether a release would be accepted, by the gates. Large sets take them long, so of these only what stored facts decide is told, as in the list. */
+function releasable(set, sets, now, signal) {
   const said = el("span", {}, "Its page says what a release still asks for.");
   const tell = (isAccepted, gates) => fill(said, isAccepted ? "A release would be accepted now." : `A release would be refused now${gates.length > 0 ? `: ${gates.map((gate) => gateTitle({ gate, passed: false }).replace(/^./, (c) => c.toLowerCase())).join("; ")}` : ""}.`);
+  if (now?.newest?.id === set.id && now.newest.refused_by) tell(false, [now.newest.refused_by]);
   if (sets.every(({ n_points: n }) => n <= SOON_JUDGED)) get(`/v1/parameter-sets/${set.id}/gates`, signal).then((found) => tell(found.releasable, found.gates.filter((gate) => !gate.passed).map(({ gate }) => gate)), () => { /* its page says so, too */ });
   return said;
 }
@@ -259,7 +260,7 @@ function jobTable(jobs) {
 function setTable(sets) {
   const columns = [
     ["Name", (set) => set.name ?? "without a name", "name"],
-    ["Uploaded", (set) => [when(set.created_at), ...[set.record?.measured_at && `measured ${when(set.record.measured_at)}`, set.record?.instrument_name, set.record?.operator].filter(Boolean).map((text) => el("small.quiet", {}, text))], "name"],
+    ["Uploaded", (set) => [when(set.created_at), ...[set.record?.measured_at && measuredAt(set.record), set.record?.instrument_name, set.record?.operator].filter(Boolean).map((text) => el("small.quiet", {}, text))], "name"],
     ["Frame", (set) => (set.frame === "base" ? "robot base" : "instrument")],
     ["Points", (set) => count(set.n_points), "n"],
     ["Configurations", (set) => count(set.n_configurations), "n"],

@@ -2,7 +2,7 @@
 
 import { each, get, list } from "./api.js";
 import { el, fill, problem, table } from "./dom.js";
-import { age, capital, error, EVIDENCE, mm, signed, when } from "./format.js";
+import { age, capital, error, EVIDENCE, gateTitle, mm, signed, when } from "./format.js";
 import { newRobot } from "./new_robot.js";
 
 /** Robots that are shown at first, and how many more each click shows. */
@@ -180,10 +180,18 @@ export function standing(robot) {
   return [runs && badge("calibrating", "wait", robot.last_job.id), runs && " ", !(runs && robot.need === "calibrate") && badge(text, kind, isUrgent(robot) && robot.need_job_id)];
 }
 
+/** Whether a release of the newest result would be refused, as far as stored facts decide it; nothing where no result waits. */
+function releaseOf({ need, newest, active }) {
+  const isOlder = active !== undefined && newest !== undefined && newest.created_at < active.created_at;
+  if (newest?.status !== "candidate" || need === "check_robot" || isOlder) return false;
+  const refused = newest.refused_by && gateTitle({ gate: newest.refused_by, passed: false });
+  return el("small.quiet", {}, refused ? [el("strong", {}, "Release refused"), `: ${refused.replace(/^./, (c) => c.toLowerCase())}`] : "No stored fact forbids its release");
+}
+
 function badges(robot, state) {
   const reason = reasonOf(robot, state);
   const isLinked = robot.need_job_id && isUrgent(robot);
-  return [standing(robot), reason && !(isRunning(robot.last_job) && !isLinked) && el(isLinked ? "small" : "small.quiet", {}, el(isLinked ? "a" : "span", { href: isLinked && `#/jobs/${robot.need_job_id}`, "data-reason": robot.robot_id }, reason))];
+  return [standing(robot), reason && !(isRunning(robot.last_job) && !isLinked) && el(isLinked ? "small" : "small.quiet", {}, el(isLinked ? "a" : "span", { href: isLinked && `#/jobs/${robot.need_job_id}`, "data-reason": robot.robot_id }, reason)), releaseOf(robot)];
 }
 
 function errorCell(robot) {
@@ -204,7 +212,7 @@ function robotTable(robots, state, empty) {
     ["Drift", (r) => el("span", { "data-drift": r.robot_id }, driftCell(r, state)), "n"],
     ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
   ];
-  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified.";
+  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified. Release: by what is stored; the page of a result asks all gates.";
   return table(caption, columns, robots, empty);
 }
 

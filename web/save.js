@@ -34,17 +34,16 @@ export const savePoints = (text, set, label) => saveButton(text, `/v1/measuremen
 /** Offers what a path answers as a file; a plain link could not send the key. */
 async function save(path, stem, ending) {
   const content = await blob(path);
-  const url = URL.createObjectURL(content);
-  const link = document.createElement("a");
-  link.href = url;
-  link.download = stem + (ending ?? ENDINGS[content.type.split(";")[0].trim()] ?? "");
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  offer(content, stem + (ending ?? ENDINGS[content.type.split(";")[0].trim()] ?? ""));
 }
 
 /** Offers a text as a file. */
-export function saveText(text, name, type) {
-  const url = URL.createObjectURL(new Blob([text], { type }));
+export const saveText = (text, name, type) => offer(new Blob([text], { type }), name);
+/** Offers bytes as a file. */
+export const saveBytes = (bytes, name) => offer(new Blob([bytes]), name);
+
+function offer(content, name) {
+  const url = URL.createObjectURL(content);
   const link = document.createElement("a");
   link.href = url;
   link.download = name;

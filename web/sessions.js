@@ -1,7 +1,7 @@
 // The sessions that a job fitted together: which they are, what each of them has, and whether they are one robot in one state.
 
 import { el, table } from "./dom.js";
-import { count, mm, number, when } from "./format.js";
+import { count, measuredAt, mm, number, when } from "./format.js";
 
 /** The measurement sets of a job in the order of its rows. */
 export const setIds = ({ request, measurement_set_id: one }) => request?.measurement_set_ids ?? [one];
@@ -33,7 +33,7 @@ export function sessionsCard({ pooled }, sets) {
   if (!pooled) return [];
   const rows = pooled.sessions.map((found, i) => ({ ...found, set: sets[i], at: i + 1 }));
   const columns = [
-    ["Session", (row) => [`${row.at}. ${row.set.name ?? "without a name"}`, el("small.quiet", {}, row.set.record?.measured_at ? `measured ${when(row.set.record.measured_at)}` : `uploaded ${when(row.set.created_at)}`)], "name"],
+    ["Session", (row) => [`${row.at}. ${row.set.name ?? "without a name"}`, el("small.quiet", {}, row.set.record?.measured_at ? measuredAt(row.set.record) : `uploaded ${when(row.set.created_at)}`)], "name"],
     ["Points", (row) => count(row.n_points), "n"], ["Rows of the report", (row) => `${row.first_row} to ${row.first_row + row.n_points - 1}`, "n"],
     ["Noise of a coordinate", (row) => (row.noise_std_mm === undefined ? "as the others" : mm(row.noise_std_mm)), "n"],
     ["Identify, rms", (row) => mm(row.identify_rms_mm), "n"], ["Verify, rms", (row) => mm(row.verify_rms_mm), "n"],

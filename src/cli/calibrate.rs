@@ -30,6 +30,7 @@ use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::{self, MeasurementSet};
 use crate::wire::report_shape::Report;
 use crate::wire::robot::RobotBody;
+use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use crate::wire::understood::Reading;
 use crate::wire::{Issue, Problem, canonical};
@@ -100,6 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let insisted_on = all().find_map(|session| session.insisted_on);
     let record = arguments.set_options.record.record().checked();
     let record = record.map_err(|invalid| Usage(faults(&invalid.issues)))?;
+    let record = SessionRecord::of_set(record, &first.set);
     let parts = JobParts {
         robot,
         set: first.set.clone(),

@@ -4,11 +4,12 @@ use super::client::ServerArguments;
 use super::column_options::ColumnOptions;
 use super::files::{cannot_be_used, read, read_json};
 use super::numbers::three_mm;
-use super::program::{Program, ProgramTarget};
+use super::program;
 use super::subject::item;
 use super::terminal;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
+use crate::operations::program::ProgramTarget;
 use crate::operations::{self, Correctable};
 use crate::wire::compensate::{
     Base, CompensateAnswer, CompensateBody, ErrorFrame, LeftOut, MAX_TARGETS_PER_REQUEST, Mode,
@@ -70,9 +71,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.is_some() && arguments.tool_mm.is_some() {
         return Err(Usage("the tool is either a reflector or a tool centre point: give --target or --tool-mm, not both".into()).into());
     }
-    let program = Program::parse(path, &read(path)?, &arguments.columns.body()?)?;
-    program
-        .notes
+    let program = program::parse(path, &read(path)?, &arguments.columns.body()?)?;
+    program::notes(&program)
         .iter()
         .for_each(|note| eprintln!("{}", plain(note)));
     eprintln!(
@@ -80,8 +80,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     );
     let targets = program.targets();
     let part = |(i, part): (usize, &[_])| {
-        correct(arguments, part)
-            .map_err(|error| program.with_file_rows(error, path, i * MAX_TARGETS_PER_REQUEST))
+        correct(arguments, part).map_err(|error| {
+            program::with_file_rows(&program, error, path, i * MAX_TARGETS_PER_REQUEST)
+        })
     };
     let mut parts = targets
         .chunks(MAX_TARGETS_PER_REQUEST)
@@ -105,7 +106,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in &answer.warnings {
         let lines = match warning.rows.is_empty() {
             true => String::new(),
-            false => format!(" (lines {})", program.lines(&warning.rows)),
+            false => format!(" (lines {})", program::lines(&program, &warning.rows)),
         };
         eprintln!("warning ({}): {}{lines}", warning.code, warning.detail);
     }
@@ -134,7 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 "warning: {} of {} targets are {what} (lines {})",
                 found.len(),
                 statuses.len(),
-                program.lines(&found)
+                program::lines(&program, &found)
             );
         }
     }

@@ -52,6 +52,7 @@ impl RecordOptions {
     pub fn record(&self) -> SessionRecord {
         SessionRecord {
             measured_at: self.measured_at.clone(),
+            measured_at_of_points: false,
             instrument_name: self.instrument_name.clone(),
             instrument_certificate: self.instrument_certificate.clone(),
             operator: self.operator.clone(),

@@ -61,6 +61,7 @@ pub async fn history(
             parameters,
             verify_rms_mm: verify.map(|verify| verify.corrected.unwrap_or(verify.after).rms_mm),
             changed: changed.unwrap_or_default(),
+            job_archived_at: answer.job_archived_at,
         });
     }
     let trend = trend(&app, &robot_id).await?;

@@ -77,7 +77,7 @@ pub struct UploadQuery {
     /// True if the poses are those of a fixed board as a camera on the arm sees it: they are inverted, and the measuring frame is the board's. Needs the
     /// frame `instrument`.
     inverse_poses: Option<bool>,
-    /// When the session was measured: RFC 3339. It is shown in place of the time of the upload.
+    /// When the session was measured: RFC 3339. It is shown in place of the time of the upload. Default: the earliest `measured_at` of the points.
     #[param(example = "2026-03-01T08:15:30Z")]
     measured_at: Option<String>,
     /// Instrument, for quality records: maker, model, serial number.
@@ -97,6 +97,7 @@ impl UploadQuery {
     fn record(&self) -> SessionRecord {
         SessionRecord {
             measured_at: self.measured_at.clone(),
+            measured_at_of_points: false,
             instrument_name: self.instrument_name.clone(),
             instrument_certificate: self.instrument_certificate.clone(),
             operator: self.operator.clone(),
@@ -163,14 +164,11 @@ pub async fn create(
     let record = query.record().checked()?;
     let mut upload = app
         .compute(submission.caller.class, move || {
-            parse_upload(&robot, &bytes, content_type, &columns, query)
+            parse_upload(&robot, &bytes, content_type, &columns, (query, record))
         })
         .await?;
     if reference.is_some() {
         upload.reading.get_or_insert_default().reference = reference;
-    }
-    if record.is_some() {
-        upload.reading.get_or_insert_default().record = record;
     }
     let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
@@ -248,7 +246,7 @@ fn parse_upload(
     bytes: &Bytes,
     content_type: String,
     columns: &ColumnsBody,
-    query: UploadQuery,
+    (query, record): (UploadQuery, Option<SessionRecord>),
 ) -> Result<Upload, Error> {
     let serial_number = query.serial_number.clone();
     check_serial_number(body, serial_number.as_deref())?;
@@ -286,6 +284,9 @@ fn parse_upload(
     if query.inverse_poses == Some(true) {
         set = measurement::inverted(set)?;
         reading.get_or_insert_default().inverse_poses = true;
+    }
+    if let Some(record) = SessionRecord::of_set(record, &set) {
+        reading.get_or_insert_default().record = Some(record);
     }
     let mut checker = Checker::default();
     name.iter()

@@ -5,18 +5,24 @@ use crate::http::extract::Query;
 use crate::http::history::trend;
 use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error};
+use crate::jobs::evidence::session;
 use crate::release::guard_band::rule_in_force;
 use crate::release::may_have_trend;
 use crate::release::needs::{NeedFacts, need};
+use crate::release::stored_facts::{StoredFacts, refused_by};
 use crate::store::overview::{self, OverviewRow};
+use crate::store::{VerificationRow, verifications};
 use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ParameterSetStatus;
+use crate::wire::policy::PolicyBody;
+use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::time::rfc3339;
-use crate::wire::verification::Fit;
+use crate::wire::verification::{Fit, VerificationKind};
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// Every robot with its most urgent need and the reason. Newest robots first; a client can sort by the need.
 #[utoipa::path(
@@ -29,14 +35,23 @@ pub async fn list(
     Query(query): Query<NamedListQuery>,
 ) -> Result<Json<Page<RobotOverview>>, Error> {
     let found = overview::list(&app.store, caller.robots.as_deref(), &query.request()?).await?;
+    let ids: Vec<&str> = found.page.items.iter().map(|row| row.id.as_str()).collect();
+    let mut facts_of: BTreeMap<String, Vec<VerificationRow>> = BTreeMap::new();
+    for facts in verifications::of_newest_sets(&app.store, &ids).await? {
+        if let Some(set) = facts.parameter_set_id.clone() {
+            facts_of.entry(set).or_default().push(facts);
+        }
+    }
     let mut items = Vec::with_capacity(found.page.items.len());
     for row in found.page.items {
+        let of_newest = row.newest_id.as_ref().and_then(|id| facts_of.remove(id));
+        let refused_by = first_refusal(&row, of_newest.unwrap_or_default())?;
         let days_to_limit = if may_have_trend(row.n_sessions) {
             trend(&app, &row.id).await?.days_to_limit
         } else {
             None
         };
-        items.push(robot(row, days_to_limit)?);
+        items.push(robot(row, days_to_limit, refused_by)?);
     }
     Ok(Json(Page {
         items,
@@ -52,7 +67,47 @@ struct Document {
     serial_number: Option<String>,
 }
 
-fn robot(row: OverviewRow, days_to_limit: Option<f64>) -> Result<RobotOverview, Error> {
+/// The first gate that refuses the newest set by stored facts, if the set is a candidate.
+fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Option<String>, Error> {
+    if row.newest_status != Some(ParameterSetStatus::Candidate) {
+        return Ok(None);
+    }
+    let is_session = |facts: &VerificationRow| facts.found.kind == VerificationKind::Session;
+    let (sessions, identified): (Vec<_>, Vec<_>) = of_set.into_iter().partition(is_session);
+    let Some(identified) = identified.into_iter().next() else {
+        return Ok(None);
+    };
+    // with 0 no session is too old: its age is not looked up here, so that it never refuses
+    let sessions = sessions.into_iter();
+    let sessions: Vec<_> = sessions
+        .map(|facts| session(identified.frame, 0, facts))
+        .collect();
+    let body: RobotBody = serde_json::from_str(&row.body_json)?;
+    let policy = PolicyBody {
+        tolerance_mm: row.tolerance_mm,
+        decision_rule: rule_in_force(row.decision_rule, row.policy_version > 0),
+        independent_session_required: row.independent_session_required,
+        second_person_required: false,
+    };
+    Ok(refused_by(&StoredFacts {
+        robot: &Robot::try_from(&body)?,
+        check_job_id: row.check_job_id.as_deref(),
+        check_seq: row.check_seq,
+        checked_seq: row.checked_seq,
+        identification: &identified.found,
+        identification_seq: identified.seq,
+        sessions: &sessions,
+        has_other_joint_map: row.newest_has_other_joint_map,
+        insisted_on: row.newest_insisted_on.as_deref(),
+        policy: &policy,
+    }))
+}
+
+fn robot(
+    row: OverviewRow,
+    days_to_limit: Option<f64>,
+    refused_by: Option<String>,
+) -> Result<RobotOverview, Error> {
     let Document { serial_number } = serde_json::from_str(&row.body_json)?;
     let facts = facts(&row, days_to_limit);
     let (need, reason) = need(&facts);
@@ -83,6 +138,7 @@ fn robot(row: OverviewRow, days_to_limit: Option<f64>) -> Result<RobotOverview, 
             before_rms_mm: row.active_before_rms_mm,
             after_rms_mm: row.active_after_rms_mm,
             evidence: row.active_evidence,
+            refused_by: None,
         });
     let newest = row.newest_id.zip(row.newest_job_id).zip(row.newest_status);
     let newest = newest.map(|((id, job_id), status)| SetOverview {
@@ -94,6 +150,7 @@ fn robot(row: OverviewRow, days_to_limit: Option<f64>) -> Result<RobotOverview, 
         before_rms_mm: row.newest_before_rms_mm,
         after_rms_mm: row.newest_after_rms_mm,
         evidence: row.newest_evidence,
+        refused_by,
     });
     let last_job = row.job_id.zip(row.job_kind).zip(row.job_status);
     let last_job = last_job.map(|((id, kind), status)| JobOverview {

@@ -220,6 +220,7 @@ impl TryFrom<ParameterSetRow> for ParameterSetAnswer {
                 .map(serde_json::from_str)
                 .transpose()?,
             archived_at: row.archived_at_ms.map(rfc3339),
+            job_archived_at: row.job_archived_at_ms.map(rfc3339),
         })
     }
 }

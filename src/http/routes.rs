@@ -102,6 +102,7 @@ pub const ROUTES: &[Route] = table! {
     POST   "/v1/parameter-sets/{id}/archive"                    archive::archive_parameter_set           Release  Write       key [409];
     GET    "/v1/parameter-sets/{id}/compare"                    history::compare                         Read     CostlyRead  [422];
     POST   "/v1/parameter-sets/{id}/compensate"                 compensate::compensate                   Read     Calculation;
+    POST   "/v1/parameter-sets/{id}/compensate-program"         compensate::program                      Read     Calculation;
     GET    "/v1/parameter-sets/{id}/content"                    parameter_sets::get_content              Read     Read;
     GET    "/v1/parameter-sets/{id}/export"                     export::get                              Read     CostlyRead  [409 422];
     POST   "/v1/parameter-sets/{id}/export"                     export::patch_urdf                       Read     Calculation [409];

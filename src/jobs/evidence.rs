@@ -16,7 +16,7 @@ use crate::store::verifications::LaterSession;
 use crate::store::{
     ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
 };
-use crate::wire::measurement::MeasurementSet;
+use crate::wire::measurement::{Frame, MeasurementSet};
 use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::report_shape::Evidence;
 use crate::wire::report_summary::{ReportPoints, ReportSummary};
@@ -173,7 +173,9 @@ pub fn parse(stored: EvidenceRows) -> std::result::Result<ParsedEvidence, Unread
     for row in stored.rows {
         match row.found.kind {
             VerificationKind::Identification => identification = Some(row),
-            VerificationKind::Session => sessions.push(session(&request, since, row)),
+            VerificationKind::Session => {
+                sessions.push(session(request.set.frame, since, row));
+            }
         }
     }
     let identified =
@@ -251,8 +253,9 @@ fn points_of_upload(
         .map_err(|_| Unreadable(format!("the upload {}", upload.row.id)))
 }
 
-fn session(request: &CalibrationRequest, since: i64, row: VerificationRow) -> Session {
-    let is_base_hidden = hides_base(request.set.frame, row.frame);
+/// A session from its facts. `frame` is that of the points that the set was identified from; `since` as [`current_since`] returns it.
+pub fn session(frame: Frame, since: i64, row: VerificationRow) -> Session {
+    let is_base_hidden = hides_base(frame, row.frame);
     Session {
         job_id: row.job_id,
         measurement_set_id: row.measurement_set_id,

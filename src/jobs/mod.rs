@@ -8,7 +8,7 @@ pub mod backfill;
 pub mod blocking;
 mod compute;
 pub mod estimate;
-mod evidence;
+pub mod evidence;
 pub mod execution;
 mod heartbeat;
 mod measured_since;

@@ -312,12 +312,15 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
         Column::Target => point.target = index(cell, MAX_TARGETS - 1)?,
         Column::TargetName => point.target_name = Some(label(cell)?),
         Column::Subset => point.subset = subset(cell)?,
-        Column::MeasuredAt if (reading.is_time)(&label(cell)?) => {}
         Column::MeasuredAt => {
-            return Err((
-                "not_a_time",
-                format!("{cell:?} is not a time; write it as {EXAMPLE_OF_A_TIME}"),
-            ));
+            let time = label(cell)?;
+            if !(reading.is_time)(&time) {
+                return Err((
+                    "not_a_time",
+                    format!("{cell:?} is not a time; write it as {EXAMPLE_OF_A_TIME}"),
+                ));
+            }
+            point.measured_at = Some(time);
         }
         Column::StdMm => {
             let std = number(cell, 1.0, MAX_STD_MM)?;

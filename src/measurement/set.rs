@@ -29,6 +29,8 @@ pub struct Point {
     pub session: Option<String>,
     /// Position in the measuring order; default: the row.
     pub sequence: i64,
+    /// When it was measured, as the file says it; new uploads state date, time and offset from UTC.
+    pub measured_at: Option<String>,
     /// Air temperature at the robot, °C.
     pub temperature_c: Option<f64>,
     /// In a file of sweeps: the joint that moves, 1-based.
@@ -68,6 +70,7 @@ impl Point {
             station: None,
             session: None,
             sequence: row as i64,
+            measured_at: None,
             temperature_c: None,
             sweep_joint: None,
             rotation: None,

@@ -12,6 +12,7 @@ mod import_table;
 mod plan_poses;
 mod posture;
 mod predict;
+pub mod program;
 pub mod robot_models;
 pub mod rotation_convention;
 mod table_preview;

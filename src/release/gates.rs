@@ -58,6 +58,26 @@ pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
     gates
 }
 
+/// The first gate that refuses the set, of those that facts in columns decide: they read report and content for their texts only.
+pub fn first_refusal_by_stored_facts(facts: &Facts<'_>) -> Option<Gate> {
+    let by_columns: [fn(&Facts<'_>) -> Gate; 11] = [
+        not_insisted,
+        fits,
+        check_robot,
+        verified,
+        errors_improved,
+        uncertainty,
+        errors_within_tolerance,
+        sessions_fit,
+        better_than_nominal,
+        measured_since_check,
+        evidence,
+    ];
+    let gates = by_columns.iter().map(|gate| gate(facts));
+    let mut gates = joint_map(facts).into_iter().chain(gates);
+    gates.find(|gate| !gate.passed)
+}
+
 fn withdrawn(facts: &Facts<'_>) -> Option<Gate> {
     let detail = "the set was withdrawn, which is final: identify again, or release another set";
     facts

@@ -16,6 +16,7 @@ mod robot_gates;
 mod same_values;
 mod session_gates;
 mod sessions;
+pub mod stored_facts;
 mod suspicions;
 mod texts;
 mod tolerance_gates;

@@ -63,8 +63,13 @@ fn measured(record: &SessionRecord) -> String {
     let certificate = certificate.map_or(String::new(), |text| format!(", certificate {text}"));
     let instrument = record.instrument_name.as_deref();
     let instrument = instrument.map(|name| format!("with {name}{certificate}"));
+    let of_points = match record.measured_at_of_points {
+        true => " (the earliest time of its points)",
+        false => "",
+    };
+    let at = record.measured_at.as_deref().map(time);
     let words = [
-        record.measured_at.as_deref().map(time),
+        at.map(|at| format!("{at}{of_points}")),
         record.operator.as_deref().map(|name| format!("by {name}")),
         instrument,
     ];

@@ -35,6 +35,7 @@ pub mod measurement_sets;
 mod migration;
 pub mod named_documents;
 pub mod networks;
+mod newest_set;
 pub mod notices;
 mod open;
 pub mod overview;

@@ -2,6 +2,7 @@
 //! whole page of robots.
 
 use super::from_row::row;
+use super::newest_set::newest_set;
 use super::{JobStatus, ListRequest, Listed, Page, Result, Store, robots};
 use crate::wire::job::Kind;
 use crate::wire::parameter_set::ParameterSetStatus;
@@ -20,8 +21,12 @@ row! {
         pub body_json: String,
         pub created_at_ms: i64,
         pub check_job_id: Option<String>,
+        pub check_seq: i64,
+        pub checked_seq: i64,
         pub tolerance_mm: Option<f64>,
         pub decision_rule: Option<DecisionRule>,
+        pub independent_session_required: bool,
+        pub policy_version: i64,
         pub active_id: Option<String>,
         pub active_job_id: Option<String>,
         pub active_created_at_ms: Option<i64>,
@@ -37,6 +42,8 @@ row! {
         pub newest_before_rms_mm: Option<f64>,
         pub newest_after_rms_mm: Option<f64>,
         pub newest_evidence: Option<Evidence>,
+        pub newest_insisted_on: Option<String>,
+        pub newest_has_other_joint_map: bool,
         pub session_job_id: Option<String>,
         pub session_created_at_ms: Option<i64>,
         pub session_rms_mm: Option<f64>,
@@ -56,14 +63,23 @@ row! {
 
 // $1 is a comma-separated list of robot ids, at most one page. The newest rows are found through the indexes of their tables. What is archived, or
 // came from an archived job, asks for nothing.
-const LIST: &str = "
+const LIST: &str = concat!(
+    "
     select r.id as id, r.name as name, r.body_json as body_json, r.created_at_ms as created_at_ms, r.check_job_id as check_job_id,
+        r.check_seq as check_seq, r.checked_seq as checked_seq,
         y.tolerance_mm as tolerance_mm, y.decision_rule as decision_rule,
+        coalesce(y.independent_session_required, 0) as independent_session_required, coalesce(y.version, 0) as policy_version,
         a.id as active_id, a.job_id as active_job_id, a.created_at_ms as active_created_at_ms, a.released_at_ms as active_released_at_ms,
         va.before_rms_mm as active_before_rms_mm, va.after_rms_mm as active_after_rms_mm, va.evidence as active_evidence,
         n.id as newest_id, n.job_id as newest_job_id, n.status as newest_status, n.created_at_ms as newest_created_at_ms,
         n.released_at_ms as newest_released_at_ms,
         vn.before_rms_mm as newest_before_rms_mm, vn.after_rms_mm as newest_after_rms_mm, vn.evidence as newest_evidence,
+        coalesce((select m.insisted_on from job k join measurement_set m on m.id = k.measurement_set_id where k.id = n.job_id),
+            (select min(m.insisted_on) from job_session k join measurement_set m on m.id = k.measurement_set_id where k.job_id = n.job_id))
+            as newest_insisted_on,
+        case when coalesce((select v.joint_map_version from job_robot_version k join robot_version v on v.version = k.version
+            where k.job_id = n.job_id and v.robot_id = n.robot_id), 1) = r.joint_map_version
+            then cast(0 as bigint) else cast(1 as bigint) end as newest_has_other_joint_map,
         s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm,
         s.after_expanded_mm as session_expanded_mm, s.fit as session_fit, s.before_rms_mm as session_before_rms_mm,
         case when s.is_better = 0 and s.evidence <> 'none' then cast(0 as bigint) else cast(1 as bigint) end as session_is_better,
@@ -74,15 +90,17 @@ const LIST: &str = "
     left join robot_policy y on y.robot_id = r.id
     left join parameter_set a on a.robot_id = r.id and a.status = 'released'
     left join verification va on va.job_id = a.job_id
-    left join parameter_set n on n.id = (select p.id from parameter_set p where p.robot_id = r.id and p.status <> 'withdrawn'
-        and not exists (select 1 from archived x where x.id in (p.id, p.job_id)) order by p.created_at_ms desc, p.id desc limit 1)
+    left join parameter_set n on n.id = ",
+    newest_set!(),
+    "
     left join verification vn on vn.job_id = n.job_id
     left join verification s on s.job_id = (select w.job_id from verification w where w.parameter_set_id = a.id and w.kind = 'session'
         and w.fit <> 'does_not_fit' order by w.seq desc limit 1)
     left join job sj on sj.id = s.job_id
     left join job j on j.id = (select k.id from job k where k.robot_id = r.id
         and not exists (select 1 from archived x where x.id = k.id) order by k.created_at_ms desc, k.id desc limit 1)
-    where replace($1, r.id, '') <> $1";
+    where replace($1, r.id, '') <> $1"
+);
 
 /// A page of the list of robots, with the facts that decide what each robot needs next. `only` limits the list to the robots that a key may see.
 pub async fn list(

@@ -57,6 +57,8 @@ row! {
         pub supersedes_id: Option<String>,
         /// When it was archived.
         pub archived_at_ms: Option<i64>,
+        /// When its job was archived.
+        pub job_archived_at_ms: Option<i64>,
         /// Version of the robot that the set was identified with.
         pub robot_version: i64,
         /// Version of the robot's joint map that the set was identified with.

@@ -85,6 +85,7 @@ macro_rules! columns {
          (select k.name from api_key k where k.id = parameter_set.released_by) as released_by_name,
          (select k.name from api_key k where k.id = parameter_set.withdrawn_by) as withdrawn_by_name,
          (select a.archived_at_ms from archived a where a.id = parameter_set.id) as archived_at_ms,
+         (select a.archived_at_ms from archived a where a.id = parameter_set.job_id) as job_archived_at_ms,
          coalesce((select v.version from job_robot_version v where v.job_id = parameter_set.job_id), 1) as robot_version, ", joint_map_version!(), " as joint_map_version")
     };
 }

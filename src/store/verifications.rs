@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::audit::{ExpectedEntry, audited};
 use super::from_row::{from_row, row};
+use super::newest_set::newest_set;
 use super::policies::ABSENT;
 use super::read;
 use super::{AuditEvent, Result, Store, Tx};
@@ -152,6 +153,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     OF_JOB,
     OF_SET,
+    OF_NEWEST_SETS,
     COUNT,
     LATER_SESSIONS,
     N_WITHOUT_FACTS,
@@ -177,6 +179,14 @@ const INSERT: &str = "
 const OF_JOB: &str = concat!(rows!(), " where v.job_id = $1");
 
 const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v.seq");
+
+// $1 is a comma-separated list of robot ids, at most one page.
+const OF_NEWEST_SETS: &str = concat!(
+    rows!(),
+    " where v.parameter_set_id in (select ",
+    newest_set!(),
+    " from robot r where replace($1, r.id, '') <> $1) order by v.parameter_set_id, v.seq"
+);
 
 // Counts the facts of the whole robot, because a later session of another set matters as well.
 const COUNT: &str = "select count(*) from verification where robot_id = (select robot_id from parameter_set where id = $1)";
@@ -289,6 +299,15 @@ pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<Verific
         .bind(parameter_set_id)
         .fetch_all(store.readers())
         .await?)
+}
+
+/// All facts of the newest set of each of these robots, as the overview has it: those of one set follow each other, in order.
+///
+/// # Errors
+/// [`super::Error::Database`].
+pub async fn of_newest_sets(store: &Store, robot_ids: &[&str]) -> Result<Vec<VerificationRow>> {
+    let query = sqlx::query_as(OF_NEWEST_SETS).bind(format!(",{}", robot_ids.join(",")));
+    Ok(query.fetch_all(store.readers()).await?)
 }
 
 /// Number of facts of a set's robot.

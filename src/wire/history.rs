@@ -41,6 +41,9 @@ pub struct HistoryItem {
     /// Significant changes since the previous session, in units of their standard uncertainty. Empty if no change is significant, or if there was no
     /// previous session.
     pub changed: Vec<ChangeReport>,
+    /// When the job that identified it was archived: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub job_archived_at: Option<String>,
 }
 
 /// Differences between two parameter sets of one robot.

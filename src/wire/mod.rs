@@ -9,6 +9,7 @@ pub mod check;
 pub mod columns;
 pub mod compensate;
 pub mod content_type;
+pub mod corrected_program;
 pub mod corrections;
 pub mod estimate;
 pub mod export;

@@ -50,6 +50,12 @@ pub struct SetOverview {
     /// Strength of this verification; null if it is not known.
     #[schema(required)]
     pub evidence: Option<Evidence>,
+    /// Of a candidate: the first gate that refuses its release now, of the gates that stored facts decide: `joint_map_changed`,
+    /// `upload_not_insisted`, `fits`, `check_robot`, `verified`, `verify_errors_improved`, `uncertainty_within_tolerance`,
+    /// `verify_errors_within_tolerance`, `sessions_fit`, `sessions_better_than_nominal`, `measured_since_check`, `evidence`. Absent if none of them
+    /// does. The other gates read points and documents; `GET /v1/parameter-sets/{id}/gates` decides all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused_by: Option<String>,
 }
 
 /// The newest job of a robot in the overview.

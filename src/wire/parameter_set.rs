@@ -144,6 +144,9 @@ pub struct ParameterSetAnswer {
     /// When it was archived: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
+    /// When the job that identified it was archived: RFC 3339, UTC. Such a set waits for no decision.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub job_archived_at: Option<String>,
 }
 
 impl From<&CalibrationReport> for ParameterSetContent {

@@ -212,6 +212,7 @@ impl PointBody {
             station: self.station.clone(),
             session: self.session.clone(),
             sequence: self.sequence.unwrap_or(row as i64),
+            measured_at: self.measured_at.clone(),
             temperature_c: self.temperature_c,
             sweep_joint: None,
             rotation: self.quaternion.and_then(|q| unit_quaternion(q).ok()),

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// The facts that are read from a summary. The fields are as in [`crate::wire::report_shape::Report`]. A whole report can also be read as a summary.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[allow(missing_docs)] // as in the report
 pub struct ReportSummary {
     pub verify: Option<SubsetReport>,

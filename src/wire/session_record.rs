@@ -1,17 +1,21 @@
 //! When, by whom and with what a session was measured: facts for quality records. Nothing is computed from them.
 
+use crate::measurement::MeasurementSet;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::robot::MAX_NAME;
 use crate::wire::time::in_utc;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// When, by whom and with what a session was measured, as the upload states it.
+/// When, by whom and with what a session was measured, as the upload or its points state it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SessionRecord {
     /// When the session was measured: RFC 3339, UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_at: Option<String>,
+    /// True if the upload did not state `measured_at`: it is the earliest `measured_at` of its points.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub measured_at_of_points: bool,
     /// Instrument: maker, model, serial number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument_name: Option<String>,
@@ -49,6 +53,24 @@ impl SessionRecord {
         }
         checker.finish("invalid_session_record")?;
         Ok((self != Self::default()).then_some(self))
+    }
+
+    /// The record of an upload; `None` if neither the record nor a point of the set states anything. Where the record has no time, the session was
+    /// measured at the earliest time of its points.
+    pub fn of_set(stated: Option<Self>, set: &MeasurementSet) -> Option<Self> {
+        if stated.as_ref().is_some_and(|of| of.measured_at.is_some()) {
+            return stated;
+        }
+        let times = set.points.iter().filter_map(|p| p.measured_at.as_deref());
+        // in UTC and of one length, so that the order of the texts is that of the times
+        let Some(first) = times.filter_map(in_utc).min() else {
+            return stated;
+        };
+        Some(Self {
+            measured_at: Some(first),
+            measured_at_of_points: true,
+            ..stated.unwrap_or_default()
+        })
     }
 
     /// Names and values of what is stated, for a query.

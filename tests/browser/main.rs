@@ -375,6 +375,11 @@ fn what_the_service_says_stands_on_the_pages() {
                 .contains("The verification is not strong enough: ")
         );
         browser.button("Not now").await.click().await.unwrap();
+        // The list says so, too.
+        browser.go("/#/").await;
+        browser
+            .until_it_says("Release refused: the verification is not strong enough")
+            .await;
         browser.assert_quiet(&[409]).await;
     });
     let (_, still) = hall

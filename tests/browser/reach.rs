@@ -283,6 +283,73 @@ fn tools_and_work_frames_are_kept_and_cartesian_targets_corrected() {
     });
 }
 
+/// The service reads a program and writes it again; the page asks what its columns do not say, and offers the bytes as they came.
+#[test]
+fn a_program_comes_back_in_its_own_form_and_faults_name_its_lines() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 23", "ER20-0143");
+    let job = hall.calibrated(
+        &robot,
+        &hall.set(&robot, "first_noisy.csv", "first"),
+        "least_squares",
+    );
+    let set = job["parameter_set_id"].as_str().unwrap();
+    let key = hall.key(&["read"]);
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("Cell 23").await;
+        browser.go(&format!("/#/robots/{robot}/correct")).await;
+        browser.until_it_says("Correct a program").await;
+        let program = "# made offline\r\nName;A1;A2;A3;A4;A5;A6;Remark\r\nP1;10,5;-30;20;15;40;5;\"a; b\"\r\n\r\nP2;12;-30;20;15;40;5;\r\n";
+        let wrong = program.replace("12;-30", "12;zero");
+        give(browser, "#correct-file", "wrong.csv", &wrong).await;
+        browser.button("Correct").await.click().await.unwrap();
+        browser
+            .until_it_says("In which unit are the joint values?")
+            .await;
+        browser.button("Degrees").await.click().await.unwrap();
+        browser.until_it_says("zero").await;
+        give(browser, "#correct-file", "program.csv", program).await;
+        browser.button("Correct").await.click().await.unwrap();
+        browser
+            .until_it_says("In which unit are the joint values?")
+            .await;
+        browser.button("Degrees").await.click().await.unwrap();
+        browser.until_it_says("Largest error after").await;
+        let lines = "return [...document.querySelectorAll('tbody tr')].map((row) => row.cells[0].innerText)";
+        assert_eq!(browser.run(lines).await, json!(["3", "5"]));
+        browser.picture("corrected", Picture::Whole).await;
+        let folder = hall.folder.path().join("downloads");
+        browser.download_to(&folder).await;
+        browser
+            .button("Download the corrected program")
+            .await
+            .click()
+            .await
+            .unwrap();
+        let file = folder.join("program-corrected-for-trial.csv");
+        browser.until_there_is(&file).await;
+        let found = std::fs::read_to_string(&file).unwrap();
+        let q = json!({"q_deg": [[10.5, -30.0, 20.0, 15.0, 40.0, 5.0]]});
+        let path = format!("/v1/parameter-sets/{set}/compensate");
+        let body = q.to_string().into_bytes();
+        let (_, wanted) = in_place(|| hall.server.post(&path, "application/json", body));
+        let first = wanted["q_deg"][0][0].as_f64().unwrap();
+        let first = format!("{first:.7}").replace('.', ",");
+        assert!(
+            found.starts_with("# made offline\r\nName;A1;A2;A3;A4;A5;A6;Remark\r\nP1;")
+                && found.contains(&format!("P1;{first};"))
+                && found.contains(";\"a; b\"\r\n\r\nP2;"),
+            "{first}: {found}"
+        );
+        assert_eq!(browser.accessibility().await, Vec::<String>::new());
+        browser.assert_quiet(&[422]).await;
+    });
+}
+
 /// Puts a file into a field for files.
 async fn give(browser: &Browser, css: &str, name: &str, content: &str) {
     let content = json!(content);

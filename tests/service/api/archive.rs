@@ -26,6 +26,29 @@ async fn restore_it(app: &TestApp, path: &str) -> Answer {
 }
 
 #[tokio::test]
+async fn a_parameter_set_says_when_its_job_was_archived() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+    let job = format!("/v1/jobs/{}", text(&job["id"]));
+    let told = async || {
+        let one = app.get(&set).await.ok(200);
+        let mut all = vec![one["job_archived_at"].clone()];
+        for list in ["parameter-sets", "history"] {
+            let page = app.get(&format!("{robot}/{list}")).await.ok(200);
+            assert_eq!(page["total"], 1, "{list}: the set itself is not archived");
+            all.push(page["items"][0]["job_archived_at"].clone());
+        }
+        all
+    };
+    assert_eq!(told().await, vec![Value::Null; 3]);
+    let archived = archive_it(&app, &job).await.ok(200);
+    assert_eq!(told().await, vec![archived["archived_at"].clone(); 3]);
+    restore_it(&app, &job).await.ok(200);
+    assert_eq!(told().await, vec![Value::Null; 3]);
+}
+
+#[tokio::test]
 async fn archived_items_leave_the_lists_and_are_read_by_id_as_before() {
     let app = TestApp::with_workers(1).await;
     let (robot, set) = app.robot_with_set("first.csv").await;

@@ -1,5 +1,7 @@
 use crate::app::{TestApp, text};
 use crate::real_robot::{apply, rigid, shift, times};
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use serde_json::{Value, json};
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -97,6 +99,118 @@ async fn corrected_targets_are_predicted_where_the_nominal_robot_would_be() {
             );
         }
     }
+}
+
+#[tokio::test]
+async fn a_program_is_corrected_as_a_file_and_keeps_its_form() {
+    let app = TestApp::with_workers(1).await;
+    let set = parameter_set(&app).await;
+    let send = async |query: &str, body: Vec<u8>| {
+        let path = format!("{set}/compensate-program{query}");
+        app.post(&path, "text/csv", body).await
+    };
+    let text_of = |answer: &Value| {
+        let bytes = BASE64_STANDARD.decode(text(&answer["program_base64"]));
+        bytes.unwrap()
+    };
+    let q = [
+        [10.0, -30.0, 20.0, 15.0, 40.0, 5.0],
+        [-60.0, -50.0, 35.0, -20.0, -50.0, 100.0],
+    ];
+    let wanted = app
+        .post_json(&format!("{set}/compensate"), &json!({"q_deg": q}))
+        .await
+        .ok(200);
+
+    // semicolons, decimal commas, a comment, radians and a pose that stays
+    let radians = |q: &[f64; 6]| {
+        let cells = q.map(|q| f64::to_radians(q).to_string().replace('.', ","));
+        cells.join(";")
+    };
+    let header =
+        "# offline\r\nName;J1 [rad];J2 [rad];J3 [rad];J4 [rad];J5 [rad];J6 [rad];X;Y;Z\r\n";
+    let row = |name: &str, cells: &str| format!("{name};{cells};1,5;2;3\r\n");
+    let program = [
+        header.to_owned(),
+        row("weld ä", &radians(&q[0])),
+        row("P2", &radians(&q[1])),
+    ];
+    let answer = send("", program.concat().into_bytes()).await.ok(200);
+    assert_eq!(answer["lines"], json!([3, 4]));
+    assert_eq!(answer["left_columns"], json!(["X", "Y", "Z"]));
+    assert_eq!(answer["joint_columns"][5], "J6 [rad]");
+    let same = |found: &Value, expected: &Value| {
+        let (found, expected) = (rows(found), rows(expected));
+        assert_eq!(found.len(), expected.len());
+        let mut both = found.iter().flatten().zip(expected.iter().flatten());
+        assert!(
+            both.all(|(a, b)| (a - b).abs() < 1e-9),
+            "{found:?} {expected:?}"
+        );
+    };
+    same(&answer["corrected"]["q_deg"], &wanted["q_deg"]);
+    same(&answer["program_q_deg"], &json!(q));
+    let found = String::from_utf8(text_of(&answer)).unwrap();
+    assert!(
+        found.starts_with(header) && found.contains("weld ä;"),
+        "{found}"
+    );
+    assert!(found.ends_with(";1,5;2;3\r\n"), "{found}");
+    let cell = found.lines().nth(2).unwrap().split(';').nth(1).unwrap();
+    let radians: f64 = cell.replace(',', ".").parse().unwrap();
+    assert!((radians.to_degrees() - wanted["q_deg"][0][0].as_f64().unwrap()).abs() < 1e-6);
+
+    // the unit is asked, not guessed; with it the same targets
+    let plain = format!(
+        "J1,J2,J3,J4,J5,J6\n{}\n",
+        q[0].map(|q| q.to_string()).join(",")
+    );
+    let refused = send("", plain.clone().into_bytes()).await;
+    let refused = refused.problem(422, "invalid_measurements");
+    assert_eq!(refused["errors"][0]["code"], "missing_unit");
+    let answer = send(
+        "?columns=%7B%22joint_unit%22:%22deg%22%7D",
+        plain.into_bytes(),
+    );
+    let answer = answer.await.ok(200);
+    same(&answer["program_q_deg"], &json!([q[0]]));
+    same(&answer["corrected"]["q_deg"], &json!([wanted["q_deg"][0]]));
+
+    // Cartesian targets, with a tool of the query
+    let header = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n";
+    let near = q[0].map(|q| q.to_string()).join(",");
+    let cartesian = format!("{header}{near},900,100,700\n");
+    let query = "?mode=position&frame=base&tool_z_mm=120";
+    let answer = send(query, cartesian.into_bytes()).await.ok(200);
+    let target = json!({"position_mm": [900.0, 100.0, 700.0], "q_near_deg": q[0]});
+    let body = json!({"targets": [target], "mode": "position", "frame": "base", "tool": {"translation_mm": [0.0, 0.0, 120.0]}});
+    let wanted = app.post_json(&format!("{set}/compensate"), &body).await;
+    let wanted = wanted.ok(200);
+    same(&answer["corrected"]["q_deg"], &wanted["q_deg"]);
+    let x = format!(
+        "{:.5}",
+        wanted["poses"][0]["position_mm"][0].as_f64().unwrap()
+    );
+    assert!(String::from_utf8(text_of(&answer)).unwrap().contains(&x));
+
+    // refusals name the place in the file
+    let far = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,0,0\n0,0,0,9999,0,0\n";
+    let refused = send("", far.into()).await;
+    let refused: Value = serde_json::from_str(&refused.text()).unwrap();
+    let issue = &refused["errors"][0];
+    assert_eq!(
+        (&issue["line"], &issue["column"]),
+        (&json!(3), &json!("q4_deg")),
+        "{refused}"
+    );
+    let short = send("", b"q1_deg,q2_deg\n1,2\n3,4\n".to_vec()).await;
+    let short: Value = serde_json::from_str(&short.text()).unwrap();
+    assert_eq!(short["errors"].as_array().unwrap().len(), 1, "{short}");
+    let kuka = "DEFDAT CAL\nDECL E6AXIS XP2={A1 10,A2 -90,A3 0,A4 0,A5 0,A6 0}\nENDDAT\n";
+    send("", kuka.into()).await.problem(422, "robot_program");
+    send("?tool_name=none", program.concat().into_bytes())
+        .await
+        .problem(422, "unknown_reference");
 }
 
 #[tokio::test]

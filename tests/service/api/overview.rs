@@ -125,6 +125,59 @@ async fn each_robot_says_what_it_needs_most_and_which_job_shows_it() {
 }
 
 #[tokio::test]
+async fn a_candidate_says_which_stored_fact_refuses_its_release() {
+    let (app, _dir) = guarded(1).await;
+    let (admin, _) = key(&app, &["admin"], None).await;
+    let robot = robot(&app, &admin).await;
+    let candidate = job(&app, &admin, &robot, "first_noisy.csv", json!({})).await;
+    let set = text(&candidate["parameter_set_id"]);
+    let get = async |path: &str| {
+        with_key(&app, Method::GET, path, &admin, vec![])
+            .await
+            .ok(200)
+    };
+    let told = async || {
+        let page = get("/v1/overview").await;
+        page["items"][0]["newest"]["refused_by"].clone()
+    };
+    // what the list names is one of the gates that fail when all are asked
+    let failed = async || -> Vec<Value> {
+        let answer = get(&format!("/v1/parameter-sets/{set}/gates")).await;
+        let gates = answer["gates"].as_array().unwrap().iter();
+        let failed = gates.filter(|gate| gate["passed"] == false);
+        failed.map(|gate| gate["gate"].clone()).collect()
+    };
+    let set_policy = async |policy: Value| {
+        let path = format!("/v1/robots/{robot}/policy");
+        let body = policy.to_string().into_bytes();
+        with_key(&app, Method::PUT, &path, &admin, body)
+            .await
+            .ok(200);
+    };
+    let was = failed().await;
+    assert_eq!(told().await, Value::Null, "{was:?}");
+    for (policy, gate) in [
+        (
+            json!({"tolerance_mm": 0.000_1}),
+            "uncertainty_within_tolerance",
+        ),
+        (json!({"independent_session_required": true}), "evidence"),
+    ] {
+        set_policy(policy).await;
+        assert_eq!(told().await, gate);
+        assert!(failed().await.contains(&json!(gate)));
+    }
+    set_policy(json!({})).await;
+    assert_eq!(told().await, Value::Null);
+
+    // a session of the changed robot: the set misses it
+    let verify = json!({"kind": "verify", "parameter_set_id": set});
+    job(&app, &admin, &robot, "followup_collision.csv", verify).await;
+    let gate = told().await;
+    assert!(failed().await.contains(&gate), "{gate}");
+}
+
+#[tokio::test]
 async fn what_was_archived_asks_for_nothing() {
     let (app, _dir) = guarded(1).await;
     let (admin, _) = key(&app, &["admin"], None).await;

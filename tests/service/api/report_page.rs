@@ -482,3 +482,56 @@ async fn the_page_says_when_with_what_and_by_whom_the_session_was_measured() {
     }
     assert_eq!(hashes[0], hashes[1], "the record is no part of the result");
 }
+
+#[tokio::test]
+async fn a_set_without_a_stated_time_was_measured_at_the_earliest_time_of_its_points() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    // later rows first; the earliest is in another zone, and its text is not the smallest
+    let times = |row: usize| match row {
+        40 => "2026-03-01T08:59:59+02:00".to_owned(),
+        row => format!("2026-03-01T07:{:02}:{:02}Z", 59 - row % 60, row / 60),
+    };
+    let table = String::from_utf8(paper("first_noisy.csv")).unwrap();
+    let with_times: Vec<String> = table
+        .lines()
+        .enumerate()
+        .map(|(line, text)| match line {
+            0 => format!("{text},measured_at"),
+            line => format!("{text},{}", times(line - 1)),
+        })
+        .collect();
+    let with_times = with_times.join("\n") + "\n";
+    let upload = async |more: &str| {
+        let path = format!("{robot}/measurement-sets?frame=base{more}");
+        let answer = app.post(&path, "text/csv", with_times.clone()).await;
+        answer.ok(201)
+    };
+    let first = json!({"measured_at": "2026-03-01T06:59:59.000Z", "measured_at_of_points": true});
+    let set = upload("").await;
+    assert_eq!(set["record"], first);
+    let named = upload("&operator=J.%20Doe").await;
+    assert_eq!(named["record"]["operator"], "J. Doe");
+    assert_eq!(named["record"]["measured_at"], first["measured_at"]);
+    let stated = upload("&measured_at=2026-03-02T08:00:00Z").await;
+    let expected = json!({"measured_at": "2026-03-02T08:00:00.000Z"});
+    assert_eq!(stated["record"], expected, "what is stated counts");
+
+    let request = json!({"measurement_set_id": set["id"], "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    assert_eq!(
+        app.report(&job).await["measured_at"],
+        first["measured_at"],
+        "the report has it"
+    );
+    let (page, _) = page(&app, &job).await;
+    assert!(page.contains("2026-03-01 06:59:59 UTC (the earliest time of its points)"));
+
+    let point = |x: f64, at: &str| json!({"q_deg": [x, 0.0, 0.0, 0.0, 0.0, 0.0], "position_mm": [x, 0.0, 0.0], "measured_at": at});
+    let body = json!({"frame": "base", "points": [point(10.0, "2026-03-01T09:00:00Z"), point(20.0, "2026-03-01T08:00:00Z")]});
+    let path = format!("{robot}/measurement-sets");
+    let set = app.post_json(&path, &body).await.ok(201);
+    assert_eq!(set["record"]["measured_at"], "2026-03-01T08:00:00.000Z");
+    let points = format!("/v1/measurement-sets/{}", text(&set["id"]));
+    assert_eq!(app.get(&points).await.ok(200)["record"], set["record"]);
+}

@@ -1,0 +1,364 @@
+//! A program with joint or Cartesian targets, as a table: reads it, and writes it again with corrected targets. Everything else stays as it is, to the
+//! byte.
+
+use crate::measurement::Decimal;
+use crate::measurement::column_mapping::Separator;
+use crate::measurement::number_text::value;
+use crate::measurement::programs;
+use crate::measurement::table_targets::{Targets, read_targets};
+use crate::measurement::table_text::{Encoding, Source, encoded, has_mark};
+use crate::wire::columns::{ColumnsBody, FilePart};
+use crate::wire::compensate::{CartesianTarget, CompensateAnswer, CompensateBody};
+use crate::wire::issue::{Invalid, Issue};
+use crate::wire::{table_upload, workbook};
+use std::ops::Range;
+
+/// A target of a program.
+#[derive(Clone, Debug)]
+pub enum ProgramTarget {
+    /// Joint values, degrees.
+    Joints(Vec<f64>),
+    /// A position or pose with joint values near it.
+    Cartesian(CartesianTarget),
+}
+
+/// A target, and where its numbers are in the text.
+#[derive(Clone, Debug)]
+struct Place {
+    target: ProgramTarget,
+    /// The line of the program on which it begins, counted from 1.
+    line: usize,
+    joints: Vec<Range<usize>>,
+    position: Option<[Range<usize>; 3]>,
+    quaternion: Option<[Range<usize>; 4]>,
+}
+
+/// A program.
+#[derive(Clone, Debug)]
+pub struct Program {
+    text: String,
+    encoding: Encoding,
+    has_mark: bool,
+    places: Vec<Place>,
+    /// Degrees in one unit of the joint values.
+    deg: f64,
+    decimal: Decimal,
+    separator: Separator,
+    /// The name of each joint's column.
+    pub joints: Vec<String>,
+    /// Names of columns with poses of the joint values. They stay as they are.
+    pub other_poses: Vec<String>,
+    /// True if it was a workbook: it is written as text with tabs between its columns.
+    pub is_workbook: bool,
+}
+
+impl Program {
+    /// Reads a program. `columns` states what the names of a table's columns do not.
+    ///
+    /// # Errors
+    /// [`Invalid`] with the line and column of each error, for a table without joint targets, and for a robot program: which of its points are
+    /// targets, and of which tool, its text does not say.
+    pub fn parse(bytes: &[u8], columns: &ColumnsBody) -> Result<Self, Invalid> {
+        let mut mapping = columns.mapping(FilePart::Robot)?;
+        let kind = workbook::workbook(bytes);
+        let source = match kind {
+            Some(kind) => {
+                let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
+                mapping.sheet = Some(sheet);
+                source
+            }
+            None => Source::decode(bytes).map_err(|e| table_upload::table_error(&e.into()))?,
+        };
+        if kind.is_none() && programs::find(&source.text).map_or(true, |found| found.is_some()) {
+            let detail = "a robot program is not corrected in place: which of its points are targets, and of which tool, its text does not say. Write the joint \
+                          values of its targets as a table with the columns q1_deg, q2_deg and so on, and correct that";
+            return Err(Invalid::at("", "robot_program", detail));
+        }
+        let targets = read_targets(&source, &mapping);
+        let targets = targets.map_err(|error| table_upload::table_error(&error))?;
+        let program = Self::of_table(source, has_mark(bytes), targets)?;
+        Ok(Self {
+            is_workbook: kind.is_some(),
+            ..program
+        })
+    }
+
+    fn of_table(source: Source, has_mark: bool, targets: Targets) -> Result<Self, Invalid> {
+        let text = source.text.into_owned();
+        let joints = &targets.joints;
+        let deg = joints.first().map_or(1.0, |joint| joint.deg);
+        let names: Vec<String> = joints.iter().map(|joint| joint.name.clone()).collect();
+        let rows = targets.rows.into_iter().map(|row| {
+            let cell = |column: usize| row.cells.get(column).cloned().unwrap_or_default();
+            let number = |place: &Range<usize>| {
+                let cell = &text[place.clone()];
+                value(cell, targets.decimal).ok_or_else(|| Issue {
+                    line: Some(row.line),
+                    code: "not_a_number".into(),
+                    detail: format!("line {}: {cell:?} is not a number", row.line),
+                    ..Issue::default()
+                })
+            };
+            let position = targets.position.map(|columns| columns.map(cell));
+            let quaternion = targets.quaternion.filter(|_| position.is_some());
+            let quaternion = quaternion.map(|columns| columns.map(cell));
+            let target = match &position {
+                None => ProgramTarget::Joints(row.q_deg),
+                Some(position) => ProgramTarget::Cartesian(CartesianTarget {
+                    position_mm: numbers(position, number)?,
+                    quaternion: match &quaternion {
+                        Some(quaternion) => Some(numbers(quaternion, number)?),
+                        None => None,
+                    },
+                    rotation: None,
+                    q_near_deg: row.q_deg,
+                }),
+            };
+            Ok(Place {
+                target,
+                line: row.line,
+                joints: joints.iter().map(|joint| cell(joint.place)).collect(),
+                position,
+                quaternion,
+            })
+        });
+        let places = rows.collect::<Result<_, Issue>>();
+        Ok(Self {
+            places: places.map_err(|issue| Invalid {
+                code: "invalid_measurements",
+                issues: vec![issue],
+            })?,
+            encoding: source.encoding,
+            has_mark,
+            deg,
+            decimal: targets.decimal,
+            separator: targets.separator,
+            joints: names,
+            other_poses: targets.other_poses,
+            is_workbook: false,
+            text,
+        })
+    }
+
+    /// The targets in their order.
+    pub fn targets(&self) -> Vec<ProgramTarget> {
+        let places = self.places.iter();
+        places.map(|place| place.target.clone()).collect()
+    }
+
+    /// Whether its targets have a position and a quaternion.
+    pub fn has_poses(&self) -> [bool; 2] {
+        let first = self.places.first();
+        [
+            first.is_some_and(|place| place.position.is_some()),
+            first.is_some_and(|place| place.quaternion.is_some()),
+        ]
+    }
+
+    /// The line of each target, counted from 1.
+    pub fn lines(&self) -> Vec<usize> {
+        self.places.iter().map(|place| place.line).collect()
+    }
+
+    /// The request `body` for the targets of this program.
+    pub fn request(&self, mut body: CompensateBody) -> CompensateBody {
+        for target in self.targets() {
+            match target {
+                ProgramTarget::Joints(q_deg) => body.q_deg.push(q_deg),
+                ProgramTarget::Cartesian(target) => body.targets.push(target),
+            }
+        }
+        body
+    }
+
+    /// The issues of a request for its targets, with lines and columns of the program in place of pointers. `first` is the first target of the request.
+    pub fn placed(&self, issues: &[Issue], first: usize) -> Vec<Issue> {
+        let mut placed: Vec<Issue> = issues
+            .iter()
+            .map(|issue| self.placed_one(issue, first))
+            .collect();
+        // a missing column is reported once per row
+        placed.dedup();
+        placed
+    }
+
+    fn placed_one(&self, issue: &Issue, first: usize) -> Issue {
+        let pointer = issue.pointer.as_deref().unwrap_or_default();
+        let mut pointer = pointer.split('/').skip(1);
+        let (field, row, joint) = (pointer.next(), pointer.next(), pointer.next());
+        let row = row.and_then(|row| Some(first + row.parse::<usize>().ok()?));
+        let place = row.and_then(|row| self.places.get(row));
+        let joint = joint.and_then(|joint| joint.parse::<usize>().ok());
+        let of_row = |place: &Place, column: Option<String>, at: String| Issue {
+            row,
+            line: Some(place.line),
+            column,
+            pointer: None,
+            detail: format!("line {}{at}: {}", place.line, issue.detail),
+            ..issue.clone()
+        };
+        match (field, place, joint) {
+            (Some("q_deg"), Some(place), Some(joint)) => match self.joints.get(joint) {
+                Some(name) => of_row(place, Some(name.clone()), format!(", column {name}")),
+                None => of_row(place, None, format!(", joint {}", joint + 1)),
+            },
+            (Some("targets"), Some(place), _) => of_row(place, None, String::new()),
+            (Some("q_deg"), ..) => {
+                let n = self.places.first().map_or(0, |place| place.joints.len());
+                Issue {
+                    pointer: None,
+                    detail: format!(
+                        "the program has joint values of {n} joints: {}",
+                        issue.detail
+                    ),
+                    ..issue.clone()
+                }
+            }
+            _ => issue.clone(),
+        }
+    }
+
+    /// The program with corrected targets, in its own encoding.
+    pub fn with(&self, answer: &CompensateAnswer) -> Vec<u8> {
+        let mut replaced: Vec<(&Range<usize>, String)> = Vec::new();
+        for (i, (place, q_deg)) in self.places.iter().zip(&answer.q_deg).enumerate() {
+            let angles = place.joints.iter().zip(q_deg);
+            replaced.extend(angles.map(|(at, q_deg)| (at, self.angle(at, *q_deg))));
+            if let Some(pose) = answer.poses.as_ref().and_then(|poses| poses.get(i)) {
+                let position = place.position.iter().flatten().zip(pose.position_mm);
+                replaced.extend(position.map(|(at, mm)| (at, self.marked(at, format!("{mm:.5}")))));
+                let quaternion = place.quaternion.iter().flatten().zip(pose.quaternion);
+                replaced.extend(quaternion.map(|(at, q)| (at, self.marked(at, format!("{q:.9}")))));
+            }
+        }
+        replaced.sort_by_key(|(at, _)| at.start);
+        let mut text = String::with_capacity(self.text.len() + 8 * replaced.len());
+        let mut from = 0;
+        for (at, number) in replaced {
+            text.push_str(&self.text[from..at.start]);
+            text.push_str(&number);
+            from = at.end;
+        }
+        text.push_str(&self.text[from..]);
+        encoded(&text, self.encoding, self.has_mark)
+    }
+
+    fn angle(&self, at: &Range<usize>, q_deg: f64) -> String {
+        self.marked(
+            at,
+            // at least 2e-7 degrees in each unit
+            match self.deg > 10.0 {
+                true => format!("{:.9}", q_deg / self.deg),
+                false => format!("{:.7}", q_deg / self.deg),
+            },
+        )
+    }
+
+    /// A number with the program's decimal mark. In a table whose separator is that mark, it is in quotes.
+    fn marked(&self, at: &Range<usize>, number: String) -> String {
+        let number = match self.decimal {
+            Decimal::Point => return number,
+            Decimal::Comma => number.replace('.', ","),
+        };
+        match self.separator == Separator::Comma && !self.text[..at.start].ends_with('"') {
+            true => format!("\"{number}\""),
+            false => number,
+        }
+    }
+}
+
+fn numbers<const N: usize>(
+    places: &[Range<usize>; N],
+    number: impl Fn(&Range<usize>) -> Result<f64, Issue>,
+) -> Result<[f64; N], Issue> {
+    let mut found = [0.0; N];
+    for (found, place) in found.iter_mut().zip(places) {
+        *found = number(place)?;
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Program, ProgramTarget};
+    use crate::wire::Invalid;
+    use crate::wire::columns::ColumnsBody;
+    use crate::wire::compensate::CompensateAnswer;
+
+    fn parse(bytes: &[u8], columns: &str) -> Result<Program, Invalid> {
+        let columns = ColumnsBody::parse(columns.as_bytes()).unwrap();
+        Program::parse(bytes, &columns)
+    }
+
+    fn q_deg(program: &Program) -> Vec<Vec<f64>> {
+        let targets = program.targets().into_iter();
+        let targets = targets.map(|target| match target {
+            ProgramTarget::Joints(q_deg) => q_deg,
+            ProgramTarget::Cartesian(target) => target.q_near_deg,
+        });
+        let rounded = |q: f64| (q * 1e9).round() / 1e9;
+        targets
+            .map(|q_deg| q_deg.into_iter().map(rounded).collect())
+            .collect()
+    }
+
+    fn corrected(program: &Program, q_deg: &[&[f64]]) -> Vec<u8> {
+        program.with(&CompensateAnswer {
+            q_deg: q_deg.iter().map(|q_deg| q_deg.to_vec()).collect(),
+            ..CompensateAnswer::default()
+        })
+    }
+
+    #[test]
+    fn a_table_keeps_its_form() {
+        let text = "\u{feff}# made offline\r\nName;J1 [°];J2 [°];X;Y;Z\r\nP1;\"10,5\"; -20,25;1,5;2;3\r\n\r\nP2;1;2;1;2;3";
+        let wanted = "\u{feff}# made offline\r\nName;J1 [°];J2 [°];X;Y;Z\r\nP1;\"10,7500000\"; -20,0000000;1,5;2;3\r\n\r\nP2;1,5000000;2,5000000;1;2;3";
+        let utf16 =
+            |text: &str| -> Vec<u8> { text.encode_utf16().flat_map(u16::to_le_bytes).collect() };
+        for (bytes, wanted) in [
+            (text.as_bytes().to_vec(), wanted.as_bytes().to_vec()),
+            (utf16(text), utf16(wanted)),
+        ] {
+            let program = parse(&bytes, "{}").unwrap();
+            assert_eq!(q_deg(&program), [[10.5, -20.25], [1.0, 2.0]]);
+            assert_eq!(program.joints, ["J1 [°]", "J2 [°]"]);
+            assert_eq!(program.other_poses, ["X", "Y", "Z"]);
+            let found = corrected(&program, &[&[10.75, -20.0], &[1.5, 2.5]]);
+            assert_eq!(found, wanted, "{}", String::from_utf8_lossy(&found));
+            assert_eq!(program.lines(), [3, 5]);
+        }
+    }
+
+    #[test]
+    fn units_are_stated_as_for_measurements() {
+        let text = "J1,J2\n1,2\n";
+        let error = parse(text.as_bytes(), "{}").unwrap_err();
+        assert_eq!(error.issues[0].code, "missing_unit");
+        let program = parse(text.as_bytes(), "{\"joint_unit\": \"rad\"}").unwrap();
+        let found = corrected(&program, &[&[90.0, 180.0]]);
+        assert_eq!(found, b"J1,J2\n1.570796327,3.141592654\n");
+        assert!(parse(b"J1 [deg];J2 [deg]\n1,5;2.5\n", "{}").is_err());
+    }
+
+    #[test]
+    fn a_comma_in_a_number_is_no_separator() {
+        let text = "Name,J1 [deg],J2 [deg]\nP1,\"10,5\",20\n";
+        let program = parse(text.as_bytes(), "{}").unwrap();
+        let found = corrected(&program, &[&[10.75, 20.5]]);
+        let wanted = "Name,J1 [deg],J2 [deg]\nP1,\"10,7500000\",\"20,5000000\"\n";
+        assert_eq!(String::from_utf8(found).unwrap(), wanted);
+    }
+
+    #[test]
+    fn robot_programs_are_refused_with_the_way_round() {
+        let kuka = "DEFDAT CAL\nDECL E6AXIS XP2={A1 10,A2 -90,A3 0,A4 0,A5 0,A6 0}\nENDDAT\n";
+        for text in [
+            kuka,
+            "DECL E6POS XP1={X 1.0,Y 2.0,Z 3}\n",
+            "/JOB\n///PULSE\n",
+        ] {
+            let error = parse(text.as_bytes(), "{}").unwrap_err();
+            assert!(error.issues[0].detail.contains("q1_deg"), "{error}");
+        }
+    }
+}
