@@ -62,7 +62,6 @@ pub fn refused_by(stored: &StoredFacts<'_>) -> Option<String> {
         identification: stored.identification,
         identification_seq: stored.identification_seq,
         verify_set_seq: 0,
-        parameter_set_id: "",
         content: &content,
         active: None,
         sessions: stored.sessions,
