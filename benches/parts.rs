@@ -5,13 +5,13 @@
 mod throughput;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use kincal::identification::fit::fit_in_space;
-use kincal::identification::identifiability::prior_scales;
-use kincal::identification::linearisation::Linearisation;
-use kincal::identification::linearisation::decomposition_at;
-use kincal::identification::parameters::complete_parameters;
-use kincal::identification::search_space::SearchSpace;
-use kincal::identification::swarm::{lane_robots, prepared_poses, run_swarm};
+use kincal::identification::least_squares::linearisation::Linearisation;
+use kincal::identification::least_squares::linearisation::decomposition_at;
+use kincal::identification::model::identifiability::prior_scales;
+use kincal::identification::model::parameters::complete_parameters;
+use kincal::identification::model::search_space::SearchSpace;
+use kincal::identification::search::fit::fit_in_space;
+use kincal::identification::search::swarm::{lane_robots, prepared_poses, run_swarm};
 use kincal::kinematics::batch::{InstructionSet, Lanes, sum_of_squares};
 use kincal::kinematics::reach_mm;
 use kincal::solvers::random::LaneRandom;
@@ -24,7 +24,7 @@ const CHUNKS: usize = 25;
 
 fn paper() -> (
     SearchSpace,
-    Vec<kincal::identification::objective::Observation>,
+    Vec<kincal::identification::model::objective::Observation>,
 ) {
     let (robot, set) = (
         include_bytes!("../data/paper/robot.json"),

@@ -6,11 +6,11 @@
 
 use anyhow::{Context, bail};
 use kincal::identification::KinematicModel;
-use kincal::identification::fit::fit_in_space;
-use kincal::identification::objective::Observation;
-use kincal::identification::parameters::paper_parameters;
-use kincal::identification::search_space::SearchSpace;
-use kincal::identification::swarm::{lane_robots, prepared_poses, run_swarm};
+use kincal::identification::model::objective::Observation;
+use kincal::identification::model::parameters::paper_parameters;
+use kincal::identification::model::search_space::SearchSpace;
+use kincal::identification::search::fit::fit_in_space;
+use kincal::identification::search::swarm::{lane_robots, prepared_poses, run_swarm};
 use kincal::kinematics::batch::{LANES, LaneRobots, Lanes, sum_of_squares};
 use kincal::kinematics::{Link, Robot};
 use kincal::measurement::{Frame, Point, Subset, csv};

@@ -7,11 +7,11 @@ use support::data;
 use allocation_counter::measure;
 use data::{paper_robot, paper_set};
 use kincal::identification::KinematicModel;
-use kincal::identification::fit::fit_in_space;
-use kincal::identification::objective::Observation;
-use kincal::identification::parameters::{complete_parameters, paper_parameters};
-use kincal::identification::search_space::SearchSpace;
-use kincal::identification::swarm::run_swarm;
+use kincal::identification::model::objective::Observation;
+use kincal::identification::model::parameters::{complete_parameters, paper_parameters};
+use kincal::identification::model::search_space::SearchSpace;
+use kincal::identification::search::fit::fit_in_space;
+use kincal::identification::search::swarm::run_swarm;
 use kincal::solvers::{least_squares, pso};
 use std::ops::ControlFlow;
 

@@ -7,7 +7,7 @@ use crate::data;
 use kincal::calibration::request::FinalFit;
 use kincal::calibration::{CalibrationRequest, calibrate};
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::measurement::{Frame, csv};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;

@@ -4,11 +4,11 @@
 
 use crate::throughput;
 use anyhow::{Context, bail};
-use kincal::identification::identifiability::prior_scales;
-use kincal::identification::objective::Observation;
-use kincal::identification::parameters::complete_parameters;
-use kincal::identification::search_space::SearchSpace;
-use kincal::identification::swarm::SwarmCost;
+use kincal::identification::model::identifiability::prior_scales;
+use kincal::identification::model::objective::Observation;
+use kincal::identification::model::parameters::complete_parameters;
+use kincal::identification::model::search_space::SearchSpace;
+use kincal::identification::search::swarm::SwarmCost;
 use kincal::kinematics::reach_mm;
 use kincal::solvers::pso;
 use std::hint::black_box;

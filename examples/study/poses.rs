@@ -9,7 +9,7 @@
 use kincal::calibration::request::VerifySource;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::identification::KinematicModel;
-use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::identification::model::parameters::{Parameter, apply, complete_parameters};
 use kincal::kinematics::rotation::{rotation_exp, rotation_log};
 use kincal::kinematics::{Link, Robot};
 use kincal::measurement::csv::{Conventions, parse_as};

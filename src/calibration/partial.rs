@@ -15,12 +15,12 @@ use crate::calibration::warnings::orientation::{self, flange_rotation};
 use crate::calibration::warnings::plausibility::JOINT_MAP;
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
-use crate::identification::changes::{Change, Estimate, compare};
-use crate::identification::evidence::Noise;
-use crate::identification::objective::weighted_jacobian;
-use crate::identification::parameters::{Parameter, Quantity, quantity_mut};
-use crate::identification::uncertainty::Uncertainty;
-use crate::identification::workspace::tool_uncertainty;
+use crate::identification::least_squares::evidence::Noise;
+use crate::identification::model::objective::weighted_jacobian;
+use crate::identification::model::parameters::{Parameter, Quantity, quantity_mut};
+use crate::identification::statistics::changes::{Change, Estimate, compare};
+use crate::identification::statistics::uncertainty::Uncertainty;
+use crate::identification::statistics::workspace::tool_uncertainty;
 use crate::kinematics::{Link, Robot};
 use nalgebra::{DMatrix, DMatrixView, Vector3};
 

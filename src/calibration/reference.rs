@@ -1,6 +1,6 @@
 //! Scale of an instrument, from lengths that are known by a certificate and that it measured: a scale bar, an interferometer, gauge blocks.
 
-use crate::identification::workspace::ToolUncertainty;
+use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::kinematics::{Link, reach_mm};
 
 /// A known length, and the instrument's measurement of it.

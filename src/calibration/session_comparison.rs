@@ -15,9 +15,11 @@ use crate::calibration::stages::watched;
 use crate::calibration::warnings::overstated_noise::OverstatedNoise;
 use crate::calibration::{Error, Monitor};
 use crate::frames::PreliminaryFrames;
-use crate::identification::changes::{Change, Comparison, Estimate, FALSE_ALARMS, compare};
-use crate::identification::identifiability::prior_scale;
-use crate::identification::parameters::Parameter;
+use crate::identification::model::identifiability::prior_scale;
+use crate::identification::model::parameters::Parameter;
+use crate::identification::statistics::changes::{
+    Change, Comparison, Estimate, FALSE_ALARMS, compare,
+};
 use crate::kinematics::reach_mm;
 use crate::measurement::{Frame, MeasurementSet, Subset};
 

@@ -1,6 +1,6 @@
 //! Several sessions of one job: whether they may be fitted together, and the weight of each.
 //!
-//! Each session is first identified alone, from all of its points. All pairs of these estimates are compared ([`crate::identification::changes`]).
+//! Each session is first identified alone, from all of its points. All pairs of these estimates are compared ([`crate::identification::statistics::changes`]).
 //! The false-alarm rate of all pairs together equals that of a single comparison. If any pair differs, nothing is fitted together.
 
 use crate::calibration::point_errors::PointErrors;
@@ -17,11 +17,11 @@ use crate::calibration::stages::{quiet, stage};
 use crate::calibration::validation::repeated_rows::is_anew;
 use crate::calibration::warnings::overstated_noise::{NOISE_OVERSTATED, OverstatedNoise};
 use crate::calibration::{Error, Monitor, unusable};
-use crate::identification::changes::{
+use crate::identification::least_squares::evidence::Noise;
+use crate::identification::model::parameters::Parameter;
+use crate::identification::statistics::changes::{
     Change, Estimate, FALSE_ALARMS, Tested, compare, compare_target,
 };
-use crate::identification::evidence::Noise;
-use crate::identification::parameters::Parameter;
 use crate::measurement::csv::MAX_TARGETS;
 use crate::measurement::sessions::{first_rows, name, shared_targets};
 use crate::measurement::split::has_column;

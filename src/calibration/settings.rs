@@ -2,8 +2,8 @@
 
 use crate::calibration::request::{CalibrationRequest, Preset};
 use crate::calibration::{Error, unusable};
-use crate::identification::identifiability::PLACEMENT_PER_LENGTH;
-use crate::identification::parameters::Parameter;
+use crate::identification::model::identifiability::PLACEMENT_PER_LENGTH;
+use crate::identification::model::parameters::Parameter;
 use crate::solvers::pso;
 
 /// All choices of one run, resolved.

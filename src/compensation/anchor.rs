@@ -6,8 +6,8 @@
 
 use crate::compensation::mode::Base;
 use crate::identification::KinematicModel;
-use crate::identification::parameters::is_parallel;
-use crate::identification::problem::usual_length_mm;
+use crate::identification::least_squares::problem::usual_length_mm;
+use crate::identification::model::parameters::is_parallel;
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::{Link, reach_mm};
 use nalgebra::{IsometryMatrix3, Vector3};

@@ -1,8 +1,8 @@
 //! Difference between the tools of two identified robots over the workspace.
 
 use crate::compensation::{Base, Compensation};
-use crate::identification::corrected::IdentifiedRobot;
-use crate::identification::workspace::random_configurations;
+use crate::identification::corrections::corrected::IdentifiedRobot;
+use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::{Robot, t_base_flange};
 use nalgebra::{Point3, Vector3};
 

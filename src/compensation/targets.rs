@@ -3,7 +3,7 @@
 use crate::compensation::anchor::{Anchor, anchor, anchor_in, contains_tool};
 use crate::compensation::mode::{Base, Mode, Status};
 use crate::identification::KinematicModel;
-use crate::identification::corrected::{CorrectedModel, IdentifiedRobot};
+use crate::identification::corrections::corrected::{CorrectedModel, IdentifiedRobot};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::rotation::{between, rotation_log};

@@ -1,7 +1,7 @@
 //! Uncertainty of a corrected tool's position relative to its target, from the covariance of the identification.
 //!
 //! With d = tool − target at fixed joint values, the links' errors δ change it by ∂d/∂δ. Effects that links cannot describe change it by the features
-//! of [`misfit`](crate::identification::misfit). Both errors have the root R of their mean square error from the identification. One standard
+//! of [`misfit`](crate::identification::statistics::misfit). Both errors have the root R of their mean square error from the identification. One standard
 //! deviation of d (3-D: the root of the sum of three variances) is |∂d/∂(δ, u) · R|. Derivatives are central differences, because base and flange
 //! depend on the links. Measured positions do not show theta_offset and d of the last link. Where they count, their usual errors are added in squares
 //! (see [`ToolPoint::Tcp`] and [`HeldReflector`]).
@@ -12,9 +12,9 @@ use crate::compensation::anchor::{
 use crate::compensation::mode::Base;
 use crate::compensation::targets::Tool;
 use crate::identification::KinematicModel;
-use crate::identification::changes::Estimate;
-use crate::identification::parameters::{Parameter, Quantity, apply};
-use crate::identification::problem::USUAL_OFFSET_RAD;
+use crate::identification::least_squares::problem::USUAL_OFFSET_RAD;
+use crate::identification::model::parameters::{Parameter, Quantity, apply};
+use crate::identification::statistics::changes::Estimate;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use nalgebra::{DMatrix, IsometryMatrix3, Matrix3xX, Point3, Vector3};
 

@@ -1,6 +1,6 @@
 //! A work frame from measured points of a fixture. The points are known in the fixture's frame and were measured in another frame.
 
-use crate::identification::start::rigid_motion;
+use crate::identification::least_squares::start::rigid_motion;
 use nalgebra::{IsometryMatrix3, Matrix3, Matrix6, SMatrix, Vector3};
 
 /// Minimum number of points: three, not on a line.

@@ -1,7 +1,7 @@
 //! Converts the axes of a chain to links in Craig's convention, with Hayati's beta for nearly parallel neighbouring axes.
 
 use crate::exchange::chain::{Axis, Chain};
-use crate::identification::parameters::PARALLEL_SINE;
+use crate::identification::model::parameters::PARALLEL_SINE;
 use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};

@@ -3,11 +3,11 @@
 use crate::compensation::Base;
 use crate::compensation::anchor::{anchor_in, contains_tool};
 use crate::identification::KinematicModel;
-use crate::identification::estimate::least_squares;
-use crate::identification::objective::{Observation, residuals};
-use crate::identification::parameters::{Parameter, Quantity, paper_parameters};
-use crate::identification::problem::Problem;
-use crate::identification::workspace::random_configurations;
+use crate::identification::least_squares::estimate::least_squares;
+use crate::identification::least_squares::problem::Problem;
+use crate::identification::model::objective::{Observation, residuals};
+use crate::identification::model::parameters::{Parameter, Quantity, paper_parameters};
+use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 

@@ -1,45 +1,13 @@
 //! Identification of parameters from measured points: parameters, scales, cost, and search methods.
 
-pub mod anchor;
-pub mod bpnn_pso;
-pub mod changes;
-mod choices;
-pub mod corrected;
 pub mod corrections;
-mod difference;
-pub mod distributions;
-pub mod drift;
-pub mod estimate;
-pub mod evidence;
-pub mod fit;
-pub mod hand_eye;
-pub mod hidden_zeros;
-pub mod identifiability;
-pub mod linearisation;
-pub mod misfit;
-pub mod multistart;
-pub mod objective;
-pub mod outliers;
-mod parallel;
-pub mod parameters;
-mod parts;
-pub mod pose_rows;
-pub mod priors;
-pub mod problem;
-pub mod quick_check;
-mod row_order;
-pub mod search_space;
-pub mod start;
-pub mod steps;
-pub mod swarm;
-pub mod uncertainty;
-mod uncertainty_problem;
-mod uncertainty_solution;
-pub mod variance;
-pub mod whitening;
-pub mod workspace;
+pub mod least_squares;
+pub mod model;
+pub mod screening;
+pub mod search;
+pub mod statistics;
 
-pub use choices::{Model, Preset};
+pub use model::{Model, Preset};
 
 use crate::kinematics::model::USUAL_REACH_MM;
 use crate::kinematics::{Link, forward_kinematics, t_base_flange};

@@ -2,7 +2,7 @@
 
 use crate::exchange::dh::links_of_distal;
 use crate::exchange::{ImportedLinks, links_of_chain};
-use crate::identification::workspace::random_configurations;
+use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::model::MAX_LINKS;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::operations::import_digits::{clean, with_right_angles};

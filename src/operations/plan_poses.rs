@@ -1,9 +1,9 @@
 //! Pose planning: chooses the poses to measure next.
 
 use crate::calibration::DEFAULT_VERIFY_FRACTION;
-use crate::identification::objective::Observation;
-use crate::identification::pose_rows::MeasuredRotation;
-use crate::identification::workspace::ToolUncertainty;
+use crate::identification::model::objective::Observation;
+use crate::identification::model::pose_rows::MeasuredRotation;
+use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::kinematics::Robot;
 use crate::measurement::{MeasurementSet, Point};
 use crate::planning::{self, Noise, Plan, PlanRequest, SetUp, TooLittleRoom};

@@ -1,11 +1,11 @@
 //! Information of configurations about the parameters, and the resulting uncertainty of the tool. Parameters are in units of their prior scale.
 
 use crate::identification::KinematicModel;
-use crate::identification::identifiability::prior_scales;
-use crate::identification::objective::{Observation, weighted_jacobian};
-use crate::identification::parameters::Parameter;
-use crate::identification::pose_rows::MeasuredRotation;
-use crate::identification::workspace::ToolUncertainty;
+use crate::identification::model::identifiability::prior_scales;
+use crate::identification::model::objective::{Observation, weighted_jacobian};
+use crate::identification::model::parameters::Parameter;
+use crate::identification::model::pose_rows::MeasuredRotation;
+use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::kinematics::reach_mm;
 use crate::planning::request::{Noise, PlanRequest, nominal, parameters};
 use nalgebra::{DMatrix, Rotation3, Vector3};

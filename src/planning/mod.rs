@@ -9,11 +9,11 @@ mod room;
 pub use request::{Noise, PlanRequest, SetUp};
 pub use room::{AcceptanceCone, AlignedBox, BaseCylinder, LineOfSight, Room};
 
-use crate::identification::identifiability::{
+use crate::identification::model::identifiability::{
     Decomposition, VISIBLE_PER_REACH, decompose, prior_scales,
 };
-use crate::identification::objective::{Observation, weighted_jacobian};
-use crate::identification::workspace::{ToolUncertainty, random_configurations};
+use crate::identification::model::objective::{Observation, weighted_jacobian};
+use crate::identification::statistics::workspace::{ToolUncertainty, random_configurations};
 use crate::kinematics::reach_mm;
 use design::Design;
 use information::{Tool, is_base};

@@ -1,7 +1,7 @@
 //! Request of a plan.
 
-use crate::identification::objective::{Observation, posed_targets};
-use crate::identification::parameters::{
+use crate::identification::model::objective::{Observation, posed_targets};
+use crate::identification::model::parameters::{
     Parameter, complete_parameters, paper_parameters, target_rotation_parameters,
 };
 use crate::identification::{KinematicModel, Model};

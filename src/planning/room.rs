@@ -1,6 +1,6 @@
 //! The region in which the robot may move during the measurement.
 
-use crate::identification::workspace::within_a_turn;
+use crate::identification::statistics::workspace::within_a_turn;
 use crate::kinematics::Robot;
 use crate::kinematics::forward::t_previous_link;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};

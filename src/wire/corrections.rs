@@ -1,7 +1,7 @@
 //! Corrections in addition to link parameters, as part of a parameter set.
 
 use crate::identification::KinematicModel;
-use crate::identification::corrected::CorrectedModel;
+use crate::identification::corrections::corrected::CorrectedModel;
 use crate::kinematics::corrections::HARMONIC_ORDERS;
 use crate::kinematics::{
     Compliance, Corrections, Harmonic, Link, MeasuredRegion, Payload, ResidualNetwork,

@@ -2,13 +2,13 @@
 
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
-use crate::identification::changes::Estimate;
-use crate::identification::evidence::Noise;
-use crate::identification::misfit::{Following, Misfit};
-use crate::identification::parameters::{
+use crate::identification::least_squares::evidence::Noise;
+use crate::identification::model::parameters::{
     Parameter, complete_parameters, target_rotation_parameters,
 };
-use crate::identification::uncertainty::Uncertainty;
+use crate::identification::statistics::changes::Estimate;
+use crate::identification::statistics::misfit::{Following, Misfit};
+use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::kinematics::Link;
 use crate::wire::canonical::canonical_sha256;
 use crate::wire::robot::RobotBody;

@@ -2,7 +2,7 @@
 
 use crate::calibration::CalibrationReport;
 use crate::identification::KinematicModel;
-use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::kinematics::Link;
 use crate::wire::canonical;
 use crate::wire::corrections::CorrectionsContent;

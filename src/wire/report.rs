@@ -3,7 +3,7 @@
 use crate::calibration::point_errors::PointErrors;
 use crate::calibration::report::MethodComparison;
 use crate::calibration::{CalibrationReport, ROBOT_CHANGED};
-use crate::identification::workspace::ToolUncertainty;
+use crate::identification::statistics::workspace::ToolUncertainty;
 use crate::wire::canonical;
 use crate::wire::measurement::Warning;
 use crate::wire::parameter_set::ParameterSetContent;

@@ -35,11 +35,15 @@ const KNOWN_EXCEPTIONS: &[(&str, Rule, &str)] = &[
     ("src/compensation/mode.rs", Rule::CoreSerialize, CHOICES),
     ("src/compensation/mode.rs", Rule::CoreCrate, CHOICES),
     (
-        "src/identification/choices.rs",
+        "src/identification/model/choices.rs",
         Rule::CoreSerialize,
         CHOICES,
     ),
-    ("src/identification/choices.rs", Rule::CoreCrate, CHOICES),
+    (
+        "src/identification/model/choices.rs",
+        Rule::CoreCrate,
+        CHOICES,
+    ),
     (
         "src/measurement/conventions.rs",
         Rule::CoreSerialize,
@@ -394,7 +398,7 @@ fn the_core_may_not_print() {
         "fn f() { dbg!(1); }",
     ] {
         assert_eq!(
-            rules_broken("src/identification/objective.rs", line),
+            rules_broken("src/identification/model/objective.rs", line),
             [Rule::CorePrints],
             "{line}"
         );

@@ -89,7 +89,7 @@ const CORE_STD_FORBIDDEN: &[&str] = &["env", "fs", "io", "net", "os", "process",
 
 /// The one exception: swarms of millions of particles times poses start threads, which end before the
 /// call returns and change no bit. Everything else in the core stays on the thread that called it.
-const CORE_STD_ALLOWED: (&str, &str) = ("identification::parallel", "thread");
+const CORE_STD_ALLOWED: (&str, &str) = ("identification::search::parallel", "thread");
 
 const SHAPES: &str =
     "the JSON shapes are wire's, except for parts of the report and enums of the contract";

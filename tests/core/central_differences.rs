@@ -1,7 +1,7 @@
 //! Derivatives of a problem's rows against central differences.
 
-use kincal::identification::parameters::Parameter;
-use kincal::identification::problem::Problem;
+use kincal::identification::least_squares::problem::Problem;
+use kincal::identification::model::parameters::Parameter;
 use nalgebra::{DMatrix, DVector};
 
 /// Step of each coordinate. Central differences err by its square over 6 of the third derivative.

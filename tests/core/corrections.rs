@@ -8,13 +8,13 @@ use crate::simulation::{
 use kincal::calibration::request::{CorrectionsChoice, VerifySource};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::identification::corrections::{Term, corrections_at, linearise};
-use kincal::identification::objective::Observation;
-use kincal::identification::parameters::{
+use kincal::identification::model::objective::Observation;
+use kincal::identification::model::parameters::{
     Parameter, apply, complete_parameters, rotation_exp, target_rotation_parameters,
 };
-use kincal::identification::pose_rows::MeasuredRotation;
+use kincal::identification::model::pose_rows::MeasuredRotation;
 use kincal::kinematics::{Mounting, ResidualNetwork, reach_mm};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use nalgebra::{Rotation3, Vector3};

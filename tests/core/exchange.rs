@@ -9,7 +9,7 @@ use kincal::exchange::{
     Chain, ChainJoint, dh::links_of_distal, links_of_chain, origin_of, pose_of,
 };
 use kincal::identification::KinematicModel;
-use kincal::identification::parameters::rotation_exp;
+use kincal::identification::model::parameters::rotation_exp;
 use kincal::kinematics::{JointMap, Link, Robot, t_base_flange};
 use kincal::measurement::Frame;
 use kincal::operations::export::{self, Source};

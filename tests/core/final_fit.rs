@@ -6,7 +6,7 @@ use crate::simulation::{Campaign, Normal, limited, measure, poses, true_robot};
 use kincal::calibration::request::{FinalFit, Preset, VerifySource};
 use kincal::calibration::{CalibrationReport, CalibrationRequest, calibrate};
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
 use kincal::measurement::{MeasurementSet, Subset};
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};

@@ -11,7 +11,7 @@ use kincal::calibration::{
     check_verify, robust_comparison, verify,
 };
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use nalgebra::{IsometryMatrix3, Rotation3, Vector3};

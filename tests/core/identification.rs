@@ -11,15 +11,16 @@ use kincal::calibration::upload_checks;
 use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate, check,
 };
-use kincal::identification::identifiability::prior_scales;
-use kincal::identification::linearisation::decomposition_at;
-use kincal::identification::objective::{Observation, cost};
-use kincal::identification::parameters::{
+use kincal::identification::KinematicModel;
+use kincal::identification::least_squares::linearisation::decomposition_at;
+use kincal::identification::least_squares::start;
+use kincal::identification::model::identifiability::prior_scales;
+use kincal::identification::model::objective::{Observation, cost};
+use kincal::identification::model::parameters::{
     Parameter, Quantity, complete_parameters, paper_parameters,
 };
-use kincal::identification::search_space::SearchSpace;
-use kincal::identification::swarm::{SwarmCost, run_swarm};
-use kincal::identification::{KinematicModel, start};
+use kincal::identification::model::search_space::SearchSpace;
+use kincal::identification::search::swarm::{SwarmCost, run_swarm};
 use kincal::kinematics::{JointMap, Link, Robot, reach_mm};
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset, csv};
 use kincal::solvers::pso;

@@ -7,11 +7,13 @@ use crate::trackers::{Instrument, Measured, measured, points_of};
 use kincal::calibration::request::Loss;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, Preset, calibrate, verify};
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
-use kincal::identification::linearisation::scaled_jacobian_at;
-use kincal::identification::objective::{Observation, cost, weighted_jacobian, weighted_residuals};
-use kincal::identification::parameters::complete_parameters;
-use kincal::identification::problem::Problem;
+use kincal::identification::corrections::corrected::IdentifiedRobot;
+use kincal::identification::least_squares::linearisation::scaled_jacobian_at;
+use kincal::identification::least_squares::problem::Problem;
+use kincal::identification::model::objective::{
+    Observation, cost, weighted_jacobian, weighted_residuals,
+};
+use kincal::identification::model::parameters::complete_parameters;
 use kincal::kinematics::Robot;
 use kincal::measurement::position_noise::PositionNoise;
 use kincal::measurement::{MeasurementSet, Point};

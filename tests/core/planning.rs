@@ -2,11 +2,11 @@
 
 use crate::data::paper_robot;
 use crate::simulation::{Normal, limited, poses};
-use kincal::identification::identifiability::prior_scales;
-use kincal::identification::objective::{Observation, weighted_jacobian};
-use kincal::identification::parameters::{Parameter, apply, complete_parameters};
-use kincal::identification::pose_rows::MeasuredRotation;
-use kincal::identification::workspace::random_configurations;
+use kincal::identification::model::identifiability::prior_scales;
+use kincal::identification::model::objective::{Observation, weighted_jacobian};
+use kincal::identification::model::parameters::{Parameter, apply, complete_parameters};
+use kincal::identification::model::pose_rows::MeasuredRotation;
+use kincal::identification::statistics::workspace::random_configurations;
 use kincal::identification::{KinematicModel, Model};
 use kincal::kinematics::{Robot, reach_mm, t_base_flange};
 use kincal::planning::{

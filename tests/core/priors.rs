@@ -8,7 +8,7 @@ use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Error, Event, Method, Model, Preset, calibrate,
     prior_faults,
 };
-use kincal::identification::parameters::complete_parameters;
+use kincal::identification::model::parameters::complete_parameters;
 use std::ops::ControlFlow;
 
 /// `docs/oracles/priors.py`: name, mean, std, min and max from nominal, mm or degrees.

@@ -9,10 +9,10 @@ use kincal::calibration::{
     After, CalibrationRequest, CheckVerdict, Error, HeldOut, ReleasedSet, check_released,
 };
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
-use kincal::identification::objective::Observation;
-use kincal::identification::parameters::{Parameter, apply, placement_parameters};
-use kincal::identification::quick_check::{Poses, quick_check};
+use kincal::identification::corrections::corrected::IdentifiedRobot;
+use kincal::identification::model::objective::Observation;
+use kincal::identification::model::parameters::{Parameter, apply, placement_parameters};
+use kincal::identification::statistics::quick_check::{Poses, quick_check};
 use kincal::measurement::{Frame, MeasurementSet};
 use nalgebra::{DMatrix, DVector, IsometryMatrix3, Vector3};
 use std::ops::ControlFlow;

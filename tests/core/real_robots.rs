@@ -8,7 +8,7 @@ use kincal::calibration::{
     CalibrationReport, CalibrationRequest, Method, calibrate, is_anew, verify,
 };
 use kincal::identification::KinematicModel;
-use kincal::identification::corrected::IdentifiedRobot;
+use kincal::identification::corrections::corrected::IdentifiedRobot;
 use kincal::kinematics::Robot;
 use kincal::measurement::{Frame, MeasurementSet, Point, csv, split};
 use nalgebra::{Rotation3, Vector3};

@@ -10,7 +10,7 @@ use kincal::compensation::{
     Tool, ToolError, ToolGoal, ToolPoint, WorkFrame, WorkFrameError,
 };
 use kincal::identification::KinematicModel;
-use kincal::identification::parameters::rotation_exp;
+use kincal::identification::model::parameters::rotation_exp;
 use kincal::kinematics::{Robot, t_base_flange};
 use kincal::measurement::{Frame, MeasurementSet, Subset};
 use kincal::operations::{Correctable, compensate};

@@ -5,7 +5,7 @@ use crate::app::{TestApp, paper, text};
 use crate::people::{Person, guarded};
 use crate::simulation::{Normal, poses};
 use kincal::identification::KinematicModel;
-use kincal::identification::parameters::{Parameter, apply, paper_parameters};
+use kincal::identification::model::parameters::{Parameter, apply, paper_parameters};
 use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Vector3};
 use serde_json::{Value, json};
 use std::fmt::Write;

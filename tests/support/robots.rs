@@ -2,7 +2,7 @@
 
 use super::simulation::Normal;
 use kincal::identification::KinematicModel;
-use kincal::identification::parameters::{Parameter, apply, complete_parameters};
+use kincal::identification::model::parameters::{Parameter, apply, complete_parameters};
 use kincal::kinematics::{Link, Robot};
 use kincal::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Unit, Vector3};

@@ -2,13 +2,13 @@
 //! knows of.
 
 use kincal::identification::KinematicModel;
-use kincal::identification::distributions::t_half_width;
-use kincal::identification::parameters::{
+use kincal::identification::model::parameters::{
     Parameter, Quantity, apply, complete_parameters, is_parallel,
 };
 use kincal::kinematics::Robot;
 use kincal::kinematics::forward::t_previous_link;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
+use kincal::solvers::distributions::t_half_width;
 use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Unit, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::TAU;
@@ -286,7 +286,7 @@ pub fn position_in_gravity(
 
 /// The true value of a parameter of the complete model, mm or degrees; `None` for the base's rotation, which is relative to its first estimate.
 pub fn true_value(truth: &KinematicModel, parameter: &Parameter) -> Option<f64> {
-    use kincal::identification::parameters::quantity_mut;
+    use kincal::identification::model::parameters::quantity_mut;
     match *parameter {
         Parameter::Link(link, quantity) => {
             let value = *quantity_mut(&mut truth.links[link].clone(), quantity);
@@ -468,7 +468,7 @@ pub fn identified(
     seed: u64,
     n_unseen: usize,
 ) -> Scored {
-    use kincal::identification::corrected::IdentifiedRobot;
+    use kincal::identification::corrections::corrected::IdentifiedRobot;
     let mut random = Normal::new(seed);
     let (robot, set) = nonlinear_set(nominal, campaign, nonlinear, &mut random);
     let request = kincal::calibration::CalibrationRequest::new(nominal.clone(), set);

@@ -2,10 +2,10 @@
 
 use crate::robots;
 use crate::simulation::Normal;
-use kincal::identification::identifiability::prior_scales;
-use kincal::identification::objective::{Observation, weighted_jacobian};
-use kincal::identification::parameters::{Parameter, complete_parameters};
-use kincal::identification::workspace::random_configurations;
+use kincal::identification::model::identifiability::prior_scales;
+use kincal::identification::model::objective::{Observation, weighted_jacobian};
+use kincal::identification::model::parameters::{Parameter, complete_parameters};
+use kincal::identification::statistics::workspace::random_configurations;
 use kincal::identification::{KinematicModel, Model};
 use kincal::kinematics::{Link, Robot, reach_mm};
 use kincal::planning::{Noise, PlanRequest, Room, SetUp, plan};

@@ -36,9 +36,9 @@ use crate::calibration::warnings::screening::{
     extrapolated, of_the_verify_set, screening_warnings,
 };
 use crate::calibration::warnings::unobservable;
-use crate::identification::corrected::IdentifiedRobot;
-use crate::identification::objective::Observation;
-use crate::identification::workspace::tool_uncertainty;
+use crate::identification::corrections::corrected::IdentifiedRobot;
+use crate::identification::model::objective::Observation;
+use crate::identification::statistics::workspace::tool_uncertainty;
 use crate::identification::{KinematicModel, TrainedNetwork};
 use crate::kinematics::Link;
 use crate::measurement::{Frame, Subset};

@@ -3,7 +3,7 @@
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Model;
 use crate::identification::KinematicModel;
-use crate::identification::corrected::CorrectedModel;
+use crate::identification::corrections::corrected::CorrectedModel;
 use crate::measurement::Frame;
 use nalgebra::IsometryMatrix3;
 

@@ -7,8 +7,8 @@ use crate::calibration::report::{Identifiability, ParameterOutcome};
 use crate::calibration::request::Model;
 use crate::calibration::solve::most_probable::DETERMINED;
 use crate::identification::KinematicModel;
-use crate::identification::parameters::{Parameter, Quantity, deviation_from};
-use crate::identification::uncertainty::Uncertainty;
+use crate::identification::model::parameters::{Parameter, Quantity, deviation_from};
+use crate::identification::statistics::uncertainty::Uncertainty;
 
 /// Coverage probability of a parameter's stated interval.
 const CONFIDENCE: f64 = 0.95;

@@ -6,8 +6,8 @@
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, rotation_exp};
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::{Parameter, rotation_exp};
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -266,5 +266,5 @@ pub fn standing(model: &KinematicModel, observations: &[Observation]) -> Isometr
         .map(|o| model.position(&o.q_rad, o.target))
         .collect();
     let measured: Vec<Vector3<f64>> = observations.iter().map(|o| o.position_mm).collect();
-    crate::identification::start::rigid_motion(&predicted, &measured)
+    crate::identification::least_squares::start::rigid_motion(&predicted, &measured)
 }

@@ -1,12 +1,12 @@
 //! Number of equations that points give, and number of parameter combinations of a model.
 
 use crate::identification::KinematicModel;
-use crate::identification::identifiability::{decompose, prior_scales};
-use crate::identification::linearisation::scaled_jacobian_at;
-use crate::identification::objective::Observation;
-use crate::identification::parameters::Parameter;
-use crate::identification::pose_rows::MeasuredRotation;
-use crate::identification::problem::usual_mm_per_rad;
+use crate::identification::least_squares::linearisation::scaled_jacobian_at;
+use crate::identification::least_squares::problem::usual_mm_per_rad;
+use crate::identification::model::identifiability::{decompose, prior_scales};
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::Parameter;
+use crate::identification::model::pose_rows::MeasuredRotation;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::set::Configurations;
 use nalgebra::{DMatrix, Rotation3, Vector3};

@@ -5,7 +5,7 @@ use crate::calibration::preparation::all_fit::{AllFit, fit_all};
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::request::CalibrationRequest;
-use crate::identification::outliers::Outliers;
+use crate::identification::screening::outliers::Outliers;
 use crate::solvers::watch::Watch;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -3,9 +3,9 @@
 use crate::calibration::preparation::screening::{Screening, loss};
 use crate::calibration::request::{CalibrationRequest, Loss};
 use crate::identification::KinematicModel;
-use crate::identification::estimate::FitSummary;
-use crate::identification::objective::{Observation, residuals, squared_rows_mm2};
-use crate::identification::pose_rows::{MeasuredRotation, rotation_residual_rad};
+use crate::identification::least_squares::estimate::FitSummary;
+use crate::identification::model::objective::{Observation, residuals, squared_rows_mm2};
+use crate::identification::model::pose_rows::{MeasuredRotation, rotation_residual_rad};
 use crate::kinematics::batch::Bound;
 use crate::kinematics::rotation::rotation_exp;
 use crate::solvers::least_squares::{Iteration, Termination};

@@ -2,12 +2,12 @@
 
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice, VerifySource};
 use crate::calibration::{Error, unusable};
-use crate::identification::objective::{Observation, posed_targets};
-use crate::identification::parameters::{
+use crate::identification::least_squares::problem::usual_mm_per_rad;
+use crate::identification::model::objective::{Observation, posed_targets};
+use crate::identification::model::parameters::{
     Parameter, complete_parameters, paper_parameters, target_rotation_parameters,
 };
-use crate::identification::pose_rows::MeasuredRotation;
-use crate::identification::problem::usual_mm_per_rad;
+use crate::identification::model::pose_rows::MeasuredRotation;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{Frame, MeasurementSet, Subset, split};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Vector3};

@@ -8,7 +8,7 @@ use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::row_weights::{uneven_noise, variance_over_usual, whiten};
 use crate::calibration::preparation::screening::Outlier;
 use crate::identification::KinematicModel;
-use crate::identification::problem::usual_length_mm;
+use crate::identification::least_squares::problem::usual_length_mm;
 use crate::kinematics::reach_mm;
 use crate::measurement::MeasurementSet;
 use nalgebra::IsometryMatrix3;

@@ -2,8 +2,8 @@
 
 use crate::calibration::request::{CalibrationRequest, Model};
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::start::{fit_base_and_targets, fit_targets};
+use crate::identification::least_squares::start::{fit_base_and_targets, fit_targets};
+use crate::identification::model::objective::Observation;
 use crate::kinematics::Link;
 use crate::measurement::Frame;
 

@@ -11,9 +11,9 @@ use crate::calibration::problem::Problem;
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::settings::settings;
 use crate::calibration::{Error, unusable};
-use crate::identification::identifiability::prior_scales;
-use crate::identification::linearisation::decomposition_at;
-use crate::identification::problem::reach_mm;
+use crate::identification::least_squares::linearisation::decomposition_at;
+use crate::identification::least_squares::problem::reach_mm;
+use crate::identification::model::identifiability::prior_scales;
 use crate::measurement::Subset;
 use crate::solvers::watch::Watch;
 

@@ -2,7 +2,9 @@
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
-use crate::identification::hand_eye::{angle_rad, base_and_target_rotation, robustly};
+use crate::identification::least_squares::hand_eye::{
+    angle_rad, base_and_target_rotation, robustly,
+};
 use crate::kinematics::{Link, t_base_flange};
 use std::collections::BTreeMap;
 

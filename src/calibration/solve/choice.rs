@@ -5,9 +5,9 @@ use crate::calibration::preparation::row_weights::start_of_poses;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::Method;
 use crate::identification::KinematicModel;
-use crate::identification::multistart::{BestStart, best_start};
-use crate::identification::objective::Observation;
-use crate::identification::parameters::apply;
+use crate::identification::least_squares::multistart::{BestStart, best_start};
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::apply;
 
 /// The chosen method, its start, and the reason.
 pub struct Choice {

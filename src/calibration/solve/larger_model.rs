@@ -9,8 +9,8 @@ use crate::calibration::stages::watched;
 use crate::calibration::validation::verdict::no_fit_mm;
 use crate::calibration::{Error, Monitor};
 use crate::identification::KinematicModel;
-use crate::identification::objective::{Observation, weighted_residuals};
-use crate::identification::problem::reach_mm;
+use crate::identification::least_squares::problem::reach_mm;
+use crate::identification::model::objective::{Observation, weighted_residuals};
 
 /// The models are compared if the rms exceeds this share of the reach: 0.17 mm on an arm of 1.7 m. Measured robots leave 0.1 to 0.4 mm.
 const COMPARED_PER_REACH: f64 = 1e-4;

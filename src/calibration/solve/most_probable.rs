@@ -3,14 +3,17 @@
 use crate::calibration::preparation::loss::{LeastSquares, robust_fit};
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{Model, Preset};
-use crate::identification::estimate::{
+use crate::identification::KinematicModel;
+use crate::identification::least_squares::estimate::{
     FitSummary, estimate, evidence_at, most_probable, prior_cost_mm2,
 };
-use crate::identification::evidence::Noise;
-use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, Quantity, copy_parameter, deviation_from};
-use crate::identification::priors::{Prior, Priors};
-use crate::identification::{KinematicModel, problem};
+use crate::identification::least_squares::evidence::Noise;
+use crate::identification::least_squares::problem;
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::{
+    Parameter, Quantity, copy_parameter, deviation_from,
+};
+use crate::identification::model::priors::{Prior, Priors};
 use crate::measurement::Frame;
 use crate::solvers::least_squares::Iteration;
 use crate::solvers::watch::Watch;

@@ -4,7 +4,7 @@ use crate::calibration::preparation::loss::PointLoss;
 use crate::calibration::problem::Problem;
 use crate::calibration::{Error, Event, Monitor};
 use crate::identification::KinematicModel;
-use crate::identification::search_space::SearchSpace;
+use crate::identification::model::search_space::SearchSpace;
 use crate::solvers::watch::Watch;
 use crate::solvers::{least_squares, pso};
 use std::cell::RefCell;

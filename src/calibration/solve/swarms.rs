@@ -4,11 +4,12 @@ use crate::calibration::problem::Problem;
 use crate::calibration::settings::{box_too_small, half_widths};
 use crate::calibration::solve::solution::Found;
 use crate::calibration::{Error, Event, Monitor};
-use crate::identification::bpnn_pso::links_from_nominal;
-use crate::identification::objective::Observation;
-use crate::identification::search_space::SearchSpace;
-use crate::identification::swarm::run_bounded_swarm;
-use crate::identification::{KinematicModel, bpnn_pso};
+use crate::identification::KinematicModel;
+use crate::identification::model::objective::Observation;
+use crate::identification::model::search_space::SearchSpace;
+use crate::identification::search::bpnn_pso;
+use crate::identification::search::bpnn_pso::links_from_nominal;
+use crate::identification::search::swarm::run_bounded_swarm;
 use crate::solvers::pso;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 

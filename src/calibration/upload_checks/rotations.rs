@@ -4,7 +4,7 @@
 use crate::calibration::upload_checks::alignment::{
     Alignment, align, base_rotation, links_with_fitted_zeros,
 };
-use crate::identification::hand_eye::{
+use crate::identification::least_squares::hand_eye::{
     angle_rad, base_and_target_rotation, robustly, target_rotation,
 };
 use crate::kinematics::{Link, Robot, t_base_flange};

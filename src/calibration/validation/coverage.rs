@@ -2,8 +2,8 @@
 
 use crate::calibration::report::{SHOWS_LITTLE, Warning};
 use crate::identification::KinematicModel;
-use crate::identification::hidden_zeros::{SHOWN, hidden_zeros};
-use crate::identification::objective::Observation;
+use crate::identification::model::objective::Observation;
+use crate::identification::statistics::hidden_zeros::{SHOWN, hidden_zeros};
 use crate::kinematics::Robot;
 use crate::measurement::MeasurementSet;
 use nalgebra::Vector3;

@@ -12,8 +12,8 @@ use crate::calibration::validation::verification_set::{
 };
 use crate::calibration::{Error, unusable};
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::start::fit_base_and_targets;
+use crate::identification::least_squares::start::fit_base_and_targets;
+use crate::identification::model::objective::Observation;
 use crate::measurement::set::n_shared_points;
 use crate::measurement::{Frame, MeasurementSet};
 use nalgebra::IsometryMatrix3;

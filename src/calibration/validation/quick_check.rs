@@ -16,14 +16,14 @@ use crate::calibration::validation::verify::verify;
 use crate::calibration::validation::what_next::{Found, what_next};
 use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
-use crate::identification::changes::{Causes, Change, FALSE_ALARMS};
-use crate::identification::corrected::IdentifiedRobot;
-use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, Quantity};
-use crate::identification::quick_check::{
+use crate::identification::corrections::corrected::IdentifiedRobot;
+use crate::identification::least_squares::start::fit_base_and_targets;
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::{Parameter, Quantity};
+use crate::identification::statistics::changes::{Causes, Change, FALSE_ALARMS};
+use crate::identification::statistics::quick_check::{
     Checked, Detectable, LEVEL, POWER, Poses, Untestable, quick_check,
 };
-use crate::identification::start::fit_base_and_targets;
 use crate::kinematics::reach_mm;
 use std::cmp::Ordering;
 

@@ -5,7 +5,7 @@ use crate::calibration::preparation::observe::observe;
 use crate::calibration::request::{CalibrationRequest, VerifySource};
 use crate::calibration::validation::verify::verify;
 use crate::calibration::{Error, unusable};
-use crate::identification::corrected::IdentifiedRobot;
+use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::measurement::{MeasurementSet, Subset};
 use std::ops::ControlFlow;
 

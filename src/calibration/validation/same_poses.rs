@@ -2,8 +2,8 @@
 //! reflector, which is another one in each session.
 
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::start::align_in_closed_form;
+use crate::identification::least_squares::start::align_in_closed_form;
+use crate::identification::model::objective::Observation;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use nalgebra::{

@@ -1,7 +1,7 @@
 //! A joint that follows another one: gears of a wrist that the controller does not compensate. No link parameter describes it.
 
 use crate::calibration::report::Warning;
-use crate::identification::uncertainty::Uncertainty;
+use crate::identification::statistics::uncertainty::Uncertainty;
 use std::f64::consts::PI;
 
 /// Warning of each joint that follows another one.

@@ -3,7 +3,7 @@
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::identification::KinematicModel;
-use crate::identification::pose_rows::rotation_residual_rad;
+use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::measurement::Subset;
 
 /// Warning and refusal code.

@@ -7,9 +7,9 @@ use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
 use crate::calibration::request::Loss;
 use crate::identification::KinematicModel;
-use crate::identification::drift::{Course, Drift};
-use crate::identification::objective::Observation;
-use crate::identification::uncertainty::Uncertainty;
+use crate::identification::model::objective::Observation;
+use crate::identification::screening::drift::{Course, Drift};
+use crate::identification::statistics::uncertainty::Uncertainty;
 use crate::measurement::Subset;
 
 /// Maximum number of points listed with their sizes in a detail; `rows` has all of them.

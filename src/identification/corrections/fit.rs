@@ -7,9 +7,9 @@
 use super::linear::{linearise, rotation_rows};
 use super::{Term, corrections_at};
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, apply, deviation_from};
-use crate::identification::priors::Prior;
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::{Parameter, apply, deviation_from};
+use crate::identification::model::priors::Prior;
 use crate::kinematics::rotation::rotation_exp;
 use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, IsometryMatrix3, Translation3, Vector3};

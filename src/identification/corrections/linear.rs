@@ -2,9 +2,9 @@
 
 use super::{Term, across_gravity};
 use crate::identification::KinematicModel;
-use crate::identification::objective::Observation;
-use crate::identification::parameters::{Parameter, Quantity};
-use crate::identification::pose_rows::{rotation_residual_rad, rows_by_turn};
+use crate::identification::model::objective::Observation;
+use crate::identification::model::parameters::{Parameter, Quantity};
+use crate::identification::model::pose_rows::{rotation_residual_rad, rows_by_turn};
 use crate::kinematics::compliance::{first_moments, rigid_chain};
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::jacobian::{LinkColumns, link_columns};

@@ -1,6 +1,7 @@
 //! Identification of corrections for what link parameters cannot describe ([`crate::kinematics::compliance`]): their terms, the prior of each term,
 //! their fit together with the links, and the selection of those that are kept.
 
+pub mod corrected;
 mod fit;
 mod folds;
 mod linear;

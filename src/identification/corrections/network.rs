@@ -5,7 +5,7 @@
 
 use super::fit::{Fitted, Setting};
 use super::folds::{Evidence, Folds, Unseen};
-use crate::identification::objective::Observation;
+use crate::identification::model::objective::Observation;
 use crate::kinematics::ResidualNetwork;
 use crate::solvers::bpnn::{self, Network};
 use nalgebra::{DVector, Vector3};

@@ -3,7 +3,7 @@
 use super::Error;
 use crate::exchange::Chain;
 use crate::exchange::universal_robots::UrBase;
-use crate::identification::workspace::random_configurations;
+use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::{Link, Robot, t_base_flange};
 use crate::operations::urdf::Urdf;
 use nalgebra::IsometryMatrix3;

@@ -1,7 +1,7 @@
 //! Inputs of an export.
 
 use crate::compensation::Base;
-use crate::identification::problem::BASE_RAD;
+use crate::identification::least_squares::problem::BASE_RAD;
 use crate::kinematics::Robot;
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::{ParameterSetContent, Provenance};

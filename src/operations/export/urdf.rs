@@ -3,7 +3,7 @@
 use super::{Error, Source, check};
 use crate::exchange::transplant::transplanted;
 use crate::exchange::{Chain, origin_of};
-use crate::identification::workspace::random_configurations;
+use crate::identification::statistics::workspace::random_configurations;
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::{Link, t_base_flange};
 use crate::operations::urdf::{Urdf, escaped, rpy_text, xyz_text};

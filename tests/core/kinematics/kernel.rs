@@ -2,10 +2,10 @@
 
 use super::{random_model, random_q};
 use kincal::identification::KinematicModel;
-use kincal::identification::objective::{Observation, cost};
-use kincal::identification::parameters::{Parameter, Quantity, apply};
-use kincal::identification::search_space::SearchSpace;
-use kincal::identification::swarm::{lane_robots, prepared_poses};
+use kincal::identification::model::objective::{Observation, cost};
+use kincal::identification::model::parameters::{Parameter, Quantity, apply};
+use kincal::identification::model::search_space::SearchSpace;
+use kincal::identification::search::swarm::{lane_robots, prepared_poses};
 use kincal::kinematics::batch::{
     InstructionSet, LANES, LaneRobots, Lanes, PreparedPoses, sum_of_squares,
 };
@@ -167,7 +167,7 @@ fn the_kernel_equals_the_readable_cost_with_base_known_and_target_on_the_axis() 
                 .links
                 .iter_mut()
                 .for_each(|link| link.beta_rad = 0.0);
-            let parameters = kincal::identification::parameters::paper_parameters(n_links);
+            let parameters = kincal::identification::model::parameters::paper_parameters(n_links);
             for (mm, rad) in [(1.0, 0.01), (1e-6, 1e-8), (500.0, 3.0)] {
                 let moved = case(
                     &mut random,
@@ -278,7 +278,7 @@ fn cases_for_bits() -> Vec<Case> {
         let mut paper = random_model(&mut random, n_links, 1);
         paper.t_instrument_base = IsometryMatrix3::identity();
         paper.targets_mm[0] = Vector3::zeros();
-        let parameters = kincal::identification::parameters::paper_parameters(n_links);
+        let parameters = kincal::identification::model::parameters::paper_parameters(n_links);
         cases.push(case(&mut random, paper, parameters, (1.0, 0.01), false));
     }
     cases

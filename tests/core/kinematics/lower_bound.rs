@@ -2,9 +2,9 @@
 
 use super::kernel::{Case, all_parameters, case};
 use super::random_model;
-use kincal::identification::anchor::Anchor;
-use kincal::identification::objective::cost;
-use kincal::identification::parameters::{apply, complete_parameters, paper_parameters};
+use kincal::identification::model::objective::cost;
+use kincal::identification::model::parameters::{apply, complete_parameters, paper_parameters};
+use kincal::identification::search::anchor::Anchor;
 use kincal::kinematics::batch::{InstructionSet, LANES, Lanes, sum_of_squares};
 use nalgebra::{IsometryMatrix3, Vector3};
 use proptest::prelude::*;

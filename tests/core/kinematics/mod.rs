@@ -6,8 +6,9 @@ mod lower_bound;
 mod one_robot;
 
 use crate::data::{paper_robot, paper_set};
-use kincal::identification::parameters::{Parameter, Quantity, apply, complete_parameters};
-use kincal::identification::{KinematicModel, objective};
+use kincal::identification::KinematicModel;
+use kincal::identification::model::objective;
+use kincal::identification::model::parameters::{Parameter, Quantity, apply, complete_parameters};
 use kincal::kinematics::{Link, forward_kinematics, t_base_flange};
 use kincal::measurement::Subset;
 use nalgebra::{IsometryMatrix3, Matrix4, Rotation3, Translation3, Vector3, Vector4};

@@ -1,10 +1,12 @@
 //! Residuals and derivatives for least squares: equal to the readable implementation, and the same bits on every code path.
 
 use super::{random_model, random_q};
-use kincal::identification::linearisation::Linearisation;
-use kincal::identification::objective::{Observation, weighted_jacobian, weighted_residuals};
-use kincal::identification::parameters::{Parameter, Quantity};
-use kincal::identification::search_space::SearchSpace;
+use kincal::identification::least_squares::linearisation::Linearisation;
+use kincal::identification::model::objective::{
+    Observation, weighted_jacobian, weighted_residuals,
+};
+use kincal::identification::model::parameters::{Parameter, Quantity};
+use kincal::identification::model::search_space::SearchSpace;
 use kincal::kinematics::batch::InstructionSet;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};

@@ -1,6 +1,6 @@
 //! A joint convention relative to the robot's current joints: its effect on joint values, its joint map, and its description.
 
-use crate::identification::objective::Observation;
+use crate::identification::model::objective::Observation;
 use crate::kinematics::{JointMap, Robot};
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;

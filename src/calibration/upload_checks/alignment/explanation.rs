@@ -1,6 +1,6 @@
 //! Result of an upload check, its thresholds, and the points that it uses.
 
-use crate::identification::objective::Observation;
+use crate::identification::model::objective::Observation;
 use crate::kinematics::{JointMap, Robot};
 use crate::measurement::{MeasurementSet, Point};
 use std::collections::BTreeMap;

@@ -3,11 +3,13 @@
 
 use super::explanation::n_targets;
 use crate::identification::KinematicModel;
-use crate::identification::fit::fit_least_squares;
-use crate::identification::multistart::{best_fitting, median_mm};
-use crate::identification::objective::{Observation, cost};
-use crate::identification::parameters::{Parameter, Quantity};
-use crate::identification::start::{align_in_closed_form, fit_base_and_targets, fit_targets};
+use crate::identification::least_squares::multistart::{best_fitting, median_mm};
+use crate::identification::least_squares::start::{
+    align_in_closed_form, fit_base_and_targets, fit_targets,
+};
+use crate::identification::model::objective::{Observation, cost};
+use crate::identification::model::parameters::{Parameter, Quantity};
+use crate::identification::search::fit::fit_least_squares;
 use crate::kinematics::{self, Link, t_base_flange};
 use crate::measurement::Frame;
 use nalgebra::Vector3;

@@ -8,7 +8,7 @@ use super::explanation::{UNMASTERED_RAD, n_targets};
 use super::fitting::{
     Fitted, Zeroed, placed, quickly_placed, quickly_with_free_zeros, with_free_zeros,
 };
-use crate::identification::objective::Observation;
+use crate::identification::model::objective::Observation;
 use crate::kinematics::Link;
 use crate::kinematics::forward::t_previous_link;
 use crate::kinematics::model::MAX_LINKS;

@@ -16,8 +16,8 @@ pub use explanation::{BETTER, COMES_NEAR, Explanation, FITS, Suspicion, UNMASTER
 pub use hypotheses::{Hypothesis, hypotheses};
 
 use crate::identification::KinematicModel;
-use crate::identification::objective::{Observation, weighted_jacobian};
-use crate::identification::parameters::placement_parameters;
+use crate::identification::model::objective::{Observation, weighted_jacobian};
+use crate::identification::model::parameters::placement_parameters;
 use crate::kinematics::{Link, Robot};
 use crate::measurement::{Frame, MeasurementSet, Point};
 use explanation::{observations, of_one_station};

@@ -11,7 +11,7 @@ use super::hypotheses::{Hypothesis, hypotheses};
 use super::joint_maps;
 use super::supposed::{Supposed, What};
 use super::texts::{in_words, mm, offsets};
-use crate::identification::objective::Observation;
+use crate::identification::model::objective::Observation;
 use crate::kinematics::Robot;
 use crate::measurement::{Frame, MeasurementSet, Point};
 use std::collections::BTreeSet;

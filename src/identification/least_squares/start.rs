@@ -1,0 +1,410 @@
+//! Base pose and targets from nominal kinematics, without a starting guess from the user.
+
+use crate::identification::KinematicModel;
+use crate::identification::least_squares::hand_eye::{base_and_target_rotation, target_rotation};
+use crate::identification::least_squares::problem::{Placement, Problem};
+use crate::identification::model::objective::{Observation, posed_targets};
+use crate::kinematics::rotation::nearest_rotation;
+use crate::kinematics::{Link, t_base_flange};
+use crate::solvers::least_squares::{Options, minimize};
+use nalgebra::{
+    DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, Vector3,
+};
+use std::ops::ControlFlow;
+
+/// Maximum number of observations of each target for the closed form. The least-squares fit after it uses all.
+const START_OBSERVATIONS: usize = 200;
+/// Iteration limit of a singular value decomposition.
+const SVD_ITERATIONS: usize = 10_000;
+
+/// Base pose and target offsets that best fit `observations`, with the links held.
+pub fn fit_base_and_targets(
+    links: &[Link],
+    observations: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    let flanges: Vec<IsometryMatrix3<f64>> = observations
+        .iter()
+        .map(|o| t_base_flange(links, &o.q_rad))
+        .collect();
+    let placement = place(&flanges, observations, n_targets);
+    KinematicModel {
+        t_instrument_base: placement.t_instrument_base,
+        links: links.to_vec(),
+        targets_mm: placement.targets_mm,
+        target_rotations: placement.target_rotations,
+    }
+}
+
+/// Target offsets that best fit `observations`, with the links held and the base at the measuring frame: the mean of each target's points in the
+/// flange frame. A target without points is at the flange.
+pub fn fit_targets(
+    links: &[Link],
+    observations: &[Observation],
+    n_targets: usize,
+) -> KinematicModel {
+    let mut model = KinematicModel::nominal(links, n_targets);
+    let mut weights = vec![0.0; n_targets];
+    let mut flanges = Vec::with_capacity(observations.len());
+    for o in observations {
+        let flange = t_base_flange(links, &o.q_rad);
+        flanges.push(flange);
+        let in_flange = flange.inverse() * Point3::from(o.position_mm);
+        model.targets_mm[o.target] += in_flange.coords * o.weight;
+        weights[o.target] += o.weight;
+    }
+    for (target, weight) in model.targets_mm.iter_mut().zip(weights) {
+        if weight > 0.0 {
+            *target /= weight;
+        }
+    }
+    let base = Rotation3::identity();
+    model.target_rotations = target_rotations(&flanges, observations, n_targets, &base);
+    model
+}
+
+/// Flange in the base frame and target in the measuring frame at each pose of a target.
+fn pairs_of(
+    target: usize,
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+) -> Vec<(Rotation3<f64>, Rotation3<f64>)> {
+    let of_target = observations.iter().zip(flanges);
+    of_target
+        .filter(|(o, _)| o.target == target && o.weight > 0.0)
+        .filter_map(|(o, flange)| Some((flange.rotation, o.rotation?.rotation)))
+        .collect()
+}
+
+/// Rotations of targets for a given rotation of the base; empty if no pose was measured.
+fn target_rotations(
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+    n_targets: usize,
+    base: &Rotation3<f64>,
+) -> Vec<Rotation3<f64>> {
+    if posed_targets(observations).is_empty() {
+        return vec![];
+    }
+    let of = |target| target_rotation(base, &pairs_of(target, flanges, observations));
+    (0..n_targets)
+        .map(|target| of(target).unwrap_or_else(Rotation3::identity))
+        .collect()
+}
+
+/// Rotation of the base from the poses of the target with the most poses; `None` without poses.
+fn base_rotation_of_poses(
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+) -> Option<Rotation3<f64>> {
+    let pairs = posed_targets(observations)
+        .into_iter()
+        .map(|target| pairs_of(target, flanges, observations))
+        .max_by_key(Vec::len)?;
+    base_and_target_rotation(&pairs).map(|(base, _)| base)
+}
+
+/// Base pose and target offsets that best fit `observations` (least squares), for a robot whose flange is known in its base frame at each of them.
+///
+/// Starts from a closed form (linear in the rotation's entries, then projected onto the rotations) and from Kabsch's fit with the targets at the
+/// flange; with poses, also from the closed form of their rotations. If none of them is good, also from the 24 rotations of the cube. Each start is
+/// refined by least squares, and the lowest cost wins.
+pub fn place(
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+    n_targets: usize,
+) -> Placement {
+    let polish = |rotation: Rotation3<f64>| {
+        let start = with_rotation(observations, flanges, n_targets, rotation);
+        polished(start, flanges, observations)
+    };
+    let best = |candidates: Vec<Rotation3<f64>>| {
+        candidates
+            .into_iter()
+            .map(polish)
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    let (few, few_flanges) = thinned(observations, flanges, n_targets);
+    let direct = [
+        linear_rotation(&few, &few_flanges, n_targets),
+        Some(kabsch_rotation(observations, flanges)),
+    ];
+    let of_poses = base_rotation_of_poses(flanges, observations);
+    let first = best(
+        of_poses
+            .into_iter()
+            .chain(direct.into_iter().flatten())
+            .collect(),
+    );
+    let found = match first {
+        Some((cost_mm2, placement)) if is_good(cost_mm2, observations) => Some(placement),
+        first => {
+            let cube = best(cube_rotations());
+            let both = first.into_iter().chain(cube);
+            both.min_by(|a, b| a.0.total_cmp(&b.0))
+                .map(|(_, placement)| placement)
+        }
+    };
+    found.unwrap_or_else(|| Placement {
+        t_instrument_base: IsometryMatrix3::identity(),
+        targets_mm: vec![Vector3::zeros(); n_targets],
+        target_rotations: vec![],
+    })
+}
+
+/// Least squares of a placement. Returns its cost, mm², and the placement.
+fn polished(
+    start: Placement,
+    flanges: &[IsometryMatrix3<f64>],
+    observations: &[Observation],
+) -> (f64, Placement) {
+    let problem = Problem::of_placement(start, flanges, observations);
+    let mut rows =
+        |x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>| {
+            problem.evaluate(x, residuals.as_mut_slice(), jacobian);
+        };
+    let x0 = vec![0.0; problem.variables.len()];
+    let (n_rows, options) = (problem.n_rows(), Options::default());
+    let fit = minimize(&mut rows, n_rows, &x0, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let model = problem.model(&fit.x);
+    let placement = Placement {
+        t_instrument_base: model.t_instrument_base,
+        targets_mm: model.targets_mm,
+        target_rotations: model.target_rotations,
+    };
+    (fit.cost, placement)
+}
+
+/// True if the cost of a placement is so small, relative to the spread of the points, that the placement cannot be wrong.
+fn is_good(cost_mm2: f64, observations: &[Observation]) -> bool {
+    let n = observations.len().max(1) as f64;
+    let centre = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / n;
+    let spread_mm2: f64 = observations
+        .iter()
+        .map(|o| o.weight * (o.position_mm - centre).norm_squared())
+        .sum();
+    cost_mm2 <= GOOD * GOOD * spread_mm2
+}
+
+/// Base pose and targets in closed form, without refinement: accurate to some millimetres if the data are right. With `is_base_known` the base is
+/// only shifted. `None` if there are too few points, or if they are too similar.
+pub fn align_in_closed_form(
+    links: &[Link],
+    observations: &[Observation],
+    n_targets: usize,
+    is_base_known: bool,
+) -> Option<KinematicModel> {
+    let flanges: Vec<IsometryMatrix3<f64>> = observations
+        .iter()
+        .map(|o| t_base_flange(links, &o.q_rad))
+        .collect();
+    let rotation = if is_base_known {
+        Rotation3::identity()
+    } else {
+        linear_rotation(observations, &flanges, n_targets)?
+    };
+    let Placement {
+        t_instrument_base,
+        targets_mm,
+        target_rotations,
+    } = with_rotation(observations, &flanges, n_targets, rotation);
+    Some(KinematicModel {
+        t_instrument_base,
+        links: links.to_vec(),
+        targets_mm,
+        target_rotations,
+    })
+}
+
+/// A shift along parallel axes, which base and target share, goes to the base: it is weighed less than a target's offset by this factor. If it were
+/// divided evenly, a target could be placed a metre off, depending on where the instrument stands.
+const BASE_FIRST: f64 = 100.0;
+/// Singular values below this share of the largest are rounding.
+const SEEN: f64 = 1e-9;
+
+/// Nominal kinematics leave less than a hundredth of the points' spread, even with an unmastered joint. If a closed form leaves more, it may be
+/// wrong, and the cube's rotations are tried as well.
+const GOOD: f64 = 0.01;
+
+/// With a given rotation, base translation and targets are linear: measured = R·A + R·B·target + t.
+fn with_rotation(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+    n_targets: usize,
+    rotation: Rotation3<f64>,
+) -> Placement {
+    let unknowns = 3 + 3 * n_targets;
+    let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
+    let mut right = DVector::<f64>::zeros(unknowns);
+    for (o, flange) in observations.iter().zip(flanges) {
+        let b = rotation.matrix() * flange.rotation.matrix();
+        let y = o.position_mm - rotation * flange.translation.vector;
+        let at = 3 + 3 * o.target;
+        let mut add = |row: usize, column: usize, m: &Matrix3<f64>| {
+            let mut block = normal.fixed_view_mut::<3, 3>(row, column);
+            block += m * o.weight;
+        };
+        add(0, 0, &(Matrix3::identity() * (BASE_FIRST * BASE_FIRST)));
+        add(0, at, &(b * BASE_FIRST));
+        add(at, 0, &(b.transpose() * BASE_FIRST));
+        add(at, at, &Matrix3::identity());
+        let (top, bottom) = (y * (o.weight * BASE_FIRST), b.transpose() * y * o.weight);
+        (0..3).for_each(|axis| {
+            right[axis] += top[axis];
+            right[at + axis] += bottom[axis];
+        });
+    }
+    let solved = normal
+        .try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)
+        .and_then(|svd| {
+            svd.solve(
+                &right,
+                SEEN / (BASE_FIRST * BASE_FIRST) * svd.singular_values[0],
+            )
+            .ok()
+        });
+    let x = solved.unwrap_or_else(|| DVector::zeros(unknowns));
+    let vector = |at: usize| Vector3::new(x[at], x[at + 1], x[at + 2]);
+    Placement {
+        t_instrument_base: IsometryMatrix3::from_parts(
+            Translation3::from(vector(0) * BASE_FIRST),
+            rotation,
+        ),
+        targets_mm: (0..n_targets)
+            .map(|target| vector(3 + 3 * target))
+            .collect(),
+        target_rotations: target_rotations(flanges, observations, n_targets, &rotation),
+    }
+}
+
+/// Rᵀ·m − B·target − u = A is linear in the nine entries of Rᵀ, the targets and u = Rᵀ·t; the entries are then projected onto the rotations.
+fn linear_rotation(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+    n_targets: usize,
+) -> Option<Rotation3<f64>> {
+    let unknowns = 12 + 3 * n_targets;
+    if 3 * observations.len() < unknowns {
+        return None;
+    }
+    let centroid = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / observations.len() as f64;
+    let size = observations
+        .iter()
+        .map(|o| (o.position_mm - centroid).norm_squared())
+        .sum::<f64>()
+        / observations.len() as f64;
+    let size = size.sqrt().max(1e-9);
+    let mut design = DMatrix::<f64>::zeros(3 * observations.len(), unknowns);
+    let mut right = DVector::<f64>::zeros(3 * observations.len());
+    for (i, (o, flange)) in observations.iter().zip(flanges).enumerate() {
+        let m = (o.position_mm - centroid) / size;
+        for axis in 0..3 {
+            let row = 3 * i + axis;
+            for k in 0..3 {
+                design[(row, 3 * axis + k)] = m[k];
+                design[(row, 12 + 3 * o.target + k)] = -flange.rotation.matrix()[(axis, k)];
+            }
+            design[(row, 9 + axis)] = -1.0;
+            right[row] = flange.translation.vector[axis] / size;
+        }
+    }
+    let svd = design.try_svd(true, true, f64::EPSILON, SVD_ITERATIONS)?;
+    let x = svd.solve(&right, 1e-9 * svd.singular_values[0]).ok()?;
+    let transposed = Matrix3::from_fn(|row, column| x[3 * row + column]);
+    nearest_rotation(&transposed.transpose())
+}
+
+/// Evenly selected observations of each target for the closed form, which builds a dense matrix of them.
+fn thinned(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+    n_targets: usize,
+) -> (Vec<Observation>, Vec<IsometryMatrix3<f64>>) {
+    let mut of_target = vec![Vec::new(); n_targets];
+    observations
+        .iter()
+        .enumerate()
+        .for_each(|(i, o)| of_target[o.target].push(i));
+    let evenly = |rows: &Vec<usize>| -> Vec<usize> {
+        rows.iter()
+            .copied()
+            .step_by(rows.len().div_ceil(START_OBSERVATIONS).max(1))
+            .collect()
+    };
+    of_target
+        .iter()
+        .flat_map(evenly)
+        .map(|i| (observations[i].clone(), flanges[i]))
+        .unzip()
+}
+
+/// Kabsch's rotation (1976) between flange origins and measured positions.
+fn kabsch_rotation(
+    observations: &[Observation],
+    flanges: &[IsometryMatrix3<f64>],
+) -> Rotation3<f64> {
+    let n = observations.len() as f64;
+    let measured = observations
+        .iter()
+        .map(|o| o.position_mm)
+        .sum::<Vector3<f64>>()
+        / n;
+    let nominal = flanges
+        .iter()
+        .map(|f| f.translation.vector)
+        .sum::<Vector3<f64>>()
+        / n;
+    let covariance: Matrix3<f64> = observations
+        .iter()
+        .zip(flanges)
+        .map(|(o, f)| (o.position_mm - measured) * (f.translation.vector - nominal).transpose())
+        .sum();
+    nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity)
+}
+
+/// The rigid motion that best maps `from` to `to` (Kabsch 1976).
+pub fn rigid_motion(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> IsometryMatrix3<f64> {
+    let n = from.len().max(1) as f64;
+    let (centre_from, centre_to) = (
+        from.iter().sum::<Vector3<f64>>() / n,
+        to.iter().sum::<Vector3<f64>>() / n,
+    );
+    let covariance: Matrix3<f64> = from
+        .iter()
+        .zip(to)
+        .map(|(f, t)| (t - centre_to) * (f - centre_from).transpose())
+        .sum();
+    let rotation = nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity);
+    IsometryMatrix3::from_parts(
+        Translation3::from(centre_to - rotation * centre_from),
+        rotation,
+    )
+}
+
+/// The 24 rotations that map the axes onto axes.
+fn cube_rotations() -> Vec<Rotation3<f64>> {
+    let units: Vec<Vector3<f64>> = (0..3)
+        .flat_map(|axis| [Vector3::ith(axis, 1.0), Vector3::ith(axis, -1.0)])
+        .collect();
+    let mut rotations = Vec::new();
+    for x in &units {
+        for y in units.iter().filter(|y| x.dot(y) == 0.0) {
+            rotations.push(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[
+                *x,
+                *y,
+                x.cross(y),
+            ])));
+        }
+    }
+    rotations
+}

@@ -1,0 +1,202 @@
+//! The cost F and its residuals [Gao 2018, eq. 8, 11], with the identification Jacobian.
+
+use crate::identification::KinematicModel;
+use crate::identification::model::parameters::{Parameter, Quantity, left_jacobian};
+use crate::identification::model::pose_rows::{MeasuredRotation, TurnedBy, rotation_residual_rad};
+use crate::kinematics::{PositionJacobian, position_jacobian};
+use nalgebra::{DMatrix, DVector, IsometryMatrix3, Matrix3, Point3, Vector3};
+use std::collections::BTreeSet;
+
+/// One measured pose in the form for fitting: joint values in the model's convention, position in the measuring frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Joint values of the model, rad.
+    pub q_rad: Vec<f64>,
+    /// Measured position, mm.
+    pub position_mm: Vector3<f64>,
+    /// Index of the target.
+    pub target: usize,
+    /// Weight of the squared residual; 1 unless the points carry their own uncertainties.
+    pub weight: f64,
+    /// W of the rows sqrt(weight) · W · (measured − predicted), if the position's noise differs between directions. Wᵀ·W is the inverse of its
+    /// covariance times the mean of its three variances. `None` if all directions have the same noise, W = 1.
+    pub whitening: Option<Matrix3<f64>>,
+    /// Rotation of the target, for a pose.
+    pub rotation: Option<MeasuredRotation>,
+}
+
+impl Observation {
+    /// A position of weight 1.
+    pub fn at(q_rad: Vec<f64>, position_mm: Vector3<f64>, target: usize) -> Self {
+        Self {
+            q_rad,
+            position_mm,
+            target,
+            weight: 1.0,
+            whitening: None,
+            rotation: None,
+        }
+    }
+
+    /// The same observation without its rotation.
+    pub fn position_alone(&self) -> Self {
+        Self {
+            rotation: None,
+            ..self.clone()
+        }
+    }
+
+    /// The same observation with isotropic noise.
+    pub fn with_even_noise(&self) -> Self {
+        Self {
+            whitening: None,
+            ..self.clone()
+        }
+    }
+
+    /// The same observation in another frame.
+    pub fn moved(&self, motion: &IsometryMatrix3<f64>) -> Self {
+        let mut moved = self.clone();
+        moved.position_mm = (motion * Point3::from(self.position_mm)).coords;
+        moved.whitening = self
+            .whitening
+            .map(|w| w * motion.rotation.matrix().transpose());
+        if let Some(measured) = &mut moved.rotation {
+            measured.rotation = motion.rotation * measured.rotation;
+        }
+        moved
+    }
+
+    /// W·v of a vector in the measuring frame.
+    pub fn whitened(&self, v: Vector3<f64>) -> Vector3<f64> {
+        match &self.whitening {
+            Some(w) => w * v,
+            None => v,
+        }
+    }
+
+    /// Number of rows in a model: three for a position, six for a pose.
+    pub fn n_rows(&self, model: &KinematicModel) -> usize {
+        let is_pose = self.rotation.is_some() && self.target < model.target_rotations.len();
+        if is_pose { 6 } else { 3 }
+    }
+}
+
+/// Targets with measured poses, in order.
+pub fn posed_targets(observations: &[Observation]) -> Vec<usize> {
+    let posed = observations.iter().filter(|o| o.rotation.is_some());
+    let targets: BTreeSet<usize> = posed.map(|o| o.target).collect();
+    targets.into_iter().collect()
+}
+
+/// residual = measured − predicted of each observation, mm, unweighted.
+pub fn residuals(model: &KinematicModel, observations: &[Observation]) -> Vec<Vector3<f64>> {
+    observations
+        .iter()
+        .map(|o| o.position_mm - model.position(&o.q_rad, o.target))
+        .collect()
+}
+
+/// Rotation residual of a measured pose, times the length by which rotation rows are weighed, mm; `None` for a position.
+fn rotation_rows_mm(model: &KinematicModel, o: &Observation) -> Option<Vector3<f64>> {
+    let measured = o.rotation.as_ref()?;
+    let predicted = model.rotation(&o.q_rad, o.target)?;
+    Some(rotation_residual_rad(&predicted, measured) * measured.mm_per_rad)
+}
+
+/// Σ |row|² of an observation of weight 1, mm².
+pub fn squared_rows_mm2(model: &KinematicModel, o: &Observation) -> f64 {
+    let residual = o.position_mm - model.position(&o.q_rad, o.target);
+    let of_position = o.whitened(residual).norm_squared();
+    of_position + rotation_rows_mm(model, o).map_or(0.0, |rows| rows.norm_squared())
+}
+
+/// F = Σ weight · |residual|², mm² [Gao 2018, eq. 8, 11], with whitened residuals if directions differ. For poses it includes the rotation rows.
+pub fn cost(model: &KinematicModel, observations: &[Observation]) -> f64 {
+    observations
+        .iter()
+        .map(|o| o.weight * squared_rows_mm2(model, o))
+        .sum()
+}
+
+/// sqrt(weight) · W · residual: three rows per position, six per pose.
+pub fn weighted_residuals(model: &KinematicModel, observations: &[Observation]) -> DVector<f64> {
+    let mut rows = Vec::with_capacity(3 * observations.len());
+    for (o, residual) in observations.iter().zip(residuals(model, observations)) {
+        let root = o.weight.sqrt();
+        rows.extend((o.whitened(residual) * root).iter());
+        if let Some(turn) = rotation_rows_mm(model, o) {
+            rows.extend((turn * root).iter());
+        }
+    }
+    DVector::from_vec(rows)
+}
+
+/// The identification Jacobian: sqrt(weight) · W · ∂(predicted position)/∂(parameter), 3·N × p, in mm per mm or rad. The derivative of the residual
+/// is its negative. `base_rotation_rad` is the rotation vector between `model`'s base and the reference of the deviations (zero at the reference).
+/// For poses, the rotation rows follow those of the position; their targets have the reference's rotation.
+pub fn weighted_jacobian(
+    model: &KinematicModel,
+    parameters: &[Parameter],
+    observations: &[Observation],
+    base_rotation_rad: &Vector3<f64>,
+) -> DMatrix<f64> {
+    let n_rows = observations.iter().map(|o| o.n_rows(model)).sum();
+    let mut jacobian = DMatrix::zeros(n_rows, parameters.len());
+    let left = left_jacobian(base_rotation_rad);
+    let mut row = 0;
+    for observation in observations {
+        let target = &model.targets_mm[observation.target];
+        let at = position_jacobian(
+            &model.t_instrument_base,
+            &model.links,
+            &observation.q_rad,
+            target,
+        );
+        let turned = at.base_rotation * left;
+        let root = observation.weight.sqrt();
+        for (column, parameter) in parameters.iter().enumerate() {
+            let derivative = derivative_by(parameter, &at, &turned, observation.target);
+            let derivative = observation.whitened(derivative);
+            for axis in 0..3 {
+                jacobian[(row + axis, column)] = root * derivative[axis];
+            }
+        }
+        let measured = observation.rotation.as_ref();
+        if let Some((measured, predicted)) =
+            measured.zip(model.rotation(&observation.q_rad, observation.target))
+        {
+            let by = TurnedBy::new(&at, left, Matrix3::identity(), observation.target);
+            let rows = by.rows(&predicted, measured) * (root * measured.mm_per_rad);
+            for (column, parameter) in parameters.iter().enumerate() {
+                let derivative = rows * by.axis(parameter);
+                for axis in 0..3 {
+                    jacobian[(row + 3 + axis, column)] = derivative[axis];
+                }
+            }
+        }
+        row += observation.n_rows(model);
+    }
+    jacobian
+}
+
+/// ∂(predicted position)/∂(parameter) of one pose with `target`, mm per mm or rad. `turned` is the derivative by the base's rotation vector.
+pub fn derivative_by(
+    parameter: &Parameter,
+    at: &PositionJacobian,
+    turned: &Matrix3<f64>,
+    target: usize,
+) -> Vector3<f64> {
+    match *parameter {
+        Parameter::Link(link, Quantity::A) => at.links[link].a,
+        Parameter::Link(link, Quantity::Alpha) => at.links[link].alpha,
+        Parameter::Link(link, Quantity::D) => at.links[link].d,
+        Parameter::Link(link, Quantity::ThetaOffset) => at.links[link].theta_offset,
+        Parameter::Link(link, Quantity::Beta) => at.links[link].beta,
+        Parameter::BaseTranslation(axis) => Vector3::ith(axis, 1.0),
+        Parameter::BaseRotation(axis) => turned.column(axis).into(),
+        Parameter::Target(other, _) if other != target => Vector3::zeros(),
+        Parameter::Target(_, axis) => at.target.column(axis).into(),
+        Parameter::TargetRotation(..) => Vector3::zeros(),
+    }
+}

@@ -1,0 +1,365 @@
+//! Drift of the base or of the instrument during the measurement: all points move by a vector that grows with time.
+//!
+//! Time runs from 0 at the first point to 1 at the last one, in measuring order. Three models are compared by their gain against their number of
+//! parameters [Schwarz 1978]: a ramp d·t; a warm-up d·(1 − exp(−t/τ)), relative to its value at t = 1; and a random walk, which is a sum of the first
+//! functions of Brownian motion [Karhunen & Loève] with its most probable variance. As for steps ([`steps`](crate::identification::screening::steps)),
+//! everything is computed with the inverse of V = I + λ·Φ·Φᵀ of the robot's misfit. A drift is reported if noise shows as much with a probability
+//! below [`FALSE_ALARMS`], and if it is larger than after random permutations of the configurations.
+//!
+//! Poses that were visited several times show a drift without a model of the robot: only differences within a pose count.
+
+use crate::identification::screening::outliers::Linearised;
+use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
+use crate::identification::screening::whitening::{Gain, Whitened, Whitener};
+use crate::solvers::distributions::{chi_square_tail, f_tail};
+use crate::solvers::variance::{kept_ratio, misfit_ratio};
+use crate::solvers::watch::Watch;
+use nalgebra::{DMatrix, Vector3};
+use std::collections::BTreeMap;
+
+/// Probability of reporting a drift if there is none.
+const FALSE_ALARMS: f64 = 0.002;
+/// Number of tests (models and repeated poses) that share the probability of a false alarm.
+const CHANCES: f64 = 4.0;
+/// Time constants of a warm-up that are tried, as shares of the session.
+const TIME_CONSTANTS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
+/// A ramp is the warm-up with this very long time constant. A ramp has one parameter less.
+const RAMP: f64 = 1e6;
+/// Maximum number of functions of the random walk, each with a period shorter than the last, and minimum number of points per function.
+const WALK_FUNCTIONS: usize = 20;
+const POINTS_PER_FUNCTION: usize = 4;
+/// Maximum number of points that are used, evenly selected.
+const MOST_POINTS: usize = 3_000;
+/// A drift below this share of the noise of a coordinate is not reported, however many points show it.
+const SMALLEST_EFFECT: f64 = 0.25;
+/// Minimum degrees of freedom for a conclusion.
+const FEWEST_FREE: f64 = 12.0;
+
+/// Course of a drift over time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Course {
+    /// The same in each part of the session.
+    Steady,
+    /// Fast at first, then slower.
+    WarmUp {
+        /// Time after which 63 % of the drift is done, as a share of the session.
+        time_constant: f64,
+    },
+    /// To and fro, as a random walk.
+    Wandering,
+}
+
+/// A drift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drift {
+    /// Its course over time.
+    pub course: Course,
+    /// Movement of the measured positions from the first point to the last one, in the measuring frame, mm.
+    pub vector_mm: Vector3<f64>,
+    /// Standard deviation of the movement along its own direction, mm.
+    pub std_mm: f64,
+    /// Number of rows of poses that were visited several times, and the movement that they show; `None` if there are too few.
+    pub by_repeats_mm: Option<(usize, Vector3<f64>)>,
+}
+
+/// The points in measuring order.
+pub struct Session<'a> {
+    /// The fit to them.
+    pub linear: &'a Linearised,
+    /// The features of the misfit.
+    pub features: &'a DMatrix<f64>,
+    /// Square root of each point's weight.
+    pub roots: &'a [f64],
+    /// Configuration of each point.
+    pub clusters: &'a [usize],
+    /// Target of each point.
+    pub targets: &'a [usize],
+    /// Asked between the random orders whether to go on.
+    pub watch: &'a Watch<'a>,
+}
+
+/// Time of each of n points.
+fn times(n: usize) -> Vec<f64> {
+    let last = n.saturating_sub(1).max(1) as f64;
+    (0..n).map(|i| i as f64 / last).collect()
+}
+
+/// Columns of a shift along each axis, as a function of time, 3·N × 3.
+fn shifts(roots: &[f64], times: &[f64], of_time: impl Fn(f64) -> f64) -> DMatrix<f64> {
+    let mut columns = DMatrix::zeros(3 * roots.len(), 3);
+    for (i, (root, t)) in roots.iter().zip(times).enumerate() {
+        let shift = root * of_time(*t);
+        (0..3).for_each(|axis| columns[(3 * i + axis, axis)] = shift);
+    }
+    columns
+}
+
+/// Share of a warm-up that is done at time t, relative to t = 1.
+fn done(t: f64, time_constant: f64) -> f64 {
+    libm::expm1(-t / time_constant) / libm::expm1(-1.0 / time_constant)
+}
+
+/// Columns of a random walk of standard deviation 1 mm at t = 1.
+fn walk(roots: &[f64], times: &[f64]) -> DMatrix<f64> {
+    let n_functions = (roots.len() / POINTS_PER_FUNCTION).clamp(1, WALK_FUNCTIONS);
+    let mut columns = DMatrix::zeros(3 * roots.len(), 3 * n_functions);
+    for k in 0..n_functions {
+        let frequency = (k as f64 + 0.5) * std::f64::consts::PI;
+        let of_time = |t: f64| std::f64::consts::SQRT_2 * libm::sin(frequency * t) / frequency;
+        columns
+            .columns_mut(3 * k, 3)
+            .copy_from(&shifts(roots, times, of_time));
+    }
+    columns
+}
+
+fn side_by_side(matrices: &[&DMatrix<f64>]) -> DMatrix<f64> {
+    let n_columns = matrices.iter().map(|m| m.ncols()).sum();
+    let mut all = DMatrix::zeros(matrices[0].nrows(), n_columns);
+    let mut first = 0;
+    for m in matrices {
+        all.columns_mut(first, m.ncols()).copy_from(m);
+        first += m.ncols();
+    }
+    all
+}
+
+/// Most likely ratio of the variances of a random walk and of the noise, in addition to the misfit. Also its gain in likelihood: 2·log of the
+/// likelihoods' ratio.
+fn walk_ratio(
+    linear: &Linearised,
+    features: &DMatrix<f64>,
+    misfit: f64,
+    walk: &DMatrix<f64>,
+) -> Option<(f64, f64)> {
+    let whitener = Whitener::new(features, misfit)?;
+    let q = whitener.whitened(&linear.basis).qr().q();
+    let y = whitener.whitened_column(&linear.residuals);
+    kept_ratio(&y, &q, &whitener.whitened(walk))
+}
+
+/// Gain of a change in addition to a drift.
+pub struct Beside {
+    /// Reduction of the whitened sum of squares by the change, mm².
+    pub gain: f64,
+    /// Whitened sum of squares that is left with the change, mm².
+    pub rest: f64,
+    /// Degrees of freedom of the rest.
+    pub freedom: f64,
+}
+
+/// Gain of the columns of a change in addition to a ramp, the best warm-up, and a random walk whose variance is estimated together with the change.
+/// `None` if nothing is left of the columns.
+pub fn beside_drift(
+    linear: &Linearised,
+    features: &DMatrix<f64>,
+    roots: &[f64],
+    change: &DMatrix<f64>,
+    watch: &Watch<'_>,
+) -> Option<Beside> {
+    let times = times(roots.len());
+    let ramp = shifts(roots, &times, |t| t);
+    let problem = Whitened::new(linear, features, watch);
+    let warm_up = |time_constant: f64| {
+        let columns = shifts(roots, &times, |t| done(t, time_constant));
+        let smooth = side_by_side(&[&ramp, &columns]);
+        Some((problem.fitted(&smooth)?.gain, smooth))
+    };
+    let (_, smooth) = TIME_CONSTANTS
+        .into_iter()
+        .filter_map(warm_up)
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let with = |columns: &DMatrix<f64>| {
+        Linearised::new(
+            &linear.residuals,
+            side_by_side(&[&linear.basis, columns]),
+            linear.rounding_mm,
+        )
+    };
+    let all = with(&side_by_side(&[&smooth, change]));
+    let misfit = misfit_ratio(&all.residuals, &all.basis, features);
+    let walk = walk(roots, &times);
+    watch.goes_on().then_some(())?;
+    let (of_walk, _) = walk_ratio(&all, features, misfit, &walk)?;
+    let random = side_by_side(&[&(features * misfit.sqrt()), &(walk * of_walk.sqrt())]);
+    let problem = Whitened::with_ratio(&with(&smooth), &random, 1.0, watch)?;
+    let gain = problem.fitted(change)?.gain;
+    let freedom = (3 * roots.len()) as f64 - (problem.n_fitted + change.ncols()) as f64;
+    (freedom >= 1.0).then_some(Beside {
+        gain,
+        rest: (problem.residuals.norm_squared() - gain).max(0.0),
+        freedom,
+    })
+}
+
+/// A fitted model of drift.
+struct Fitted {
+    course: Course,
+    gain: Gain,
+    /// Probability that noise gives at least this gain.
+    probability: f64,
+    /// Schwarz's criterion; smaller is better [Schwarz 1978].
+    criterion: f64,
+}
+
+/// Drift from the differences within poses that were visited several times.
+struct ByRepeats {
+    n_rows: usize,
+    vector_mm: Vector3<f64>,
+    probability: f64,
+}
+
+impl Session<'_> {
+    /// The drift of a session; `None` if none is significant.
+    pub fn drift(&self) -> Option<Drift> {
+        let n = self.roots.len();
+        let every = n.div_ceil(MOST_POINTS).max(1);
+        if every == 1 {
+            return self.drift_of_all();
+        }
+        let taken: Vec<usize> = (0..n).step_by(every).collect();
+        let rows: Vec<usize> = taken.iter().flat_map(|i| 3 * i..3 * i + 3).collect();
+        let some = |values: &[usize]| -> Vec<usize> { taken.iter().map(|i| values[*i]).collect() };
+        Session {
+            linear: &self.linear.of(&taken),
+            features: &self.features.select_rows(&rows),
+            roots: &taken.iter().map(|i| self.roots[*i]).collect::<Vec<_>>(),
+            clusters: &some(self.clusters),
+            targets: &some(self.targets),
+            watch: self.watch,
+        }
+        .drift_of_all()
+    }
+
+    fn drift_of_all(&self) -> Option<Drift> {
+        if !self.watch.goes_on() {
+            return None;
+        }
+        let times = times(self.roots.len());
+        let problem = Whitened::new(self.linear, self.features, self.watch);
+        let left = problem.residuals.norm_squared();
+        let rows = (3 * self.roots.len()) as f64;
+        let freedom = rows - problem.n_fitted as f64 - 4.0;
+        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm * self.linear.rounding_mm
+        {
+            return None;
+        }
+        let design = design_effect(&problem.residuals, self.clusters.iter().copied());
+        let shape = |time_constant: f64| {
+            let gain = problem.fitted(&shifts(self.roots, &times, |t| done(t, time_constant)))?;
+            let variance = (left - gain.gain).max(f64::MIN_POSITIVE) / freedom * design;
+            let is_ramp = time_constant == RAMP;
+            let n_numbers = if is_ramp { 3.0 } else { 4.0 };
+            let n_tried = if is_ramp {
+                1.0
+            } else {
+                TIME_CONSTANTS.len() as f64
+            };
+            Some(Fitted {
+                course: match is_ramp {
+                    true => Course::Steady,
+                    false => Course::WarmUp { time_constant },
+                },
+                probability: n_tried * f_tail(gain.gain / 3.0 / variance, 3.0, freedom),
+                criterion: rows * libm::log((left - gain.gain).max(f64::MIN_POSITIVE)) / design
+                    + n_numbers * libm::log(rows),
+                gain,
+            })
+        };
+        let shapes = [RAMP].into_iter().chain(TIME_CONSTANTS);
+        let best = shapes
+            .filter_map(shape)
+            .min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
+        let misfit = misfit_ratio(&self.linear.residuals, &self.linear.basis, self.features);
+        let walk = walk(self.roots, &times);
+        let of_walk = walk_ratio(self.linear, self.features, misfit, &walk);
+        let likelier = of_walk.map_or(0.0, |(_, likelier)| likelier) / design;
+        let wandering =
+            rows * libm::log(left.max(f64::MIN_POSITIVE)) / design - likelier + libm::log(rows);
+        // a variance is at its bound without a random walk [Self & Liang 1987]
+        let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
+        let repeats = self.by_repeats(&times);
+        let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
+        let limit = FALSE_ALARMS / CHANCES;
+        let is_shown = best.probability <= limit || of_repeats <= limit;
+        let noise_mm = (left / freedom).sqrt();
+        let vector_mm = Vector3::from_column_slice(best.gain.coefficients.as_slice());
+        let is_large = vector_mm.norm() >= SMALLEST_EFFECT * noise_mm;
+        if !(is_shown || by_chance <= limit) || !is_large {
+            return None;
+        }
+        if of_repeats > limit && !self.stands_out(&problem, &times, &best) {
+            return None;
+        }
+        let along = vector_mm.normalize();
+        let variance = along.dot(&(&best.gain.inverse * along)) * design;
+        Some(Drift {
+            course: match wandering < best.criterion {
+                true => Course::Wandering,
+                false => best.course,
+            },
+            vector_mm,
+            std_mm: noise_mm * variance.max(0.0).sqrt(),
+            by_repeats_mm: repeats.map(|repeats| (repeats.n_rows, repeats.vector_mm)),
+        })
+    }
+
+    /// True if the gain is larger than in random orders of the configurations.
+    fn stands_out(&self, problem: &Whitened, times: &[f64], best: &Fitted) -> bool {
+        let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (i, cluster) in self.clusters.iter().enumerate() {
+            blocks.entry(*cluster).or_default().push(i);
+        }
+        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
+        let time_constant = match best.course {
+            Course::WarmUp { time_constant } => time_constant,
+            Course::Steady | Course::Wandering => RAMP,
+        };
+        holds_in_random_orders(blocks, self.watch, |places| {
+            let mut shuffled = vec![0.0; times.len()];
+            let pairs = places.iter().zip(times);
+            pairs.for_each(|(i, t)| shuffled[*i] = *t);
+            let columns = shifts(self.roots, &shuffled, |t| done(t, time_constant));
+            let other = problem.fitted(&columns).map_or(0.0, |gain| gain.gain);
+            other <= best.gain.gain
+        })
+    }
+
+    /// A ramp fitted to the differences within poses of the same target that were visited several times.
+    fn by_repeats(&self, times: &[f64]) -> Option<ByRepeats> {
+        let mut visits: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for (i, key) in self.clusters.iter().zip(self.targets).enumerate() {
+            visits.entry((*key.0, *key.1)).or_default().push(i);
+        }
+        let (mut squares, mut products, mut all) = (0.0, Vector3::zeros(), 0.0);
+        let (mut n_rows, mut freedom) = (0, -3.0);
+        for rows in visits.values().filter(|rows| rows.len() > 1) {
+            let n = rows.len() as f64;
+            let at = |i: usize| -> Vector3<f64> {
+                self.linear.residuals.fixed_rows::<3>(3 * i) / self.roots[i].max(f64::MIN_POSITIVE)
+            };
+            let mean_time = rows.iter().map(|i| times[*i]).sum::<f64>() / n;
+            let mean = rows.iter().map(|i| at(*i)).sum::<Vector3<f64>>() / n;
+            for i in rows {
+                let (t, y) = (times[*i] - mean_time, at(*i) - mean);
+                squares += t * t;
+                products += y * t;
+                all += y.norm_squared();
+            }
+            n_rows += rows.len();
+            freedom += 3.0 * (n - 1.0);
+        }
+        if freedom < 3.0 || squares <= 0.0 {
+            return None;
+        }
+        let vector_mm = products / squares;
+        let gain = squares * vector_mm.norm_squared();
+        let rounding = self.linear.rounding_mm * self.linear.rounding_mm;
+        let variance = ((all - gain).max(0.0) / freedom).max(rounding);
+        Some(ByRepeats {
+            n_rows,
+            vector_mm,
+            probability: f_tail(gain / 3.0 / variance, 3.0, freedom),
+        })
+    }
+}

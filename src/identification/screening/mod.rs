@@ -1,0 +1,7 @@
+//! What does not belong, what moved and what drifted while it was measured.
+
+pub mod drift;
+pub mod outliers;
+mod row_order;
+pub mod steps;
+pub mod whitening;

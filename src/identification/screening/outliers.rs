@@ -1,0 +1,343 @@
+//! Outlier detection from the linear problem at a fit, with an unknown number of outliers.
+//!
+//! Least squares spreads an outlier over its neighbours, so that its own residual does not show it. Two starts avoid this: the fit of least absolute
+//! lengths, and the deletion of points one after another by the residual that each would have if it were not fitted. Each start is continued by
+//! Tukey's biweight at the scale found there (an MM-estimate [Yohai 1987]). The result whose best nine tenths scatter least is kept (least trimmed
+//! squares [Rousseeuw 1984]). Points are then included and excluded until nothing changes. The criterion is the residual that each point would have
+//! if it were not fitted, over its standard deviation.
+
+use crate::solvers::distributions::f_tail;
+use crate::solvers::loss::{Loss, TUKEY_C_95};
+use crate::solvers::orthonormal::orthonormal;
+use crate::solvers::products::add_weighted_square;
+use crate::solvers::watch::Watch;
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
+
+/// Minimum predicted residual of an outlier, in standard deviations: one in 10⁷ normal points.
+const OUTLIER_SIGMAS: f64 = 6.0;
+/// Significance level of an outlier: noise shows a residual as large in at most one of a thousand sets of this size.
+const FALSE_ALARMS: f64 = 1e-3;
+/// Number of iterations of each start and of the biweight; the weights converge in about ten.
+const REWEIGHTINGS: usize = 30;
+/// Maximum number of rounds in which points are included and excluded.
+const EXCHANGES: usize = 20;
+/// Limit of points times rounds of deletions, and minimum number of rounds. Up to a thousand points are deleted one at a time. Of a hundred thousand
+/// points, a tenth of the possible outliers is deleted at a time.
+const DELETION_WORK: usize = 100_000;
+const FEWEST_DELETIONS: usize = 10;
+/// Maximum share of the points that the search treats as outliers.
+const MOST_OUTLIERS: f64 = 0.1;
+/// Number of points between two questions whether to go on.
+const POINTS_AT_ONCE: usize = 5_000;
+/// Median of the length of three standard normal numbers.
+const MEDIAN_LENGTH: f64 = 1.538_17;
+/// Residuals below this share of the reach carry no information: a nanometre on an arm of 1.7 m, the rounding of files and iterations.
+pub const ROUNDING_PER_REACH: f64 = 1e-6 / 1700.0;
+
+/// The linear problem at a fit: residuals, and an orthonormal basis of the changes that parameters can make. Three rows per point, weighted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linearised {
+    /// 3·N, mm.
+    pub residuals: DVector<f64>,
+    /// 3·N × r, orthonormal columns.
+    pub basis: DMatrix<f64>,
+    /// Residuals below this carry no information, mm.
+    pub rounding_mm: f64,
+}
+
+/// The detected outliers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outliers {
+    /// Indices of the points, ascending.
+    pub points: Vec<usize>,
+    /// Residual of each outlier if it is not fitted, mm (times the root of its weight).
+    pub sizes_mm: Vec<f64>,
+    /// Standard deviation of one coordinate of the other points, mm.
+    pub scale_mm: f64,
+}
+
+/// A problem with the data that every weighted fit needs for each point, computed once.
+struct Blocks<'a> {
+    of: &'a Linearised,
+    /// Qᵀ, r × 3·N: the entries of a point are contiguous.
+    transposed: DMatrix<f64>,
+    watch: &'a Watch<'a>,
+}
+
+/// Residuals of every point, and the Cholesky factor of the normal matrix.
+type Solved = (Vec<Vector3<f64>>, Cholesky<f64, Dyn>);
+
+/// A fit of the linear problem to the kept points.
+struct Kept {
+    /// Residuals of all points.
+    residuals: Vec<Vector3<f64>>,
+    /// Leverages Q_i·(Q_Kᵀ·Q_K)⁻¹·Q_iᵀ of all points.
+    leverages: Vec<Matrix3<f64>>,
+    /// σ², mm².
+    variance: f64,
+    freedom: f64,
+}
+
+impl Linearised {
+    /// From weighted residuals and the weighted derivatives along the observable combinations.
+    pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>, rounding_mm: f64) -> Self {
+        let basis = orthonormal(derivatives);
+        Self {
+            residuals: residuals - &basis * basis.tr_mul(residuals),
+            basis,
+            rounding_mm,
+        }
+    }
+
+    /// The problem of some of the points, in the given order.
+    pub fn of(&self, points: &[usize]) -> Self {
+        let row = |row: usize| 3 * points[row / 3] + row % 3;
+        let basis = DMatrix::from_fn(3 * points.len(), self.basis.ncols(), |r, c| {
+            self.basis[(row(r), c)]
+        });
+        Self::new(
+            &DVector::from_fn(3 * points.len(), |r, _| self.residuals[row(r)]),
+            basis,
+            self.rounding_mm,
+        )
+    }
+
+    /// Number of points.
+    pub fn n_points(&self) -> usize {
+        self.residuals.len() / 3
+    }
+
+    /// True if there are enough residuals to tell outliers: more than 1.5 times the number of combinations, plus 6.
+    fn is_overdetermined(&self) -> bool {
+        3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
+    }
+
+    /// σ of one coordinate from the median length, without as many points as the fit can pass through exactly.
+    fn median_scale(&self, residuals: &[Vector3<f64>]) -> f64 {
+        let mut lengths: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
+        lengths.sort_by(f64::total_cmp);
+        let through = (self.basis.ncols() / 3).min(lengths.len().saturating_sub(1));
+        let rest = &lengths[through..];
+        (rest[rest.len() / 2] / MEDIAN_LENGTH).max(self.rounding_mm)
+    }
+
+    /// The outliers; none if there are too few points to tell.
+    /// A coordinate's standard deviation counts as at least `least_scale_mm`.
+    pub fn outliers(&self, least_scale_mm: f64, watch: &Watch<'_>) -> Option<Outliers> {
+        let least_scale_mm = least_scale_mm.max(self.rounding_mm);
+        self.is_overdetermined()
+            .then(|| Blocks::new(self, watch).outliers(least_scale_mm))?
+    }
+}
+
+impl<'a> Blocks<'a> {
+    fn new(of: &'a Linearised, watch: &'a Watch<'a>) -> Self {
+        Self {
+            of,
+            transposed: of.basis.transpose(),
+            watch,
+        }
+    }
+
+    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix. `None` if the matrix is singular, or when the
+    /// watch stops.
+    fn solve(&self, weights: &[f64]) -> Option<Solved> {
+        let r = self.of.basis.ncols();
+        let (mut square, mut weighted) = (vec![0.0; r * r], self.of.residuals.clone());
+        let points = weights
+            .iter()
+            .zip(self.transposed.as_slice().chunks((3 * r).max(1)));
+        for (i, (weight, rows)) in points.enumerate() {
+            if i % POINTS_AT_ONCE == 0 && !self.watch.goes_on() {
+                return None;
+            }
+            weighted.fixed_rows_mut::<3>(3 * i).scale_mut(*weight);
+            if *weight != 0.0 {
+                add_weighted_square(*weight, rows, r, &mut square);
+            }
+        }
+        let side = &self.transposed * weighted;
+        let normal = DMatrix::from_fn(r, r, |row, column| match column <= row {
+            true => square[r * row + column],
+            false => 0.0,
+        });
+        // uses only the lower triangle
+        let factor = Cholesky::new(normal)?;
+        let u = factor.solve(&side);
+        let left = &self.of.residuals - &self.of.basis * u;
+        Some((
+            (0..self.of.n_points())
+                .map(|i| left.fixed_rows::<3>(3 * i).into())
+                .collect(),
+            factor,
+        ))
+    }
+
+    /// Q_iᵀ of `n_points` points at a time.
+    fn blocks_of(&self, n_points: usize) -> impl Iterator<Item = DMatrixView<'_, f64>> {
+        let n = self.of.n_points();
+        let first = (0..n).step_by(n_points);
+        first.map(move |i| self.transposed.columns(3 * i, 3 * n_points.min(n - i)))
+    }
+
+    fn keep(&self, kept: &[bool]) -> Option<Kept> {
+        let weights: Vec<f64> = kept.iter().map(|k| f64::from(u8::from(*k))).collect();
+        let (residuals, factor) = self.solve(&weights)?;
+        let freedom = 3.0 * weights.iter().sum::<f64>() - self.of.basis.ncols() as f64;
+        let sum: f64 = residuals
+            .iter()
+            .zip(&weights)
+            .map(|(r, w)| w * r.norm_squared())
+            .sum();
+        if freedom < 3.0 {
+            return None;
+        }
+        let mut leverages = Vec::with_capacity(self.of.n_points());
+        for columns in self.blocks_of(POINTS_AT_ONCE) {
+            if !self.watch.goes_on() {
+                return None;
+            }
+            let halves = factor.l_dirty().solve_lower_triangular(&columns)?;
+            leverages.extend((0..halves.ncols() / 3).map(|i| {
+                let half = halves.fixed_columns::<3>(3 * i);
+                Matrix3::from_fn(|row, column| half.column(row).dot(&half.column(column)))
+            }));
+        }
+        Some(Kept {
+            residuals,
+            leverages,
+            variance: sum / freedom,
+            freedom,
+        })
+    }
+
+    /// The fit of least absolute lengths.
+    fn least_lengths(&self) -> Option<Vec<Vector3<f64>>> {
+        let mut weights = vec![1.0; self.of.n_points()];
+        let mut residuals = self.solve(&weights)?.0;
+        for _ in 0..REWEIGHTINGS {
+            let smallest = 1e-3 * self.of.median_scale(&residuals);
+            weights
+                .iter_mut()
+                .zip(&residuals)
+                .for_each(|(w, r)| *w = smallest / r.norm().max(smallest));
+            residuals = self.solve(&weights)?.0;
+        }
+        Some(residuals)
+    }
+
+    /// Deletes points, those with the largest predicted residual first; several at a time if there are many points.
+    fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
+        let n = self.of.n_points();
+        let n_rounds = (DELETION_WORK / n).max(FEWEST_DELETIONS);
+        let at_once = most_outliers(n).div_ceil(n_rounds);
+        let mut kept = vec![true; n];
+        let mut fit = self.keep(&kept)?;
+        for _ in 0..most_outliers(n).div_ceil(at_once) {
+            let mut surprises: Vec<(usize, f64)> = (0..n)
+                .filter(|i| kept[*i])
+                .map(|i| (i, fit.surprise(i, true)))
+                .collect();
+            // among equal ones the last comes first
+            surprises.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.cmp(&a.0)));
+            surprises
+                .iter()
+                .take(at_once)
+                .for_each(|(worst, _)| kept[*worst] = false);
+            match self.keep(&kept) {
+                Some(next) => fit = next,
+                None => break,
+            }
+        }
+        Some(fit.residuals)
+    }
+
+    /// Tukey's biweight from a start, at the start's scale.
+    fn biweight(&self, mut residuals: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
+        let scale = self.of.median_scale(&residuals);
+        let loss = Loss::Tukey { c: TUKEY_C_95 };
+        for _ in 0..REWEIGHTINGS {
+            let weights: Vec<f64> = residuals
+                .iter()
+                .map(|r| loss.weight(r.norm() / scale))
+                .collect();
+            match self.solve(&weights) {
+                Some((next, _)) => residuals = next,
+                None => break,
+            }
+        }
+        residuals
+    }
+
+    fn robust(&self) -> Option<(Vec<Vector3<f64>>, f64)> {
+        let starts = [self.least_lengths(), self.deletions()]
+            .into_iter()
+            .flatten();
+        let ends = starts.map(|start| self.biweight(start));
+        let best = ends.min_by(|a, b| trimmed(a).total_cmp(&trimmed(b)))?;
+        let scale = self.of.median_scale(&best);
+        Some((best, scale))
+    }
+
+    fn outliers(&self, least_scale_mm: f64) -> Option<Outliers> {
+        let (residuals, scale) = self.robust()?;
+        let n = self.of.n_points();
+        let mut kept: Vec<bool> = residuals
+            .iter()
+            .map(|r| r.norm() <= OUTLIER_SIGMAS * scale.max(least_scale_mm))
+            .collect();
+        let mut fit = self.keep(&kept).or_else(|| {
+            kept = vec![true; n];
+            self.keep(&kept)
+        })?;
+        for _ in 0..EXCHANGES {
+            let next: Vec<bool> = (0..n)
+                .map(|i| !is_outlier(fit.surprise(i, kept[i]), &fit, least_scale_mm, n))
+                .collect();
+            if next == kept {
+                break;
+            }
+            let Some(refit) = self.keep(&next) else { break };
+            (kept, fit) = (next, refit);
+        }
+        let points: Vec<usize> = (0..n).filter(|i| !kept[*i]).collect();
+        let sizes_mm = points.iter().map(|i| fit.residuals[*i].norm()).collect();
+        Some(Outliers {
+            points,
+            sizes_mm,
+            scale_mm: fit.variance.sqrt().max(least_scale_mm),
+        })
+    }
+}
+
+impl Kept {
+    /// Squared length of the residual that point i would have if it were not fitted, weighted by its covariance for σ = 1, mm².
+    fn surprise(&self, i: usize, is_kept: bool) -> f64 {
+        let leverage = self.leverages[i];
+        let covariance = if is_kept {
+            Matrix3::identity() - leverage
+        } else {
+            Matrix3::identity() + leverage
+        };
+        let solved = covariance.cholesky().map(|c| c.solve(&self.residuals[i]));
+        solved.map_or(0.0, |x| x.dot(&self.residuals[i]))
+    }
+}
+
+fn is_outlier(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -> bool {
+    let square = surprise / fit.variance.max(least_scale_mm * least_scale_mm);
+    square > OUTLIER_SIGMAS * OUTLIER_SIGMAS
+        && f_tail(square / 3.0, 3.0, fit.freedom) * (n_points as f64) < FALSE_ALARMS
+}
+
+fn most_outliers(n_points: usize) -> usize {
+    (MOST_OUTLIERS * n_points as f64).ceil() as usize
+}
+
+/// Sum of the smallest squares, without the share of points that may be outliers.
+fn trimmed(residuals: &[Vector3<f64>]) -> f64 {
+    let mut squares: Vec<f64> = residuals.iter().map(Vector3::norm_squared).collect();
+    squares.sort_by(f64::total_cmp);
+    squares.truncate(squares.len() - most_outliers(squares.len()).min(squares.len()));
+    squares.iter().sum()
+}

@@ -1,0 +1,11 @@
+//! How sure the identified robot is, and whether two sessions show the same robot.
+
+pub mod changes;
+mod difference;
+pub mod hidden_zeros;
+pub mod misfit;
+pub mod quick_check;
+pub mod uncertainty;
+mod uncertainty_problem;
+mod uncertainty_solution;
+pub mod workspace;

@@ -1,0 +1,390 @@
+//! The rows of the wider problem of [`uncertainty`](super::uncertainty).
+
+use crate::identification::KinematicModel;
+use crate::identification::least_squares::evidence::{Posterior, Triangle};
+use crate::identification::least_squares::problem::Problem;
+use crate::identification::model::objective::Observation;
+use crate::identification::statistics::misfit::Misfit;
+use crate::solvers::distributions::f_tail;
+use crate::solvers::watch::Watch;
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::ops::Range;
+
+/// Significance level for errors that configurations share.
+const CHANCE: f64 = 0.05;
+/// Maximum of σc²/σ², for points of a configuration that agree to the last bit.
+const MOST_SHARED: f64 = 1e6;
+/// Iteration limit of an eigenvalue decomposition.
+const EIGEN_ITERATIONS: usize = 1000;
+/// Number of points that are reduced to a triangle at once, so that memory does not grow with the points.
+const POINTS_AT_ONCE: usize = 200;
+
+/// The points of a session at its fit.
+pub struct Session<'a> {
+    /// The identified robot.
+    pub model: &'a KinematicModel,
+    /// Its problem, with the priors of its parameters.
+    pub problem: &'a Problem<'a>,
+    /// The problem's observations, all with nonzero weight. A pose is two observations with three rows each: its position without the rotation, then
+    /// the same with the rotation.
+    pub observations: &'a [Observation],
+    /// Configuration number of each observation.
+    pub configurations: &'a [usize],
+    /// The instrument's station of each observation, from 0; `None` for the reference station, in whose frame the model is.
+    pub stations: &'a [Option<usize>],
+    /// The misfit of the links.
+    pub misfit: Misfit,
+    /// Asked between parts of the work whether to go on. After a stop the result is not valid.
+    pub watch: &'a Watch<'a>,
+}
+
+/// The columns of the wider problem.
+pub(super) struct Columns {
+    pub(super) n_parameters: usize,
+    n_stations: usize,
+    /// Features of the misfit: pairs of joints that may follow each other, harmonics of higher orders than the first, and the usual ones.
+    pub(super) n_followings: usize,
+    n_higher: usize,
+    n_usual: usize,
+}
+
+impl Columns {
+    pub(super) fn without_features(&self) -> usize {
+        self.n_parameters + 6 * self.n_stations
+    }
+
+    pub(super) fn higher(&self) -> Range<usize> {
+        let first = self.without_features() + self.n_followings;
+        first..first + self.n_higher
+    }
+
+    pub(super) fn usual(&self) -> Range<usize> {
+        let first = self.higher().end;
+        first..first + self.n_usual
+    }
+
+    fn all(&self) -> usize {
+        self.usual().end
+    }
+}
+
+/// Place of the three rows of an observation: the block of its measurement, and the first of the rows there.
+struct Place {
+    block: usize,
+    first: usize,
+}
+
+/// The rows of a session, with the identified robot's coordinates and the points of each configuration.
+pub(super) struct Rows<'a> {
+    pub(super) session: &'a Session<'a>,
+    pub(super) columns: Columns,
+    pub(super) x: Vec<f64>,
+    points_of: Vec<Vec<usize>>,
+    /// Place of each observation's rows.
+    places: Vec<Place>,
+}
+
+/// Effect of a station's rotation on the rotation rows of a pose that was measured from it; `None` for positions.
+fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<f64>> {
+    let measured = o.rotation.as_ref()?;
+    let predicted = model.rotation(&o.q_rad, o.target)?;
+    Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
+}
+
+/// Effect of the error that the points of a configuration share on their rows: rows = A·c, with one 3 × 3 block of A per point.
+enum Common {
+    /// Isotropic noise: a block is the square root of the point's weight times 1.
+    Alike { roots: Vec<f64>, weight: f64 },
+    /// Noise that differs between directions: a block is in addition multiplied by the point's whitening matrix. Columns of `along`, 3·N × 3, are
+    /// orthonormal and span those of A; `weights` are the eigenvalues of AᵀA.
+    Uneven {
+        along: DMatrix<f64>,
+        weights: Vector3<f64>,
+    },
+}
+
+impl Common {
+    /// Weight of the mean, per axis.
+    fn weight(&self) -> f64 {
+        match self {
+            Self::Alike { weight, .. } => *weight,
+            Self::Uneven { weights, .. } => weights.sum() / 3.0,
+        }
+    }
+
+    /// Rows that form the three means of some rows: 3 × 3·N, orthonormal.
+    fn means(&self, n_rows: usize) -> DMatrix<f64> {
+        match self {
+            Self::Alike { roots, weight } => {
+                let mut along = DMatrix::zeros(3, n_rows);
+                for (k, root) in roots.iter().enumerate() {
+                    (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
+                }
+                along
+            }
+            Self::Uneven { along, .. } => along.transpose(),
+        }
+    }
+}
+
+/// Error that the points of configurations share.
+#[derive(Clone, Copy)]
+pub(super) struct Shared {
+    /// σc²/σ².
+    pub(super) ratio: f64,
+    /// Degrees of freedom of the means of all configurations.
+    pub(super) freedom: f64,
+}
+
+impl<'a> Rows<'a> {
+    pub(super) fn new(session: &'a Session<'a>) -> Self {
+        let Session {
+            model,
+            problem,
+            configurations,
+            stations,
+            misfit,
+            ..
+        } = session;
+        let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
+        let mut points_of = vec![vec![]; n_configurations];
+        for (point, configuration) in configurations.iter().enumerate() {
+            points_of[*configuration].push(point);
+        }
+        points_of.retain(|points| !points.is_empty());
+        let n_features = misfit.features(model, [].into_iter()).ncols();
+        let n_higher = misfit.n_higher_harmonics(model.links.len());
+        let columns = Columns {
+            n_parameters: problem.variables.len(),
+            n_stations: stations.iter().flatten().map(|s| s + 1).max().unwrap_or(0),
+            n_followings: misfit.followings.len(),
+            n_higher,
+            n_usual: n_features - misfit.followings.len() - n_higher,
+        };
+        let mut n_blocks = 0;
+        let place = |o: &Observation| {
+            n_blocks += usize::from(o.rotation.is_none());
+            Place {
+                block: n_blocks - 1,
+                first: if o.rotation.is_some() { 3 } else { 0 },
+            }
+        };
+        Self {
+            session,
+            columns,
+            x: problem.coordinates(model),
+            places: session.observations.iter().map(place).collect(),
+            points_of,
+        }
+    }
+
+    /// Derivatives of some points' residuals by all columns, and the residuals.
+    fn of(&self, points: &[usize]) -> (DMatrix<f64>, Vec<f64>) {
+        let Session {
+            model,
+            problem,
+            observations,
+            stations,
+            misfit,
+            ..
+        } = self.session;
+        let mut matrix = DMatrix::zeros(3 * points.len(), self.columns.all());
+        let poses = points.iter().map(|point| {
+            let o = &observations[*point];
+            (o.q_rad.as_slice(), o.target, o.weight)
+        });
+        let mut features = -misfit.features(model, poses);
+        for (k, point) in points.iter().enumerate() {
+            if let Some(w) = observations[*point].whitening {
+                let mut rows = features.rows_mut(3 * k, 3);
+                rows.copy_from(&(w * &rows));
+            }
+        }
+        matrix
+            .columns_mut(self.columns.without_features(), features.ncols())
+            .copy_from(&features);
+        let mut blocks: Vec<usize> = points.iter().map(|p| self.places[*p].block).collect();
+        blocks.dedup();
+        let part = problem.part(blocks.iter().copied());
+        let mut of_blocks = DMatrix::zeros(part.n_rows(), self.columns.n_parameters);
+        let mut left = vec![0.0; part.n_rows()];
+        part.evaluate(&self.x, &mut left, Some(&mut of_blocks));
+        let mut residuals = Vec::with_capacity(matrix.nrows());
+        let mut at = 0;
+        for (k, point) in points.iter().enumerate() {
+            let o = &observations[*point];
+            let place = &self.places[*point];
+            at += usize::from(blocks[at] != place.block);
+            let first = part.rows_of(at).start + place.first;
+            residuals.extend_from_slice(&left[first..first + 3]);
+            matrix
+                .view_mut((3 * k, 0), (3, self.columns.n_parameters))
+                .copy_from(&of_blocks.rows(first, 3));
+            if o.rotation.is_some() {
+                let turns = -misfit.turns(model, o);
+                matrix
+                    .view_mut((3 * k, self.columns.without_features()), turns.shape())
+                    .copy_from(&turns);
+            }
+            // a displaced station moves what was measured from it
+            if let Some(station) = stations[*point] {
+                let first = self.columns.n_parameters + 6 * station;
+                if let Some(turned) = turned_by_station(model, o) {
+                    matrix
+                        .fixed_view_mut::<3, 3>(3 * k, first + 3)
+                        .copy_from(&turned);
+                    continue;
+                }
+                let from_base = o.position_mm - model.t_instrument_base.translation.vector;
+                for axis in 0..3 {
+                    let along = Vector3::ith(axis, o.weight.sqrt());
+                    let mut put = |column, v: Vector3<f64>| {
+                        let v = o.whitened(v);
+                        matrix.fixed_view_mut::<3, 1>(3 * k, column).copy_from(&v)
+                    };
+                    put(first + axis, along * problem.reach_mm);
+                    put(first + 3 + axis, along.cross(&from_base));
+                }
+            }
+        }
+        (matrix, residuals)
+    }
+
+    /// As [`Self::of`] for the points of a configuration, with their shared error whitened: along their mean, rows are divided by sqrt(1 + ρ·L), with
+    /// L the sum of their weights.
+    fn whitened(&self, points: &[usize], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
+        let (mut matrix, mut residuals) = self.of(points);
+        if ratio == 0.0 {
+            return (matrix, residuals);
+        }
+        let columns = matrix.as_mut_slice().chunks_exact_mut(3 * points.len());
+        let columns = columns.chain([residuals.as_mut_slice()]);
+        match self.common(points) {
+            Common::Alike { roots, weight } => {
+                let less = (1.0 - 1.0 / (1.0 + ratio * weight).sqrt()) / weight;
+                for column in columns {
+                    for axis in 0..3 {
+                        let along: f64 = (0..roots.len())
+                            .map(|k| roots[k] * column[3 * k + axis])
+                            .sum();
+                        (0..roots.len())
+                            .for_each(|k| column[3 * k + axis] -= roots[k] * along * less);
+                    }
+                }
+            }
+            // V = 1 + ρ·A·Aᵀ has the eigenvectors `along`; all other eigenvalues are 1
+            Common::Uneven { along, weights } => {
+                let less = weights.map(|weight| 1.0 - 1.0 / (1.0 + ratio * weight).sqrt());
+                for column in columns {
+                    let rows = DVector::from_column_slice(column);
+                    let mut means = along.tr_mul(&rows);
+                    means.component_mul_assign(&less);
+                    column.copy_from_slice((rows - &along * means).as_slice());
+                }
+            }
+        }
+        (matrix, residuals)
+    }
+
+    /// Effect of the error that some points share on their rows.
+    fn common(&self, points: &[usize]) -> Common {
+        let all = self.session.observations;
+        let root = |point: &usize| all[*point].weight.sqrt();
+        let roots: Vec<f64> = points.iter().map(root).collect();
+        let whitening = |point: &usize| match &all[*point] {
+            o if o.rotation.is_some() => None,
+            o => o.whitening,
+        };
+        if points.iter().all(|point| whitening(point).is_none()) {
+            let weight: f64 = roots.iter().map(|root| root * root).sum();
+            return Common::Alike { roots, weight };
+        }
+        let mut a = DMatrix::zeros(3 * points.len(), 3);
+        for (k, point) in points.iter().enumerate() {
+            let block = whitening(point).unwrap_or_else(Matrix3::identity) * roots[k];
+            a.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&block);
+        }
+        let square: Matrix3<f64> = a.tr_mul(&a).fixed_view::<3, 3>(0, 0).into();
+        let Some(eigen) = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS) else {
+            let weight = square.trace() / 3.0;
+            return Common::Alike { roots, weight };
+        };
+        // blocks are invertible, so the eigenvalues are positive
+        let over = eigen.eigenvalues.map(|weight| 1.0 / weight.sqrt());
+        let along = a * (eigen.eigenvectors * Matrix3::from_diagonal(&over));
+        Common::Uneven {
+            along: DMatrix::from_column_slice(along.nrows(), 3, along.as_slice()),
+            weights: eigen.eigenvalues,
+        }
+    }
+
+    pub(super) fn triangle(&self, ratio: f64) -> Triangle {
+        let mut triangle = Triangle::empty(self.columns.all());
+        let mut some: Vec<(DMatrix<f64>, Vec<f64>)> = Vec::new();
+        let mut n_points = 0;
+        for points in &self.points_of {
+            some.push(self.whitened(points, ratio));
+            n_points += points.len();
+            if n_points >= POINTS_AT_ONCE {
+                if !self.session.watch.goes_on() {
+                    break;
+                }
+                triangle.append(&some);
+                (some, n_points) = (vec![], 0);
+            }
+        }
+        triangle.append(&some);
+        triangle.expect(self.session.problem);
+        triangle
+    }
+
+    /// Analysis of variance of the residuals: between the means of configurations, and within configurations.
+    /// `columns` are those of the solution.
+    pub(super) fn shared(&self, columns: &[usize], posterior: &Posterior, sigma_mm: f64) -> Shared {
+        let step = DVector::from_column_slice(&posterior.step);
+        let root = &posterior.root / sigma_mm;
+        let (mut between_mm2, mut within_mm2) = (0.0, 0.0);
+        let (mut n_between, mut n_within, mut n_configurations) = (0.0, 0.0, 0.0);
+        let (mut weights, mut n_means) = (0.0, 0.0);
+        for (k, points) in self.points_of.iter().enumerate() {
+            if k % POINTS_AT_ONCE == 0 && !self.session.watch.goes_on() {
+                break;
+            }
+            let (matrix, residuals) = self.of(points);
+            let matrix = matrix.select_columns(columns);
+            let left = DVector::from_vec(residuals) + &matrix * &step;
+            let taken = matrix * &root;
+            let common = self.common(points);
+            let along = common.means(left.len());
+            let taken_by_means = (&along * &taken).norm_squared();
+            n_means += 3.0 - taken_by_means;
+            if points.len() < 2 {
+                continue;
+            }
+            let means = (&along * &left).norm_squared();
+            between_mm2 += means;
+            within_mm2 += left.norm_squared() - means;
+            n_between += 3.0 - taken_by_means;
+            n_within += left.len() as f64 - 3.0 - (taken.norm_squared() - taken_by_means);
+            weights += common.weight();
+            n_configurations += 1.0;
+        }
+        let n_points = self.session.observations.len() as f64;
+        let none = Shared {
+            ratio: 0.0,
+            freedom: 3.0 * n_points,
+        };
+        if n_between < 1.0 || n_within < 1.0 || between_mm2 <= 0.0 {
+            return none;
+        }
+        let (between, within) = (between_mm2 / n_between, within_mm2.max(0.0) / n_within);
+        if f_tail(between / within, n_between, n_within) >= CHANCE {
+            return none;
+        }
+        let of_one = weights / n_configurations;
+        Shared {
+            ratio: ((between / within - 1.0) / of_one).min(MOST_SHARED),
+            freedom: n_means,
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! The solution of the wider problem of [`uncertainty`](super::uncertainty): which features are a part of it, their standard deviations, the noise, and
+//! the posterior.
+
+use crate::identification::least_squares::evidence::{Evidence, Posterior, Triangle};
+use crate::identification::statistics::uncertainty_problem::Rows;
+use std::ops::Range;
+
+/// Scale of the half-Cauchy prior of σm, rad: joints usually rotate by 0.3 mrad under the weight of an arm's end.
+const USUAL_MISFIT_RAD: f64 = 3e-4;
+/// Number of searches for both σm, each with the noise of the previous one.
+const SEARCHES: usize = 3;
+/// Significance level for a joint that follows another one, over all pairs of joints. A robot's other errors are smooth functions of its joints too.
+const CHANCE_OF_FOLLOWING: f64 = 1e-6;
+
+/// Solution of the wider problem.
+pub(super) struct Solved {
+    /// Columns of the rows that are coordinates of the solution.
+    pub(super) columns: Vec<usize>,
+    /// Joints that follow others, as indices of the misfit's.
+    pub(super) followings: Vec<usize>,
+    pub(super) triangle: Triangle,
+    pub(super) evidence: Evidence,
+    pub(super) posterior: Posterior,
+    /// σm of the usual features, and of harmonics of higher orders; 0 if it is not significant. Such features are no coordinates of the solution.
+    pub(super) usual_std_rad: f64,
+    pub(super) higher_std_rad: f64,
+}
+
+impl Rows<'_> {
+    /// The posterior, with σm and σ. `links` has the widths of the estimate of links alone. Joints that follow others are added one by one, the most
+    /// significant first, as flat coordinates.
+    pub(super) fn solve(&self, links: &Evidence, ratio: f64) -> Solved {
+        let triangle = self.triangle(ratio);
+        let mut followings = vec![];
+        loop {
+            let solved = self.solve_with(&triangle, &followings, links);
+            let Some(next) = self.next_following(&triangle, &solved) else {
+                return solved;
+            };
+            followings.push(next);
+        }
+    }
+
+    /// The most significant of the joints that may follow others and are not in a solution.
+    fn next_following(&self, triangle: &Triangle, solved: &Solved) -> Option<usize> {
+        let n = self.columns.n_followings;
+        let others: Vec<usize> = (0..n).filter(|k| !solved.followings.contains(k)).collect();
+        let of_others = others.iter().map(|k| self.columns.without_features() + k);
+        let columns: Vec<usize> = solved.columns.iter().copied().chain(of_others).collect();
+        let n_solved = solved.columns.len();
+        let triangle = triangle.of_columns(&columns);
+        let beyond = triangle.beyond(&self.coordinates(columns.len()), &solved.evidence, n_solved);
+        let best = beyond.most_significant(CHANCE_OF_FOLLOWING / n.max(1) as f64)?;
+        Some(others[best])
+    }
+
+    /// Coordinates of the identified robot; all others are 0 there.
+    fn coordinates(&self, n: usize) -> Vec<f64> {
+        let mut x = self.x.clone();
+        x.resize(n, 0.0);
+        x
+    }
+
+    fn solve_with(&self, triangle: &Triangle, followings: &[usize], links: &Evidence) -> Solved {
+        let columns = &self.columns;
+        let of_followings = followings.iter().map(|k| columns.without_features() + k);
+        let flat: Vec<usize> = (0..columns.without_features())
+            .chain(of_followings)
+            .collect();
+        let [usual, higher] = [columns.usual(), columns.higher()];
+        // coordinates, noise and widths with the features that have a standard deviation
+        let with = |usual_std_rad: f64, higher_std_rad: f64, sigma_mm: f64| {
+            let mut columns = flat.clone();
+            let mut evidence = Evidence {
+                sigma_mm,
+                ..links.clone()
+            };
+            evidence.widths.resize(flat.len(), Evidence::FLAT);
+            for (features, std_rad) in [(&higher, higher_std_rad), (&usual, usual_std_rad)] {
+                if std_rad > 0.0 {
+                    columns.extend(features.clone());
+                    evidence.widths.resize(columns.len(), std_rad);
+                }
+            }
+            (columns, evidence)
+        };
+        let least_mm = self.session.problem.least_sigma_mm;
+        let noise_mm = |usual_std_rad: f64, higher_std_rad: f64, sigma_mm: f64| {
+            let (columns, evidence) = with(usual_std_rad, higher_std_rad, sigma_mm);
+            let triangle = triangle.of_columns(&columns);
+            let posterior = triangle.solve(&self.coordinates(columns.len()), &evidence);
+            triangle.noise_mm(&posterior).max(least_mm)
+        };
+        let std_of = |features: &Range<usize>, (mut columns, evidence): (Vec<usize>, Evidence)| {
+            let first = columns.len();
+            columns.extend(features.clone());
+            let x = self.coordinates(columns.len());
+            let beyond = triangle.of_columns(&columns).beyond(&x, &evidence, first);
+            let spectrum = beyond.spectrum();
+            spectrum.map_or(0.0, |s| {
+                s.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm)
+            })
+        };
+        let (mut usual_std_rad, mut higher_std_rad) = (0.0, 0.0);
+        let mut sigma_mm = noise_mm(0.0, 0.0, links.sigma_mm);
+        for search in 0..SEARCHES {
+            usual_std_rad = std_of(&usual, with(0.0, higher_std_rad, sigma_mm));
+            sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
+            if search == 0 || higher_std_rad > 0.0 {
+                higher_std_rad = std_of(&higher, with(usual_std_rad, 0.0, sigma_mm));
+                sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
+            }
+            if usual_std_rad == 0.0 && higher_std_rad == 0.0 {
+                break;
+            }
+        }
+        let (columns, evidence) = with(usual_std_rad, higher_std_rad, sigma_mm);
+        let triangle = triangle.of_columns(&columns);
+        let posterior = triangle.solve(&self.coordinates(columns.len()), &evidence);
+        Solved {
+            columns,
+            followings: followings.to_vec(),
+            triangle,
+            evidence,
+            posterior,
+            usual_std_rad,
+            higher_std_rad,
+        }
+    }
+}
