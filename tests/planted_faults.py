@@ -142,7 +142,7 @@ FAULTS = [
     Fault("two robots are fitted together", "core", "two_robots_of_one_model_are_never_fitted_together", [
         ("if tested.probability < alarm {", "if false && tested.probability < alarm {")], "src/calibration"),
     Fault("only the first session is compared", "core", "a_joint_that_moved_between_the_sessions_is_named", [
-        ("for (earlier, before) in estimates[..later].iter().enumerate() {", "for (earlier, before) in estimates[..later.min(1)].iter().enumerate().filter(|_| later == 1) {")],
+        ("for (earlier, later) in pairs(estimates.len()) {", "for (earlier, later) in pairs(estimates.len()).filter(|(_, later)| *later == 1) {")],
         "src/calibration"),
     Fault("corrections are judged within sessions", "core", "corrections_are_judged_on_sessions_that_were_not_fitted", [
         ("point.session = Some(name.clone());", "point.session = None;")], "src/measurement"),
@@ -393,7 +393,18 @@ FAULTS = [
     Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [
         ("let n_poses = (parameters.len() + MORE_POSES).max(n_targets);", "let n_poses = parameters.len() + MORE_POSES;")]),
     Fault("no finite check", "service", "every_bad_file", [
-        ("if !value.is_finite() { return Err((\"not_finite\"", "if value.is_nan() && false { return Err((\"not_finite\"")]),
+        ("if !value.is_finite() { let detail = format!(\"{cell:?} is not a finite", "if value.is_nan() && false { let detail = format!(\"{cell:?} is not a finite")]),
+    Fault("a short row may lack any cell", "core", "a_short_row_whose_remark_is_a_number", [
+        ("|| !last(moved).is_some_and(|own| column.has(own, own))", "")], "src/measurement"),
+    Fault("means of each pose are measurements", "core", "statistics_of_each_pose_are_no_measurements", [
+        ("(n_hits > 1 && is_rare && evidence <= FALSE_ALARM)", "(n_hits > 1 && is_rare && evidence < f64::MIN)")], "src/measurement"),
+    Fault("rows that were put aside are measurements", "core", "rows_that_somebody_put_aside", [
+        ("self.issues.extend(self.flags.refused(table));", "")], "src/measurement"),
+    Fault("positions under Nominal are measured", "core", "columns_under_a_group_that_was_not_measured", [
+        ("let known = self.without_groups_not_measured(known);", "")], "src/measurement"),
+    Fault("shared targets count twice", "core", "what_cannot_be_fitted_together", [
+        ("let n_targets = request.set.n_targets(); if n_targets > MAX_TARGETS", "let n_targets: usize = sessions.iter().map(MeasurementSet::n_targets).sum(); if n_targets > MAX_TARGETS")],
+        "src/calibration"),
     Fault("joints are counted as the file says", "service", "a_controllers_joint_convention", [
         ("all.extend(self.convention(self.frame));", "")]),
     Fault("no alignment check", "service", "wrong_as_a_whole", [

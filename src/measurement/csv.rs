@@ -196,6 +196,14 @@ pub(super) fn parse_row(
             column => fill(&mut point, *column, cell.trim(), reading),
         };
         if let Err((code, detail)) = filled {
+            let is_header = !cell.trim().is_empty() && name.starts_with(cell.trim());
+            let detail = match is_header {
+                true => format!(
+                    "{cell:?} is the name of the column: remove the line if the header stands here again; rows in another unit, or measured in another session, belong into a \
+                     file of their own"
+                ),
+                false => detail,
+            };
             let detail = format!("row {row}, column {name}: {detail}");
             issues.push(Issue {
                 row: Some(row),
@@ -219,6 +227,9 @@ pub(super) fn parse_row(
     (issues.len() == before).then_some(point)
 }
 
+/// What a row with too few cells may be.
+pub(super) const CELL_IS_MISSING: &str = "a cell or the end of the row is missing: was the file cut off or the row written in part? If it is no row, remove it, or put # before it";
+
 /// Message for a row whose number of cells differs from the header, with a possible reason.
 pub(super) fn wrong_cell_count(
     row: usize,
@@ -234,15 +245,17 @@ pub(super) fn wrong_cell_count(
         {
             "are its cells separated otherwise than the header's?"
         }
-        _ if is_cut => {
-            "the end of the row is missing: was the file cut off or the row written in part?"
-        }
+        _ if is_cut => CELL_IS_MISSING,
         b',' => "a decimal comma makes extra cells: write 12.5, not 12,5",
         b';' => "is there a ';' too many?",
         _ => "is there a separator too many?",
     };
+    let more = match record.len() == n_columns + 1 {
+        true => "; or does the header lack a name, for example over the numbers of the rows?",
+        false => "",
+    };
     format!(
-        "row {row} has {} cells, the header has {n_columns}; {hint}",
+        "row {row} has {} cells, the header has {n_columns}; {hint}{more}",
         record.len()
     )
 }
@@ -337,15 +350,19 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
 
 /// Texts in cells that mean that nothing was measured.
 const NOTHING: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
+/// What to do with a row that has no number.
+const REMOVE: &str = "remove the row, or put # before it";
 
 fn not_a_number(cell: &str) -> String {
     let is_nothing = NOTHING.contains(&cell.to_lowercase().as_str());
-    let remedy = if is_nothing {
-        "; remove the row, or put # before it"
-    } else {
-        ""
+    let condition = match (is_nothing, cell.contains(['\'', '′', '"', '″'])) {
+        (true, _) => "",
+        (false, true) => {
+            "write degrees with decimals in place of minutes and seconds, and no quotes; or "
+        }
+        (false, false) => "if it is no measurement, ",
     };
-    format!("{cell:?} is not a number{remedy}")
+    format!("{cell:?} is not a number; {condition}{REMOVE}")
 }
 
 fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, CellError> {
@@ -378,7 +395,8 @@ fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, 
         .parse()
         .map_err(|_| ("not_a_number", not_a_number(cell)))?;
     if !value.is_finite() {
-        return Err(("not_finite", format!("{cell:?} is not a finite number")));
+        let detail = format!("{cell:?} is not a finite number; {REMOVE}");
+        return Err(("not_finite", detail));
     }
     let scaled = value * factor;
     if scaled.abs() > limit {

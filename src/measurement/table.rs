@@ -21,6 +21,58 @@ const MAX_PREAMBLE: usize = 60;
 /// Maximum number of columns of a table: a hundred times the usual number.
 pub const MAX_COLUMNS: usize = 1000;
 
+/// Words above columns that were not measured.
+const NOT_MEASURED: [&str; 31] = [
+    "tcp",
+    "controller",
+    "nominal",
+    "nom",
+    "soll",
+    "sollwert",
+    "sollwerte",
+    "deviation",
+    "deviations",
+    "dev",
+    "abweichung",
+    "delta",
+    "error",
+    "errors",
+    "difference",
+    "diff",
+    "reference",
+    "design",
+    "cad",
+    "command",
+    "commanded",
+    "programmed",
+    "theoretical",
+    "predicted",
+    "computed",
+    "calculated",
+    "residual",
+    "residuals",
+    "std",
+    "sigma",
+    "uncertainty",
+];
+/// Words above columns that were measured.
+const MEASURED: [&str; 12] = [
+    "measured",
+    "meas",
+    "measurement",
+    "actual",
+    "ist",
+    "istwerte",
+    "gemessen",
+    "tracker",
+    "laser",
+    "smr",
+    "instrument",
+    "camera",
+];
+/// Maximum number of words above columns. Longer texts are titles.
+const MAX_WORDS_ABOVE: usize = 3;
+
 /// A table whose header has been found.
 #[derive(Clone, Debug)]
 pub struct Table<'a> {
@@ -47,8 +99,8 @@ pub struct Table<'a> {
     pub plain_quotes: bool,
     /// Number of lines above the data that are neither header nor units.
     pub n_skipped_above: usize,
-    /// Whether lines that begin like comments are comments. `None`: such a line is a comment, unless it looks like a row of data; then it is
-    /// ambiguous.
+    /// Whether lines that begin with a comment sign are comments. As the mapping states it; true if at most one in five rows begins so. `None`: such a line is a
+    /// comment, unless it looks like a row of data; then it is ambiguous.
     pub comments: Option<bool>,
     /// Whether the last line has no line end: it may be cut off.
     pub is_open: bool,
@@ -299,6 +351,28 @@ impl<'a> Table<'a> {
                 }
             }
         }
+    }
+
+    /// The groups of columns that the line above the header names, as in `Nominal;;;Measured;;`: the first column of each, and whether it was measured, if its
+    /// name says so. A group ends where the next one begins.
+    pub(super) fn groups(&self) -> Vec<(usize, Option<bool>)> {
+        let is_measured = |group: &String| {
+            let group = group.to_lowercase();
+            let words = group.split(|c: char| !c.is_alphanumeric());
+            let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
+            let has = |known: &[&str]| words.iter().any(|word| known.contains(word));
+            match words.len() <= MAX_WORDS_ABOVE {
+                true if has(&MEASURED) => Some(true),
+                true if has(&NOT_MEASURED) => Some(false),
+                _ => None,
+            }
+        };
+        let above = self.above.iter().enumerate();
+        let groups = above.filter(|(_, cell)| !cell.is_empty());
+        let groups = groups.filter(|_| self.separator != Separator::Spaces);
+        groups
+            .map(|(first, cell)| (first, is_measured(cell)))
+            .collect()
     }
 
     /// The names of the columns for messages. Names in another encoding, such as GBK, are readable in UTF-8 only.

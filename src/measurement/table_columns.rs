@@ -85,6 +85,7 @@ impl Resolution<'_> {
             .filter(|(place, _)| !self.taken.contains(place))
             .map(|(place, (name, below))| (place, recognise(name, below)))
             .collect();
+        let known = self.without_groups_not_measured(known);
         if self.needs_joints() {
             self.named_joints(&known);
         }
@@ -113,6 +114,38 @@ impl Resolution<'_> {
                 }
             }
         }
+    }
+
+    /// Forgets positions in groups that were not measured, by the line above the header: in a group of another name if one was measured. A group that begins at a
+    /// joint or a name is about these, or a title.
+    fn without_groups_not_measured(&self, mut known: Vec<(usize, Known)>) -> Vec<(usize, Known)> {
+        let groups = self.table.groups();
+        let is_about_positions = |(first, _): &&(usize, Option<bool>)| {
+            let of_group = known.iter().find(|(place, _)| place == first);
+            of_group.is_some_and(|(_, k)| matches!(k, Known::Position(..) | Known::Unknown))
+        };
+        let stated = groups.iter().filter(is_about_positions);
+        let stated: Vec<(usize, bool)> = stated
+            .filter_map(|(first, is_measured)| Some((*first, (*is_measured)?)))
+            .collect();
+        let has_measured = stated.iter().any(|(_, is_measured)| *is_measured);
+        let is_measured = |place: usize| {
+            let group = groups.iter().rfind(|(first, _)| *first <= place);
+            let own = group.and_then(|(first, _)| stated.iter().find(|(other, _)| other == first));
+            own.map_or(!has_measured || group.is_none(), |(_, is_measured)| {
+                *is_measured
+            })
+        };
+        let left: Vec<bool> = known
+            .iter()
+            .map(|(place, _)| !is_measured(*place))
+            .collect();
+        for ((_, known), is_left) in known.iter_mut().zip(left) {
+            if is_left && matches!(known, Known::Position(..)) {
+                *known = Known::Unknown;
+            }
+        }
+        known
     }
 
     fn named_joints(&mut self, known: &[(usize, Known)]) {

@@ -125,11 +125,39 @@ pub(super) fn found_header(
         );
         return Err(whole("two_readings", detail));
     }
-    if best.is_some() {
-        return Ok(best.map(|header| widest(header, above, separators, mapping)));
+    if let Some(best) = best {
+        refuse_rows_above(&best, &above[body..best.line - 1], body)?;
+        return Ok(Some(widest(best, above, separators, mapping)));
     }
     let separator = separator_of_data(&above[body..], separators)?;
     Ok(first_named(above, body, separator))
+}
+
+/// Number of known columns of a header from which on lines above it with as many numbers are rows. Matrices have four numbers in a line.
+const MIN_KNOWN: usize = 6;
+
+/// Refuses a header with rows of another table above it: they would be left out. `above` begins behind the first `n_skipped` lines.
+fn refuse_rows_above(header: &Header, above: &[Line], n_skipped: usize) -> Result<(), ParseError> {
+    let is_row = |line: &Line| {
+        let cells = cells(line.text, header.separator);
+        let n_numbers = cells.iter().filter(|cell| is_numeric(cell)).count();
+        // labels may be among the known columns
+        4 * n_numbers >= 3 * header.score
+    };
+    let rows = above.iter().enumerate().filter(|(_, line)| is_row(line));
+    let rows: Vec<usize> = rows.map(|(at, _)| n_skipped + at + 1).collect();
+    let [first, .., last] = rows[..] else {
+        return Ok(());
+    };
+    if header.score < MIN_KNOWN {
+        return Ok(());
+    }
+    let detail = format!(
+        "lines {first} to {last} look like rows, and the header was found below them, on line {0}: are these two tables? Write them into files of their own, or say which \
+         line is the header, in the column mapping: {{\"header_row\": {0}}}",
+        header.line
+    );
+    Err(whole("two_readings", detail))
 }
 
 /// Splits a header with only one known cell by the separator that gives the most cells. With one known cell, several separators may have the same

@@ -13,6 +13,7 @@ use crate::measurement::set::Point;
 use crate::measurement::table::{Next, Table};
 use crate::measurement::table_columns::{Columns, Needs, Used, resolve};
 use crate::measurement::table_numbers::decimal_mark;
+use crate::measurement::table_row_ends::Ends;
 use crate::measurement::table_rows::{Layout, Rows};
 use crate::measurement::table_text::{Encoding, Source};
 
@@ -31,7 +32,7 @@ pub struct Understood {
     pub header_row: Option<usize>,
     /// Whether quotes that close nothing were read as plain characters, or cells with line breaks were joined.
     pub plain_quotes: bool,
-    /// Whether lines that begin like comments are comments, if the mapping stated it.
+    /// Whether lines that begin with a comment sign are comments, as in [`Table::comments`].
     pub comments: Option<bool>,
     /// The columns that are read, with their names in the file.
     pub columns: Vec<(Used, String)>,
@@ -126,9 +127,9 @@ pub fn read(source: Source, options: &TableOptions) -> Result<Content, TableErro
         rotation: options.rotation,
         is_time: options.is_time,
     };
-    let mut content = Rows::new(&parts.layout);
+    let mut content = Rows::new(&table, &parts.layout);
     table.each_row(|next| content.take(next, &table, &parts.layout, &reading));
-    content.refuse_no_measurements(&parts.layout);
+    content.refuse_no_measurements(&table, &parts.layout);
     content.number_reflectors(&parts.layout);
     if content.points.is_empty() && content.issues.is_empty() {
         content.issue(
@@ -257,13 +258,19 @@ impl<'t> Parts<'t> {
             places: read.iter().map(|(place, ..)| *place).collect(),
             columns: read.iter().map(|(_, column, _)| *column).collect(),
             keys: keys.cloned().collect(),
-            n_named: named.max(last),
-            n_read: last,
-            is_open: table.is_open,
-            ends_with_number: read
-                .iter()
-                .any(|(place, column, _)| place + 1 == last && is_number(column)),
-            has_places: matches!(table.encoding, Encoding::Xlsx | Encoding::Ods),
+            ends: Ends {
+                n_named: named.max(last),
+                n_read: last,
+                is_open: table.is_open,
+                ends_with_number: read
+                    .iter()
+                    .any(|(place, column, _)| place + 1 == last && is_number(column)),
+                has_places: matches!(table.encoding, Encoding::Xlsx | Encoding::Ods),
+                first_joint: (columns.used.iter())
+                    .find(|used| is_joint(&used.means))
+                    .filter(|used| !used.is_mapped)
+                    .map(|used| (used.place, used.means.clone())),
+            },
             ignored: (options.mapping.ignore.iter())
                 .filter_map(|column| table.place(column).ok())
                 .collect(),

@@ -118,7 +118,8 @@ impl<'t> Rows<'t> {
             };
             let end = lines(&text[at..]).nth(n_lines - 1).map(|line| line.end);
             let end = at + end.unwrap_or(text.len() - at);
-            is_changed |= n_lines > 1 || rows[begins..].contains(PLAIN_QUOTE);
+            let line = lines(&text[at..]).next();
+            is_changed |= n_lines > 1 || line.is_some_and(|line| rows[begins..] != *line.text);
             (at, row) = (end, row + 1);
             if n_lines > 1 {
                 more += n_lines - 1;
@@ -188,6 +189,11 @@ fn push_row(rows: &mut String, text: &str, between: Between) -> Result<usize, us
         };
         rows.push_str(&rest[..=end]);
         rest = &rest[end + 1..];
+        // `"a", "b"`: a quote begins a cell behind spaces, too
+        let cell = rest.trim_start_matches(' ');
+        if cell.starts_with('"') {
+            rest = cell;
+        }
     }
 }
 

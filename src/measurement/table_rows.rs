@@ -1,14 +1,17 @@
 //! The rows of a table: reads them one by one to points and join keys, and refuses those that hold no measurement.
 
-use crate::measurement::csv::{MAX_ROWS, Reading, parse_row, wrong_cell_count};
+use crate::measurement::csv::{MAX_ROWS, Reading, parse_row};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::number_text::without_unit;
 use crate::measurement::set::Point;
 use crate::measurement::table::{Next, Table};
+use crate::measurement::table_flags::Flags;
+use crate::measurement::table_groups::rows_of_groups;
 use crate::measurement::table_lines::is_numeric;
 use crate::measurement::table_reflectors::reflectors;
 use crate::measurement::table_resolution::Used;
+use crate::measurement::table_row_ends::{Ends, RowEnds};
 use crate::measurement::table_statistics::{is_statistic, rows_not_measured, rows_of_statistics};
 
 /// Cells of a column with and without a unit behind the number: how many, and row and line of the first one.
@@ -35,10 +38,10 @@ pub(super) struct Rows {
     with_unit: Vec<UnitsOfCells>,
     /// Rows that have the name of a statistic in front of their numbers.
     summaries: Vec<Summary>,
-    /// Rows that end before the last column: row, line, number of missing cells, and message.
-    short: Vec<(usize, usize, usize, String)>,
-    /// Number of columns at the end, behind those that are read, in which no row has a number.
-    texts_behind: Option<usize>,
+    /// Rows that end before or behind the last column.
+    ends: RowEnds,
+    /// Columns that may say which rows count.
+    flags: Flags,
     /// For each point, the cell with its reflector.
     reflector_cells: Vec<String>,
     /// The names of the reflectors in the order of their numbers, if the file has names.
@@ -68,16 +71,8 @@ pub(super) struct Layout {
     pub(super) units: Vec<Option<&'static str>>,
     /// The columns of join keys.
     pub(super) keys: Vec<Used>,
-    /// Number of columns with a name or a meaning.
-    pub(super) n_named: usize,
-    /// Number of columns up to the last one that is read.
-    pub(super) n_read: usize,
-    /// Whether missing cells at the end of a row are empty ones: in workbooks, where each cell has a place of its own.
-    pub(super) has_places: bool,
-    /// Whether the last line has no line end.
-    pub(super) is_open: bool,
-    /// Whether the last column that is read has numbers. A text that moves into another column is not noticed.
-    pub(super) ends_with_number: bool,
+    /// Where the cells that are read stand.
+    pub(super) ends: Ends,
     /// The columns that the caller leaves aside.
     pub(super) ignored: Vec<usize>,
     /// Whether the file is a stored upload that is read again in the same way.
@@ -87,6 +82,18 @@ pub(super) struct Layout {
 }
 
 impl Layout {
+    /// The unit of each coordinate in the file, mm.
+    fn millimetres(&self) -> [f64; 3] {
+        let factor = |axis: usize| {
+            let of_axis = |column: &Column| match column {
+                Column::Position(of, factor) if *of == axis => Some(*factor),
+                _ => None,
+            };
+            self.columns.iter().find_map(of_axis).unwrap_or(1.0)
+        };
+        std::array::from_fn(factor)
+    }
+
     /// The cells in front of the first number that is read, and whether each is read as a label. One of them may be the name of a statistic.
     fn leading_cells<'r>(
         &self,
@@ -110,16 +117,21 @@ impl Layout {
 }
 
 impl Rows {
-    pub(super) fn new(layout: &Layout) -> Self {
+    pub(super) fn new(table: &Table, layout: &Layout) -> Self {
         let keys = layout.keys.iter();
+        let is_free = |place: &usize| {
+            let is_key = layout.keys.iter().any(|used| used.place == *place);
+            !is_key && !layout.places.contains(place) && !layout.ignored.contains(place)
+        };
         Self {
+            flags: Flags::new(table, is_free),
             keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
             with_unit: vec![UnitsOfCells::default(); layout.places.len()],
             ..Self::default()
         }
     }
 
-    /// Numbers the reflectors of the points.
+    /// Checks the reflectors of the points, and numbers them unless they have a `target_name`: the set numbers these.
     pub(super) fn number_reflectors(&mut self, layout: &Layout) {
         let column = layout.columns.iter().position(is_of_target);
         let Some(column) = column.filter(|_| self.issues.is_empty()) else {
@@ -134,6 +146,7 @@ impl Rows {
             layout.is_read_again,
         );
         match found {
+            Ok(_) if are_names => {}
             Ok(found) => {
                 for (point, number) in self.points.iter_mut().zip(found.numbers) {
                     point.target = number;
@@ -148,18 +161,25 @@ impl Rows {
     }
 
     /// Refuses rows that hold no measurement. Of a file that was accepted once, all rows are measurements.
-    pub(super) fn refuse_no_measurements(&mut self, layout: &Layout) {
+    pub(super) fn refuse_no_measurements(&mut self, table: &Table, layout: &Layout) {
         if layout.is_read_again {
             return;
         }
         self.refuse_summaries();
-        self.refuse_short(layout);
+        let moved = self.ends.refused(table, &layout.ends);
+        self.issues.extend(moved);
         self.refuse_some_units(layout);
+        if self.issues.is_empty() {
+            self.issues.extend(self.flags.refused(table));
+        }
         if layout.has_positions && self.issues.is_empty() {
             self.refuse_not_measured(layout);
         }
         if layout.has_positions && self.issues.is_empty() {
             self.refuse_statistics();
+        }
+        if layout.has_positions && self.issues.is_empty() {
+            self.refuse_statistics_of_groups(layout);
         }
     }
 
@@ -258,28 +278,8 @@ impl Rows {
         Ok(number)
     }
 
-    /// Refuses rows that end too early, unless all that is missing are cells of columns with texts, such as remarks. Cells that are missing elsewhere would move
-    /// a text into the columns that are read, which is refused; a number would be read as another column's. The last row of a file without a line end may be
-    /// cut off within a number.
-    fn refuse_short(&mut self, layout: &Layout) {
-        let n_texts = self.texts_behind.unwrap_or(0);
-        for (row, line, n_missing, detail) in std::mem::take(&mut self.short) {
-            let is_cut = layout.is_open && row + 1 == self.n_rows;
-            if n_missing > n_texts || is_cut {
-                self.issue(Some(row), Some(line), "wrong_cell_count", detail);
-            }
-        }
-    }
-
     fn refuse_not_measured(&mut self, layout: &Layout) {
-        let millimetres = |axis| {
-            let factor = |column: &Column| match column {
-                Column::Position(of, factor) if *of == axis => Some(*factor),
-                _ => None,
-            };
-            layout.columns.iter().find_map(factor).unwrap_or(1.0)
-        };
-        let found = rows_not_measured(&self.points, std::array::from_fn(millimetres));
+        let found = rows_not_measured(&self.points, layout.millimetres());
         let n = found.len();
         for (at, position) in found.into_iter().take(MAX_ISSUES) {
             // No row was refused, so points and rows are counted alike.
@@ -300,6 +300,21 @@ impl Rows {
         for (at, name) in rows_of_statistics(&self.points) {
             let detail = format!(
                 "row {at} is the {name} of the other rows in every column: a row of statistics is no measurement; remove it, or put # before it"
+            );
+            self.issue(Some(at), Some(self.lines[at]), "summary_row", detail);
+        }
+    }
+
+    /// Refuses rows that are the mean and the like of the measurements of their pose.
+    fn refuse_statistics_of_groups(&mut self, layout: &Layout) {
+        let found = rows_of_groups(&self.points, &self.reflector_cells, layout.millimetres());
+        let n = found.len();
+        for statistic in found.into_iter().take(MAX_ISSUES) {
+            let (at, first) = (statistic.row, statistic.first);
+            let detail = format!(
+                "row {at} is the {} of {} others in every column (the first of them is row {first}), and {n} rows in all are such statistics of their groups: a row of statistics is no measurement; \
+                 remove such rows",
+                statistic.name, statistic.n_measured
             );
             self.issue(Some(at), Some(self.lines[at]), "summary_row", detail);
         }
@@ -355,32 +370,11 @@ impl Rows {
             return false;
         }
         self.n_rows += 1;
-        let too_many = row
-            .cells
-            .iter()
-            .skip(table.header.len())
-            .any(|cell| !cell.trim().is_empty());
-        let n_cells = row.cells.len();
-        let is_short = n_cells < layout.n_named && !layout.has_places;
-        if is_short || too_many {
-            let detail = wrong_cell_count(
-                index,
-                &row.cells,
-                table.header.len(),
-                table.separator.byte(),
-            );
-            if too_many || n_cells < layout.n_read || !layout.ends_with_number {
-                self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
-                return self.issues.len() < MAX_ISSUES;
-            }
-            let n_missing = layout.n_named - n_cells;
-            self.short.push((index, row.line, n_missing, detail));
-        } else {
-            let behind = (layout.n_read..layout.n_named).rev();
-            let is_text = |place: &usize| !row.cells.get(*place).is_some_and(is_numeric);
-            let n_texts = behind.take_while(is_text).count();
-            self.texts_behind = Some(self.texts_behind.unwrap_or(n_texts).min(n_texts));
+        if let Err(detail) = self.ends.take(index, &row, table, &layout.ends) {
+            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
+            return self.issues.len() < MAX_ISSUES;
         }
+        self.flags.take(index, &row);
         let mut reflector = None;
         let mut cells = csv::StringRecord::new();
         for (column, place) in layout.places.iter().enumerate() {

@@ -63,11 +63,18 @@ pub(super) fn is_statistic(cell: &str) -> bool {
     STATISTICS.contains(&word.as_str())
 }
 
-/// What a position is if nothing was measured: all coordinates zero, or one of them such as −9999 (or 9999.9), farther away than all others are
-/// apart. `coordinates` are as written in the file, `others` the least and largest values of each coordinate that is none of these.
-fn not_measured(coordinates: &[f64; 3], others: &[(f64, f64); 3]) -> Option<String> {
-    if coordinates.iter().all(|value| *value == 0.0) {
-        return Some("0, 0, 0".into());
+/// What a position is if nothing was measured: all coordinates zero, all the same whole number (−1) among numbers with decimals, or one of them such as
+/// −9999 (or 9999.9), farther away than all others are apart. `coordinates` are as written in the file, `others` the least and largest values of each
+/// coordinate that is none of these.
+fn not_measured(
+    coordinates: &[f64; 3],
+    others: &[(f64, f64); 3],
+    have_decimals: bool,
+) -> Option<String> {
+    let [first, ..] = *coordinates;
+    let are_same = coordinates.iter().all(|value| *value == first);
+    if are_same && (first == 0.0 || have_decimals && first.fract() == 0.0) {
+        return Some(format!("{first}, {first}, {first}"));
     }
     let is_outside = |(value, (least, largest)): &(&f64, &(f64, f64))| {
         let apart = largest - least;
@@ -101,8 +108,10 @@ pub(super) fn rows_not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<
             |(least, largest), value| (least.min(value), largest.max(value)),
         )
     });
+    let has_decimals = |row: &&[f64; 3]| row.iter().any(|value| value.fract() != 0.0);
+    let have_decimals = 2 * written.iter().filter(has_decimals).count() > written.len();
     let rows = written.iter().enumerate();
-    rows.filter_map(|(at, row)| Some((at, not_measured(row, &others)?)))
+    rows.filter_map(|(at, row)| Some((at, not_measured(row, &others, have_decimals)?)))
         .collect()
 }
 
@@ -111,12 +120,12 @@ const MAX_STATISTICS: usize = 8;
 /// Minimum number of rows of measurements beside them.
 const MIN_MEASURED: usize = 5;
 /// Largest difference of a statistic in a file from its value: the file has at least two decimals, in mm and degrees.
-const ROUNDED: f64 = 0.006;
+pub(super) const ROUNDED: f64 = 0.006;
 /// A column tells statistics from measurements if its values spread by this number of roundings.
 const SPREAD: f64 = 100.0;
 
 /// The statistics that reports print: name, and whether the values alone tell it from a measurement. A first pose may be the minimum of all columns.
-const NAMES: [(&str, bool); 8] = [
+pub(super) const NAMES: [(&str, bool); 8] = [
     ("mean", true),
     ("standard deviation", true),
     ("standard deviation", true),
@@ -128,14 +137,14 @@ const NAMES: [(&str, bool); 8] = [
 ];
 
 /// Statistics of one column, in the order of [`NAMES`].
-struct Column {
-    statistics: [f64; NAMES.len()],
+pub(super) struct Column {
+    pub(super) statistics: [f64; NAMES.len()],
     /// Whether the column tells statistics from measurements. A joint that stood still is the same in all rows.
     spreads: bool,
 }
 
 impl Column {
-    fn new(values: impl Iterator<Item = f64> + Clone) -> Self {
+    pub(super) fn new(values: impl Iterator<Item = f64> + Clone) -> Self {
         let n = values.clone().count() as f64;
         let sum: f64 = values.clone().sum();
         let square_sum = |values: &mut dyn Iterator<Item = f64>| -> f64 {
@@ -159,10 +168,15 @@ impl Column {
             spreads: largest - least > SPREAD * ROUNDED,
         }
     }
+
+    /// The difference between the largest and the least value.
+    pub(super) fn range(&self) -> f64 {
+        self.statistics[4]
+    }
 }
 
 /// Joint values in degrees and coordinates in mm of a point.
-fn values(point: &Point) -> Vec<f64> {
+pub(super) fn values(point: &Point) -> Vec<f64> {
     let joints = point.q_rad.iter().map(|q| q.to_degrees());
     joints.chain(point.position_mm.iter().copied()).collect()
 }

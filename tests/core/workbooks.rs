@@ -17,12 +17,20 @@ pub fn zip(files: &[(&str, Vec<u8>)]) -> Vec<u8> {
 type Sheet<'a> = (&'a str, &'a [Vec<String>]);
 
 pub fn xlsx(sheets: &[Sheet]) -> Vec<u8> {
+    xlsx_with_hidden(sheets, "")
+}
+
+/// As [`xlsx`], with one sheet hidden.
+pub fn xlsx_with_hidden(sheets: &[Sheet], hidden: &str) -> Vec<u8> {
     const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
     const DOCUMENT: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
     const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006";
     let numbered = || sheets.iter().enumerate().map(|(i, sheet)| (i + 1, sheet));
     let list: String = numbered()
-        .map(|(i, (name, _))| format!("<sheet name=\"{name}\" sheetId=\"{i}\" r:id=\"rId{i}\"/>"))
+        .map(|(i, (name, _))| {
+            let state = if *name == hidden { "hidden" } else { "visible" };
+            format!("<sheet name=\"{name}\" sheetId=\"{i}\" state=\"{state}\" r:id=\"rId{i}\"/>")
+        })
         .collect();
     let relations: String = numbered()
         .map(|(i, _)| {

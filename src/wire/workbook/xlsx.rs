@@ -3,18 +3,28 @@
 use super::refusal::broken;
 use super::sheet::{SheetText, Sheets};
 use crate::wire::Invalid;
-use calamine::{DataRef, ExcelDateTime, Reader, Xlsx};
+use calamine::{DataRef, ExcelDateTime, Reader, SheetVisible, Xlsx};
 use std::io::Cursor;
 
 pub(super) fn sheets(bytes: &[u8], wanted: Option<&str>) -> Result<Sheets, Invalid> {
     let unreadable = |error: calamine::XlsxError| broken(&error.to_string());
     let mut workbook: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
     let names = workbook.sheet_names();
-    let mut found = Vec::new();
-    for name in names
+    let sheets = workbook.sheets_metadata().iter();
+    let hidden = sheets.filter(|sheet| sheet.visible != SheetVisible::Visible);
+    let hidden: Vec<String> = hidden.map(|sheet| sheet.name.clone()).collect();
+    let is_wanted = |name: &&String| wanted.is_none_or(|wanted| *name == wanted);
+    // The first of hidden sheets is read if no other has cells.
+    let (last, first): (Vec<&String>, Vec<&String>) = names
         .iter()
-        .filter(|name| wanted.is_none_or(|wanted| *name == wanted))
-    {
+        .filter(is_wanted)
+        .partition(|name| hidden.contains(name));
+    let n_shown = first.len();
+    let mut found = Vec::new();
+    for (at, name) in first.into_iter().chain(last).enumerate() {
+        if at >= n_shown && !found.is_empty() {
+            break;
+        }
         // Charts and macros are not sheets with cells.
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;

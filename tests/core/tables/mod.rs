@@ -2,7 +2,9 @@
 
 mod contents;
 mod forms;
+mod groups;
 mod names;
+mod put_aside;
 mod traps;
 
 use crate::workbooks;

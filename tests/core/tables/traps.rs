@@ -3,7 +3,7 @@
 use super::*;
 
 /// A table with columns of others, a name in front and a remark behind.
-fn with_remarks(back: fn(usize) -> Vec<String>) -> Written {
+pub(super) fn with_remarks(back: fn(usize) -> Vec<String>) -> Written {
     let mut names = vec!["Name".to_owned()];
     names.extend(header(
         |j| format!("J{j} [deg]"),
@@ -26,7 +26,7 @@ fn code(text: &str, columns: &str) -> Option<(String, String)> {
     ))
 }
 
-fn refused_as(name: &str, text: &str, wanted: &str, hint: &str) {
+pub(super) fn refused_as(name: &str, text: &str, wanted: &str, hint: &str) {
     let Some((code, detail)) = code(text, "") else {
         panic!("{name}: taken\n{text}")
     };
@@ -36,7 +36,7 @@ fn refused_as(name: &str, text: &str, wanted: &str, hint: &str) {
     );
 }
 
-fn is_read(name: &str, text: &str) {
+pub(super) fn is_read(name: &str, text: &str) {
     let (set, reading) = read(text.as_bytes(), "").unwrap_or_else(|e| panic!("{name}: {e:?}"));
     is_true(name, &set);
     is_read_again(name, text.as_bytes(), &set, &reading.unwrap());
@@ -167,7 +167,7 @@ fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-fn named_rows() -> Written {
+pub(super) fn named_rows() -> Written {
     Written {
         header: std::iter::once("Name".to_owned())
             .chain(header(
@@ -336,6 +336,99 @@ fn rows_may_end_before_columns_of_texts() {
         "wrong_cell_count",
         "row 2",
     );
+}
+
+#[test]
+fn a_short_row_whose_remark_is_a_number_is_refused() {
+    let remarks = |row: usize| match row {
+        4 => vec!["warm".to_owned()],
+        _ => vec![String::new()],
+    };
+    let short = with_remarks(remarks).text().replace(",\n", "\n");
+    for text in [short, with_remarks(|_| vec!["ok".into()]).text()] {
+        is_read("whole", &text);
+        let row = text.lines().nth(3).unwrap();
+        let cells: Vec<&str> = row.split(',').collect();
+        for remark in ["5", "21.5", "0.02", "-3.25", "99999.1234"] {
+            let without_y = [&cells[..8], &cells[9..10], &[remark]].concat().join(",");
+            let text = text.replace(row, &without_y);
+            refused_as(remark, &text, "wrong_cell_count", "row 2 has 10 cells");
+            let remedy = "end the row with a separator for each empty cell, or remove the columns behind Z [mm]";
+            refused_as(remark, &text, "wrong_cell_count", remedy);
+            let error = read(text.as_bytes(), "").unwrap_err();
+            assert_eq!(error.issues[0].line, Some(4), "{error:?}");
+        }
+    }
+    // Only one or two rows are short: this is no habit of the file.
+    let text = with_remarks(|_| vec!["ok".into()]).text();
+    let row = text.lines().nth(3).unwrap();
+    let cells: Vec<&str> = row.split(',').collect();
+    let without_y = [&cells[..8], &cells[9..10], &["12.3456"]]
+        .concat()
+        .join(",");
+    let text = text.replace(row, &without_y);
+    refused_as("one row", &text, "wrong_cell_count", "row 2 has 10 cells");
+}
+
+#[test]
+fn a_cell_too_many_moves_no_number_into_another_column() {
+    let table = with_remarks(|_| vec![String::new()]);
+    // a name with a separator in it, in a file with empty remarks
+    let text = table.text().replace("P3,", "P,3,");
+    refused_as("a name", &text, "wrong_cell_count", "row 2 has 12 cells");
+    // The remark of that row is left out.
+    let table = with_remarks(|row| vec![if row == 2 { "" } else { "ok" }.into()]);
+    let text = table.text().replace("P3,", "P,3,").replace(",\n", "\n");
+    refused_as(
+        "among texts",
+        &text,
+        "wrong_cell_count",
+        "row 2, column Remark",
+    );
+    // A header without a name over the numbers of the rows, as R writes it.
+    let mut table = with_remarks(|_| vec![String::new()]);
+    table.header.remove(0);
+    table.front = |row| vec![(row + 1).to_string()];
+    refused_as(
+        "numbers of rows",
+        &table.text(),
+        "two_readings",
+        "J1 [deg] numbers the rows",
+    );
+    let mut named = table.text();
+    named.insert_str(0, "Row,");
+    is_read("with a name", &named);
+    // Rows that all end with a separator are read.
+    let table = with_remarks(|_| vec!["ok".into()]);
+    let (names, rows) = table
+        .text()
+        .split_once('\n')
+        .map(|(a, b)| (a.to_owned(), b.replace('\n', ",\n")))
+        .unwrap();
+    is_read("separators at the ends", &format!("{names}\n{rows}"));
+}
+
+#[test]
+fn a_last_number_that_was_cut_off_is_refused() {
+    let text = named_rows().text();
+    is_read("without a line end", text.trim_end());
+    refused_as(
+        "cut off",
+        &text[..text.len() - 3],
+        "wrong_cell_count",
+        "was it cut off?",
+    );
+    is_read("not cut off", &(text.trim_end().to_owned() + "\n"));
+}
+
+#[test]
+fn cells_in_quotes_behind_spaces_are_read() {
+    let text = named_rows().text();
+    let lines = text.lines().map(|line| {
+        let cells: Vec<String> = line.split(',').map(|cell| format!("\"{cell}\"")).collect();
+        cells.join(", ") + "\n"
+    });
+    is_read("quotes behind spaces", &lines.collect::<String>());
 }
 
 #[test]
