@@ -92,11 +92,17 @@ impl Program {
             let cell = |column: usize| row.cells.get(column).cloned().unwrap_or_default();
             let number = |place: &Range<usize>| {
                 let cell = &text[place.clone()];
-                value(cell, targets.decimal).ok_or_else(|| Issue {
-                    line: Some(row.line),
-                    code: "not_a_number".into(),
-                    detail: format!("line {}: {cell:?} is not a number", row.line),
-                    ..Issue::default()
+                value(cell, targets.decimal).ok_or_else(|| {
+                    let issue = Issue {
+                        line: Some(row.line),
+                        code: "not_a_number".into(),
+                        detail: format!("line {}: {cell:?} is not a number", row.line),
+                        ..Issue::default()
+                    };
+                    Invalid {
+                        code: "invalid_measurements",
+                        issues: vec![issue],
+                    }
                 })
             };
             let position = targets.position.map(|columns| columns.map(cell));
@@ -122,12 +128,8 @@ impl Program {
                 quaternion,
             })
         });
-        let places = rows.collect::<Result<_, Issue>>();
         Ok(Self {
-            places: places.map_err(|issue| Invalid {
-                code: "invalid_measurements",
-                issues: vec![issue],
-            })?,
+            places: rows.collect::<Result<_, Invalid>>()?,
             encoding: source.encoding,
             has_mark,
             deg,
@@ -269,8 +271,8 @@ impl Program {
 
 fn numbers<const N: usize>(
     places: &[Range<usize>; N],
-    number: impl Fn(&Range<usize>) -> Result<f64, Issue>,
-) -> Result<[f64; N], Issue> {
+    number: impl Fn(&Range<usize>) -> Result<f64, Invalid>,
+) -> Result<[f64; N], Invalid> {
     let mut found = [0.0; N];
     for (found, place) in found.iter_mut().zip(places) {
         *found = number(place)?;
