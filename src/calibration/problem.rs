@@ -18,6 +18,7 @@ use std::collections::BTreeSet;
 
 /// Everything that does not change while methods run on a request.
 pub struct Problem<'a> {
+    /// The request.
     pub request: &'a CalibrationRequest,
     /// Resolved options.
     pub settings: Settings,
@@ -27,13 +28,17 @@ pub struct Problem<'a> {
     pub screening: Screening,
     /// Segments and set-ups of the points.
     pub arrangement: Arrangement,
+    /// Loss of the residuals.
     pub loss: PointLoss,
+    /// Observations of the identify subset.
     pub identify: Vec<Observation>,
+    /// The free parameters.
     pub parameters: Vec<Parameter>,
     /// The nominal robot, with base and targets fitted where they are unknown. It is "before" in the report, and the start of least squares.
     pub nominal: KinematicModel,
     /// What the identify subset determines: decomposition of the Jacobian at the nominal robot, scaled by the usual prior widths.
     pub decomposition: Decomposition,
+    /// Priors that the request states.
     pub priors: Option<StatedPriors>,
     /// Stated noise of a row of weight 1, mm: the lower bound of the estimated noise. `None` if rows were not weighed by their noise, or if a fitted
     /// point states none.

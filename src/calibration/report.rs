@@ -265,13 +265,14 @@ impl FlangeRotation {
 
 /// The outcome of one calibration. The default has identified nothing, as a verification.
 #[derive(Clone, Debug, Default, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct CalibrationReport {
     /// The method that ran (never `Auto`).
     pub method: Method,
     /// Reason for the choice of this method.
     pub method_reason: String,
+    /// The model that was identified.
     pub model: Model,
+    /// The preset.
     pub preset: Preset,
     /// The seed.
     pub seed: u64,
@@ -285,6 +286,7 @@ pub struct CalibrationReport {
     pub cost_mm2: f64,
     /// Smallest F after each iteration of the main method, index 0 = the start, mm².
     pub convergence_mm2: Vec<f64>,
+    /// Errors of the identify subset.
     pub identify: SubsetErrors,
     /// Errors of the verify subset, if there is one.
     pub verify: Option<SubsetErrors>,
@@ -319,7 +321,9 @@ pub struct CalibrationReport {
     pub model_rank: usize,
     /// Other methods on the same points.
     pub comparison: Vec<MethodComparison>,
+    /// Warnings.
     pub warnings: Vec<Warning>,
+    /// Identified links.
     pub links: Vec<Link>,
     /// Measuring frame to base; identity for `model: paper` on frame=base.
     pub t_instrument_base: IsometryMatrix3<f64>,

@@ -56,8 +56,8 @@ pub enum VerifySource {
 
 /// Search options; `None` takes the preset's value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct SearchOptions {
+    /// Particles in the swarm.
     pub n_particles: Option<usize>,
     /// Limit of swarm updates.
     pub n_iterations: Option<usize>,
@@ -73,26 +73,30 @@ pub struct SearchOptions {
     pub search_half_width_deg: Option<f64>,
     /// Stop once F on the identify subset is at or below this, mm².
     pub stop_at_cost_mm2: Option<f64>,
+    /// Loss of a residual.
     pub loss: Option<Loss>,
 }
 
 /// One calibration, complete.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct CalibrationRequest {
     /// The robot with its nominal links.
     pub robot: Robot,
+    /// The measured points.
     pub set: MeasurementSet,
     /// The sessions that `set` joins ([`crate::measurement::sessions`]), as each was uploaded; empty for a single upload.
     pub sessions: Vec<MeasurementSet>,
     /// The noise of each session by itself: of a coordinate of a point of weight 1, mm. Empty: all sessions count alike.
     pub session_noise_mm: Vec<f64>,
+    /// Method of identification.
     pub method: Method,
     /// Model to identify; `None`: complete for a set with poses, else [`default_model`].
     pub model: Option<Model>,
     /// Source of unset options.
     pub preset: Preset,
+    /// Free parameters.
     pub parameters: ParameterChoice,
+    /// Priors of the parameters.
     pub priors: Vec<ParameterPrior>,
     /// Base and tool frame from sweeps, for `model: paper` on a set in the instrument frame.
     pub frames: Option<PreliminaryFrames>,
@@ -104,6 +108,7 @@ pub struct CalibrationRequest {
     pub refine: Option<bool>,
     /// Where the verify points come from.
     pub verify: VerifySource,
+    /// Search options.
     pub options: SearchOptions,
     /// Which points the delivered parameters are fitted to. `None`: all points; but the identify subset in the paper's preset and for a swarm that is
     /// not refined.
@@ -130,9 +135,10 @@ pub struct CalibrationRequest {
 
 /// An earlier session of the same robot.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct PreviousSession {
+    /// Its points.
     pub set: MeasurementSet,
+    /// The preliminary frames of its identification.
     pub frames: Option<PreliminaryFrames>,
     /// The stored estimate of its identification, if there is one.
     pub estimate: Option<Estimate>,

@@ -30,9 +30,11 @@ pub struct TableOptions {
 
 /// The files of a set as they are uploaded.
 pub struct Measured {
+    /// Content type of the bytes.
     pub content_type: String,
     /// The file, or a multipart form with two files.
     pub bytes: Vec<u8>,
+    /// Mapping of the columns.
     pub columns: ColumnsBody,
     /// The decimal mark, if it was stated.
     pub decimal: Option<Decimal>,

@@ -27,6 +27,7 @@ pub struct Submission {
     pub media_type: String,
     /// Its media type as sent.
     pub content_type: String,
+    /// Its body.
     pub body: Bytes,
     scope: Option<IdempotencyScope>,
 }

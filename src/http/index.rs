@@ -11,7 +11,9 @@ use std::time::Duration;
 /// Functions that return the contract. The contract is generated from all routes, including those below, so the router passes the functions in.
 #[derive(Clone, Copy, Debug)]
 pub struct Contract {
+    /// In YAML.
     pub yaml: fn() -> Result<&'static str, &'static str>,
+    /// In JSON.
     pub json: fn() -> Result<&'static str, &'static str>,
 }
 

@@ -27,6 +27,7 @@ const MAX_RESIDUAL_NETWORKS: i64 = 3;
 
 /// Stored rows that a job refers to.
 pub struct Sources {
+    /// The robot.
     pub robot: RobotRow,
     /// The measurement set to identify from, or to score; with several sessions, the first.
     pub set: MeasurementSetInput,
@@ -48,6 +49,7 @@ pub struct Sources {
 
 /// A residual network with the uploads that it was trained on.
 pub struct ResidualSource {
+    /// Its id.
     pub id: String,
     /// The weights in safetensors format.
     pub weights: Vec<u8>,

@@ -8,13 +8,14 @@ use utoipa_axum::router::OpenApiRouter;
 
 /// A row of the table of routes.
 #[derive(Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct Route {
     /// Its method. A GET answers HEAD, too.
     pub method: Method,
+    /// Its path, as a template.
     pub path: &'static str,
     /// The scope that the key needs; `None` if the route needs no key.
     pub scope: Option<Scope>,
+    /// Its class for limits.
     pub class: RequestClass,
     /// Whether it takes an `Idempotency-Key`.
     pub takes_idempotency_key: bool,

@@ -25,9 +25,10 @@ pub type Compute = fn(
 
 /// Everything a job's result depends on.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct JobInputs {
+    /// The running job.
     pub job: JobRow,
+    /// Its robot.
     pub robot: RobotRow,
     /// The measurement set to identify from, or to verify on; with several sessions, the first.
     pub set: MeasurementSetInput,
@@ -166,11 +167,12 @@ pub struct NetworkInput {
 
 /// Result of a computation.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct JobOutcome {
+    /// The whole report.
     pub report_json: Hashed<String>,
     /// Its summary, `wire::report_summary`.
     pub summary_json: String,
+    /// The convergence curve.
     pub convergence_json: Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: String,

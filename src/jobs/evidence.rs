@@ -61,7 +61,7 @@ pub struct ParsedEvidence {
     pub job_id: String,
     /// The summary of the identification's report.
     pub report: ReportSummary,
-    /// What the identification found on its verify points.
+    /// Verification facts of the identification.
     pub identification: Verification,
     /// Number of the identification in the robot's counter.
     pub identification_seq: i64,
@@ -73,9 +73,9 @@ pub struct ParsedEvidence {
     pub points_seq: i64,
     /// The robot's last session that did not fit.
     pub last_check: Option<LastCheck>,
-    /// The values of the set.
+    /// Content of the set.
     pub content: ParameterSetContent,
-    /// The values of the active set.
+    /// Content of the active set.
     pub active: Option<ParameterSetContent>,
     /// The points that the active set was identified from.
     active_points: Vec<MeasurementSet>,

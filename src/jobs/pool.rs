@@ -32,11 +32,12 @@ const KEY_CLEANUP_INTERVAL: Duration = Duration::from_secs(3600);
 
 /// Limits on a job's attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // where the names say it
 pub struct AttemptLimits {
+    /// Duration of a lease.
     pub lease: Duration,
     /// Attempts before a job fails with `attempts_exhausted`.
     pub max_attempts: u32,
+    /// Longest duration of one attempt.
     pub max_duration: Duration,
 }
 

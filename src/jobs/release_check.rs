@@ -27,10 +27,12 @@ const MAX_WITHDRAWN: i64 = 200;
 
 /// A release to be checked.
 #[derive(Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct ReleaseRequest {
+    /// The parameter set.
     pub set: ParameterSetRow,
+    /// The key that releases.
     pub approver: String,
+    /// Purpose of the check.
     pub purpose: Purpose,
 }
 

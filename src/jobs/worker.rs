@@ -21,11 +21,12 @@ const UNRESPONSIVE: &str =
 
 /// Settings of a worker.
 #[derive(Clone, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct WorkerContext {
     /// Unique name of the worker.
     pub owner: String,
+    /// The computation of a job.
     pub compute: Compute,
+    /// Duration of a lease.
     pub lease: Duration,
     /// Longest duration of one attempt.
     pub max_duration: Duration,

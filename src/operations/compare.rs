@@ -9,13 +9,14 @@ use std::ops::ControlFlow;
 
 /// A parameter set, and how it was identified.
 #[derive(Clone, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct IdentifiedSet {
     /// `par_…`
     pub id: String,
+    /// Content of the set.
     pub content: ParameterSetContent,
     /// The request of the job that identified it.
     pub request: CalibrationRequest,
+    /// Hashes of its uploads.
     pub uploads_sha256: Vec<String>,
     /// Its estimate, if one was stored.
     pub estimate: Option<Estimate>,

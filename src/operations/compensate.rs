@@ -22,9 +22,10 @@ use nalgebra::IsometryMatrix3;
 
 /// An identified robot, with the work frame and the tool that a request refers to by name.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct Correctable<'a> {
+    /// The nominal robot.
     pub robot: &'a Robot,
+    /// The parameter set.
     pub content: &'a ParameterSetContent,
     /// Provenance of the parameter set.
     pub provenance: &'a Provenance,

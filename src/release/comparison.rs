@@ -91,11 +91,12 @@ pub fn held_out_points(
 
 /// A set and the robot's active one.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct Compared<'a> {
     /// The request of the job that identified the set.
     pub request: &'a CalibrationRequest,
+    /// The set.
     pub content: &'a ParameterSetContent,
+    /// The active set.
     pub active: &'a ParameterSetContent,
 }
 

@@ -41,7 +41,6 @@ pub enum ArchivedItem {
 
 /// All inputs of the gates.
 #[derive(Clone, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct Facts<'a> {
     /// The robot's nominal model.
     pub robot: &'a Robot,
@@ -53,11 +52,13 @@ pub struct Facts<'a> {
     pub checked_seq: i64,
     /// Summary of the report of the job that identified the set; it has the nominal model of that job.
     pub report: &'a ReportSummary,
+    /// Verification facts of that job.
     pub identification: &'a Verification,
     /// Number of that job in the robot's counter.
     pub identification_seq: i64,
     /// Age of the separate upload that the job verified on, as a number in the audit chain; 0 for none.
     pub verify_set_seq: i64,
+    /// The set.
     pub content: &'a ParameterSetContent,
     /// The active set, if there is one.
     pub active: Option<&'a ParameterSetContent>,
@@ -79,7 +80,9 @@ pub struct Facts<'a> {
     pub withdrawn_source: Option<&'a WithdrawnSource>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
     pub is_rollback: bool,
+    /// Serial number of the robot.
     pub serial_number: Option<&'a str>,
+    /// Serial number that the uploader stated.
     pub stated_serial_number: Option<&'a str>,
     /// Keys that uploaded the points and the sweeps.
     pub uploaders: &'a [Option<String>],

@@ -7,9 +7,10 @@ use crate::wire::verification::{Fit, Verification, VerificationKind};
 
 /// A job that scored the set on another session. Lists are in the order of the robot's counter.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct Session {
+    /// The job.
     pub job_id: String,
+    /// Its upload.
     pub measurement_set_id: String,
     /// Its number in the robot's counter.
     pub seq: i64,
@@ -23,6 +24,7 @@ pub struct Session {
     /// Whether the session is evidence against the set. A session with few points, or one whose upload was refused and insisted on, is none. A session
     /// that hides the base is, although it cannot support the set.
     pub is_evidence: bool,
+    /// Its verification facts.
     pub verification: Verification,
 }
 

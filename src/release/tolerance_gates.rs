@@ -43,6 +43,7 @@ pub fn uncertainty(facts: &Facts<'_>) -> Gate {
 
 /// An rms error that is compared with the tolerance.
 struct Figure<'a> {
+    /// Description of its points.
     points: String,
     rms_mm: f64,
     expanded_mm: Option<f64>,

@@ -31,11 +31,12 @@ pub struct ScoredSession {
 
 /// A job that scored the released set.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct ScoredJob {
     /// Time at which it was posted, in milliseconds since a fixed moment.
     pub created_at_ms: i64,
+    /// Its measurement set.
     pub measurement_set_id: String,
+    /// Its verification facts.
     pub verification: Verification,
 }
 

@@ -11,11 +11,12 @@ use crate::wire::verification::Verification;
 
 /// The measurement set.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct MeasuredSet<'a> {
+    /// Its name.
     pub name: Option<&'a str>,
     /// The frame of all positions.
     pub frame: Frame,
+    /// Number of points.
     pub n_points: usize,
     /// Number of distinct arm configurations.
     pub n_configurations: usize,
@@ -43,19 +44,21 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
 
 /// A session that was scored with the identified parameter set.
 #[derive(Clone, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct ScoredSession {
+    /// The job that scored it.
     pub job_id: String,
     /// When that job was posted, RFC 3339.
     pub scored_at: String,
+    /// What it found.
     pub found: Verification,
 }
 
 /// Inputs of the page.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct Sources<'a> {
+    /// The robot.
     pub robot: &'a RobotBody,
+    /// The measurement set of the job.
     pub set: MeasuredSet<'a>,
     /// Measurement sets of further sessions that were fitted together with it.
     pub further_sets: &'a [MeasuredSet<'a>],
@@ -67,7 +70,9 @@ pub struct Sources<'a> {
     pub sessions: &'a [ScoredSession],
     /// Tolerance in the robot's policy, mm; none without a server, or if the policy has no tolerance.
     pub tolerance_mm: Option<f64>,
+    /// The report.
     pub report: &'a Report,
+    /// The convergence curve.
     pub convergence: &'a Convergence,
 }
 

@@ -19,10 +19,13 @@ row! {
         pub name: String,
         /// SHA-256 of the key, hexadecimal.
         pub key_sha256: String,
+        /// JSON list of scopes.
         pub scopes_json: String,
         /// JSON list of the robots that the key is limited to; none for all robots.
         pub robots_json: Option<String>,
+        /// When it was created.
         pub created_at_ms: i64,
+        /// When it was revoked.
         pub revoked_at_ms: Option<i64>,
     }
 }

@@ -30,6 +30,7 @@ row! {
     /// An archived item.
     #[derive(Clone, Debug, PartialEq, Eq)]
     pub struct ArchivedRow {
+        /// Its id.
         pub id: String,
         /// Its kind, as text, because `verify` must be able to read any text.
         pub kind: String,
@@ -37,6 +38,7 @@ row! {
         pub robot_id: String,
         /// Id of the key that archived it.
         pub archived_by: String,
+        /// When it was archived.
         pub archived_at_ms: i64,
     }
 }

@@ -39,7 +39,9 @@ row! {
     /// The chain's newest entry; number 0 and an empty hash if there is none.
     #[derive(Clone, Debug, Default, PartialEq, Eq)]
     pub struct AuditHead {
+        /// Its number.
         pub seq: i64,
+        /// Its hash.
         pub sha256: String,
         /// Start of the chain; older rows have no entries.
         pub begun_at_ms: i64,

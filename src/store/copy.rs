@@ -43,9 +43,10 @@ const RESULT_REFERENCES: &[&str] = &[
 
 /// Number of rows copied of one table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // where the names say it
 pub struct Copied {
+    /// The table.
     pub table: &'static str,
+    /// Its rows.
     pub n_rows: u64,
 }
 

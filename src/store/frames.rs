@@ -15,9 +15,11 @@ row! {
     pub struct FramesRow {
         /// `frm_…`
         pub id: String,
+        /// Its robot.
         pub robot_id: String,
         /// Media type of the upload.
         pub content_type: String,
+        /// Frames and circles in JSON.
         pub result_json: String,
         /// When it was stored.
         pub created_at_ms: i64,

@@ -23,11 +23,9 @@ pub(crate) trait Column: Sized {
 }
 
 /// Declares the struct of a row and implements `FromRow` for it: each field is a [`Column`], or a row that is read from the same columns.
-/// A field whose name says what it is has no text.
 macro_rules! row {
     ($(#[$about:meta])* $visible:vis struct $row:ident { $($(#[$doc:meta])* $visible_field:vis $field:ident: $type:ty),* $(,)? }) => {
         $(#[$about])*
-        #[allow(missing_docs)]
         $visible struct $row {
             $($(#[$doc])* $visible_field $field: $type),*
         }

@@ -24,13 +24,14 @@ pub struct IdempotencyScope {
 
 /// An answer that a retry receives again.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // where the names say it
 pub struct StoredResponse {
+    /// The HTTP status.
     pub status: u16,
     /// The `Location` header.
     pub location: Option<String>,
     /// The `Content-Type` header.
     pub content_type: String,
+    /// The body.
     pub body: Vec<u8>,
 }
 

@@ -25,6 +25,7 @@ row! {
     /// An upload of a source job: the job's result depends on it.
     #[derive(Clone, Debug, PartialEq, Eq)]
     pub struct SourceUpload {
+        /// The measurement set.
         pub measurement_set_id: String,
         /// Whether the job holds parameter values that were identified from this upload. Otherwise a residual network was trained on it.
         pub is_held: bool,

@@ -20,6 +20,7 @@ row! {
     pub struct JobRow {
         /// `job_…`
         pub id: String,
+        /// Its robot.
         pub robot_id: String,
         /// The set to identify from, or to verify on. With several sessions, the set of the first session.
         pub measurement_set_id: String,
@@ -39,7 +40,9 @@ row! {
         pub kind: Kind,
         /// The requested method, as text: the schema does not restrict the names, and `verify` must be able to read any text.
         pub method: String,
+        /// The whole request in JSON.
         pub request_json: String,
+        /// Its state.
         pub status: JobStatus,
         /// Jobs with a higher number run first.
         pub priority: i64,
@@ -49,14 +52,19 @@ row! {
         pub owner: Option<String>,
         /// End of that worker's lease, unless it is renewed.
         pub lease_until_ms: Option<i64>,
+        /// When its cancellation was requested.
         pub cancel_requested_at_ms: Option<i64>,
+        /// Progress of this attempt in JSON.
         pub progress_json: Option<String>,
         /// Why it failed.
         pub error_json: Option<String>,
         /// SHA-256 of its result, hexadecimal.
         pub result_sha256: Option<String>,
+        /// The parameter set that it identified.
         pub parameter_set_id: Option<String>,
+        /// The network that it trained.
         pub network_id: Option<String>,
+        /// The residual network that it trained.
         pub residual_network_id: Option<String>,
         /// When it was posted.
         pub created_at_ms: i64,
@@ -66,7 +74,9 @@ row! {
         pub finished_at_ms: Option<i64>,
         /// Version of the robot that the job computes with, chosen when the job was posted.
         pub robot_version: i64,
+        /// When it was archived.
         pub archived_at_ms: Option<i64>,
+        /// Name of its measurement set.
         pub measurement_set_name: Option<String>,
         /// rms error of the nominal robot on the points that were not fitted, mm.
         pub before_rms_mm: Option<f64>,

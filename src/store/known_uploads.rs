@@ -9,6 +9,7 @@ row! {
     pub struct KnownUpload {
         /// The measurement set.
         pub id: String,
+        /// Number of its points.
         pub n_points: i64,
         /// Number of its entry in the audit chain; 0 if it is older than the chain.
         pub uploaded_seq: i64,

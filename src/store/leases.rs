@@ -33,11 +33,12 @@ impl Lease {
 
 /// The documents of a job that succeeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // where the names say it
 pub struct JobResult<'a> {
+    /// The whole report.
     pub report_json: &'a Hashed<String>,
     /// The summary of the report, see `wire::report_summary`.
     pub summary_json: &'a str,
+    /// The convergence curve.
     pub convergence_json: &'a Hashed<String>,
     /// SHA-256 of the result, hexadecimal.
     pub result_sha256: &'a str,

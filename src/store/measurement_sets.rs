@@ -17,6 +17,7 @@ row! {
     pub struct MeasurementSetRow {
         /// `set_…`
         pub id: String,
+        /// Its robot.
         pub robot_id: String,
         /// Its name; need not be unique.
         pub name: Option<String>,
@@ -26,11 +27,13 @@ row! {
         pub content_type: String,
         /// SHA-256 of the uploaded bytes, hexadecimal.
         pub sha256: String,
+        /// Number of points.
         pub n_points: i64,
         /// Number of arm configurations.
         pub n_configurations: i64,
         /// Number of targets on the tool.
         pub n_targets: i64,
+        /// JSON list of warnings.
         pub warnings_json: String,
         /// When it was stored.
         pub created_at_ms: i64,
@@ -42,6 +45,7 @@ row! {
         pub insisted_on: Option<String>,
         /// How the bytes were interpreted (`wire::understood::Reading`); none for JSON and for older sets.
         pub reading_json: Option<String>,
+        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Its name in lower case, for sorting lists; empty without a name.
         pub sort_name: String,

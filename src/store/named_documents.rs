@@ -33,12 +33,15 @@ row! {
     pub struct NamedDocumentRow {
         /// `doc_…`; `col_…` for column mappings, `ref_…` for references.
         pub id: String,
+        /// Its robot.
         pub robot_id: String,
         /// Its kind, as [`NamedDocumentKind::as_str`].
         pub kind: String,
+        /// Its name.
         pub name: String,
         /// Version, from 1. The highest version of a name is in force. This is a counter and not a time, because clocks may be set back.
         pub version: i64,
+        /// The document in JSON.
         pub content_json: String,
         /// Id of the key that stored it.
         pub created_by: String,

@@ -19,7 +19,9 @@ row! {
     pub struct NetworkRow {
         /// `net_…`
         pub id: String,
+        /// Its robot.
         pub robot_id: String,
+        /// The job that trained it.
         pub job_id: String,
         /// The model of that job, as text, because `verify` must be able to read any text.
         pub model: String,
@@ -31,6 +33,7 @@ row! {
         pub weights_sha256: String,
         /// When it was stored.
         pub created_at_ms: i64,
+        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Version of the robot's joint map that the network was trained with.
         pub joint_map_version: i64,

@@ -15,6 +15,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[LIST];
 row! {
     /// One robot of the overview.
     #[derive(Clone, Debug, PartialEq)]
+    #[allow(missing_docs)] // the columns of the tables that are joined
     pub struct OverviewRow {
         pub id: String,
         pub name: String,

@@ -34,8 +34,11 @@ row! {
 row! {
     /// A summary together with the report that it was made from.
     pub(super) struct SummaryOfReport {
+        /// The job.
         pub job_id: String,
+        /// The summary.
         pub summary_json: String,
+        /// The report.
         pub report_json: String,
     }
 }

@@ -18,6 +18,7 @@ row! {
         pub id: String,
         /// Its name; need not be unique.
         pub name: String,
+        /// The robot document in JSON.
         pub body_json: String,
         /// When it was stored.
         pub created_at_ms: i64,
@@ -39,6 +40,7 @@ row! {
         pub version: i64,
         /// Version of the robot in which its joint map last changed.
         pub joint_map_version: i64,
+        /// When it was archived.
         pub archived_at_ms: Option<i64>,
         /// Its name in lower case, for sorting lists.
         pub sort_name: String,

@@ -7,7 +7,9 @@ row! {
     /// The jobs of one status.
     #[derive(Clone, Debug, PartialEq)]
     pub struct JobStatistics {
+        /// The status.
         pub status: JobStatus,
+        /// Number of jobs.
         pub n_jobs: i64,
         /// Age of the oldest job since it was posted, ms.
         pub oldest_age_ms: i64,

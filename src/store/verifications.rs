@@ -17,7 +17,9 @@ row! {
     /// Verification facts of one job.
     #[derive(Clone, Debug, PartialEq)]
     pub struct VerificationRow {
+        /// The job.
         pub job_id: String,
+        /// Its robot.
         pub robot_id: String,
         /// The parameter set that the job identified or scored; none if the job scored the nominal robot.
         pub parameter_set_id: Option<String>,

@@ -23,6 +23,7 @@ row! {
     pub struct WithdrawnSet {
         /// `par_…`
         pub id: String,
+        /// The job that identified it.
         pub job_id: String,
         /// Its content, `wire::parameter_set::ParameterSetContent`.
         pub body_json: String,

@@ -54,9 +54,10 @@ fn is_usual(kind: &NetworkKind) -> bool {
 
 /// The metadata of a residual network that the network itself does not contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct ResidualOrigin {
+    /// The model that was identified.
     pub model: Model,
+    /// The preset.
     pub preset: Preset,
     /// Mean squared error of the training points with all corrections, mm².
     pub training_error: f64,

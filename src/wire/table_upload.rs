@@ -73,13 +73,14 @@ impl<'a> Files<'a> {
 
 /// Options for reading an upload.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct UploadOptions<'a> {
     /// The column mapping of the caller.
     pub columns: &'a ColumnsBody,
     /// The decimal mark, if it is stated separately from the mapping.
     pub decimal: Option<Decimal>,
+    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
+    /// The frame of the positions.
     pub frame: Frame,
     /// The robot's number of links.
     pub n_joints: usize,
@@ -145,12 +146,14 @@ fn joined(
 
 /// A stored upload, and how it was interpreted.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // where the names say it
 pub struct StoredTable<'a> {
+    /// Its content type.
     pub content_type: &'a str,
     /// A [`Reading`] in JSON.
     pub reading_json: &'a str,
+    /// Its bytes.
     pub bytes: &'a [u8],
+    /// The rotation convention of poses.
     pub rotation: Option<RotationConvention>,
 }
 

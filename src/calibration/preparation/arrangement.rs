@@ -37,6 +37,7 @@ pub struct Arrangement {
 pub struct FittedTargets {
     /// (target, segment) of each fitted target.
     pub segments: Vec<(usize, usize)>,
+    /// Targets of the set.
     pub n_targets: usize,
 }
 

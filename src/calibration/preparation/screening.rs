@@ -58,6 +58,7 @@ pub enum WhatMoved {
 /// A step: something moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FoundStep {
+    /// The part that moved.
     pub moved: WhatMoved,
     /// First data row after the step.
     pub row: usize,
@@ -72,6 +73,7 @@ pub struct FoundStep {
 /// Result of the screening.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Screening {
+    /// Outliers, by row.
     pub outliers: Vec<Outlier>,
     /// Standard deviation of one coordinate of the other points, mm.
     pub scale_mm: f64,
@@ -81,11 +83,13 @@ pub struct Screening {
     pub is_for_review: bool,
     /// True if the outliers are few enough to be left out of comparisons.
     pub are_few: bool,
+    /// Steps, by row.
     pub steps: Vec<FoundStep>,
     /// Drift common to all points.
     pub drift: Option<Drift>,
     /// Rows of segments without identify points. They are scored with the segment before.
     pub unfitted_rows: Vec<usize>,
+    /// The targets of the fit.
     pub targets: FittedTargets,
 }
 

@@ -17,6 +17,7 @@ const TIMES_MEDIAN: f64 = 10.0;
 /// A pose that is turned against the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurnedPose {
+    /// Its point.
     pub point: usize,
     /// Angle to the rotation that the others predict, rad.
     pub angle_rad: f64,

@@ -36,6 +36,7 @@ pub struct Final<'a> {
     pub corrected: Option<CorrectedModel>,
     /// Its uncertainty, whether or not it can be stated.
     pub uncertainty: Option<Uncertainty>,
+    /// Its errors, for the report.
     pub errors: FinalErrors,
 }
 

@@ -11,7 +11,9 @@ use std::cell::RefCell;
 
 /// A method's answer.
 pub struct Found {
+    /// The identified model.
     pub model: KinematicModel,
+    /// Iterations done.
     pub n_iterations: usize,
     /// Cost evaluations done.
     pub n_evaluations: usize,

@@ -227,7 +227,9 @@ fn within_half_a_turn(rad: f64) -> f64 {
 
 /// A row, and the earlier row whose pose it repeats.
 pub struct Pair {
+    /// The row.
     pub row: usize,
+    /// The earlier row.
     pub earlier_row: usize,
     /// Largest difference of a joint value, rad.
     pub reading_rad: f64,

@@ -219,6 +219,7 @@ pub fn fitted_as_well_as_can_be(
 pub struct FarRun {
     /// Label of the first configuration.
     pub first: String,
+    /// Number of configurations.
     pub n_configurations: usize,
     /// Errors of the set at their points, rms, mm.
     pub rms_mm: f64,

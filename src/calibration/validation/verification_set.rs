@@ -32,8 +32,10 @@ const PER_NUMBER: usize = 2;
 pub struct Layout<'a> {
     request: &'a CalibrationRequest,
     set: &'a MeasurementSet,
+    /// The points as measured.
     measured: Observed,
     arrangement: Arrangement,
+    /// Result of the screening.
     pub screening: Screening,
     /// True if base and targets are placed anew.
     pub is_placed_anew: bool,
@@ -71,6 +73,7 @@ fn counting(points: &[Observation]) -> Vec<Observation> {
 pub struct PlacedCorrected {
     /// The robot, with base and targets on the points.
     pub robot: IdentifiedRobot,
+    /// The points.
     pub points: Vec<Observation>,
 }
 

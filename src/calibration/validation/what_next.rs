@@ -17,9 +17,11 @@ const LINK: usize = 5;
 
 /// What the text depends on.
 pub struct Found<'a> {
+    /// The verdict.
     pub verdict: CheckVerdict,
     /// What happened to the robot before the check.
     pub after: Option<After>,
+    /// Likely causes, the likeliest first.
     pub likeliest: &'a [LikeliestCause],
     /// Changes that matter and that the poses might have missed.
     pub blind: &'a [&'a DetectableChange],
@@ -27,10 +29,13 @@ pub struct Found<'a> {
     pub hidden: &'a [&'a DetectableChange],
     /// Largest tool error that the poses may have missed, relative to the error that matters; 1 or more if they are blind.
     pub times_blind: f64,
+    /// Configurations that were measured.
     pub n_configurations: usize,
     /// The configuration with the largest part of the statistic.
     pub largest_configuration: Option<&'a str>,
+    /// Number of links.
     pub n_links: usize,
+    /// Number of targets.
     pub n_targets: usize,
     /// True if base and targets were placed anew.
     pub is_placed_anew: bool,

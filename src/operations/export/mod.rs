@@ -20,11 +20,12 @@ use crate::wire::robot_model::RobotModel;
 
 /// An exported text.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct Exported {
+    /// Its media type.
     pub content_type: &'static str,
     /// Extension of its file name.
     pub extension: &'static str,
+    /// The text.
     pub text: String,
     /// Remaining error, if the format cannot represent all identified parameters.
     pub remaining: Option<RemainingError>,

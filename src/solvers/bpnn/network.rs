@@ -2,11 +2,12 @@
 
 /// A trained or untrained network.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // where the names say it
 pub struct Network {
+    /// Number of inputs.
     pub n_inputs: usize,
     /// Number of hidden neurons.
     pub n_hidden: usize,
+    /// Number of outputs.
     pub n_outputs: usize,
     /// Weights of the hidden layer, `n_hidden` × `n_inputs`, row-major.
     pub hidden_weights: Vec<f64>,

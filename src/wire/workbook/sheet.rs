@@ -9,6 +9,7 @@ const MAX_TEXT_BYTES: usize = 32 * 1024 * 1024;
 
 /// The sheets of a workbook.
 pub(super) struct Sheets {
+    /// The names of all sheets.
     pub names: Vec<String>,
     /// The sheets with cells, at most two: name and text.
     pub found: Vec<(String, String)>,
