@@ -117,8 +117,15 @@ async function doubts(robot, signal) {
 
 const doubtWarning = (doubt) => doubt && el("div.warning", { role: "alert" }, el("p", {}, el("strong", {}, "These parameters may be wrong. "), doubt.why, " Do not run a corrected program in the cell before the cause is known. ", el("a", { href: `#/jobs/${doubt.job}` }, "Look at that session")));
 
+/** What is wrong, with the line of the file. */
+const placed = ({ line, detail }) => (line && !/^line \d/.test(detail) ? `Line ${line}: ${detail.replace(/^row \d+,? ?/, "")}` : capital(detail));
+
 /** Why a program was not corrected; one reason alone is said once. */
-const refused = (error) => problem({ ...error, ...error.errors?.length > 0 ? { code: undefined, title: "The program was not corrected", detail: capital(error.detail), errors: error.errors.length > 1 ? error.errors : [] } : {}, message: error.message });
+function refused(error) {
+  const errors = (error.errors ?? []).map((issue) => ({ ...issue, detail: placed(issue) }));
+  const said = { code: undefined, title: "The program was not corrected", detail: errors.length === 1 ? errors[0].detail : capital(error.detail), errors: errors.length > 1 ? errors : [] };
+  return problem({ ...error, ...errors.length > 0 ? said : {}, message: error.message });
+}
 
 /** Joint columns that a refusal says have no unit. */
 const withoutUnit = (error) => [...new Set((error.errors ?? []).filter((issue) => issue.code === "missing_unit").map((issue) => issue.column ?? "The joint columns"))];

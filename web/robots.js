@@ -180,12 +180,12 @@ export function standing(robot) {
   return [runs && badge("calibrating", "wait", robot.last_job.id), runs && " ", !(runs && robot.need === "calibrate") && badge(text, kind, isUrgent(robot) && robot.need_job_id)];
 }
 
-/** Whether a release of the newest result would be refused, as far as stored facts decide it; nothing where no result waits. */
+/** The first stored fact that refuses a release of the newest result; nothing where none is known or no result waits. */
 function releaseOf({ need, newest, active }) {
   const isOlder = active !== undefined && newest !== undefined && newest.created_at < active.created_at;
   if (newest?.status !== "candidate" || need === "check_robot" || isOlder) return false;
   const refused = newest.refused_by && gateTitle({ gate: newest.refused_by, passed: false });
-  return el("small.quiet", {}, refused ? [el("strong", {}, "Release refused"), `: ${refused.replace(/^./, (c) => c.toLowerCase())}`] : "No stored fact forbids its release");
+  return Boolean(refused) && el("small.quiet", {}, el("strong", {}, "Release refused"), `: ${refused.replace(/^./, (c) => c.toLowerCase())}`);
 }
 
 function badges(robot, state) {

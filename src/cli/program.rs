@@ -68,7 +68,8 @@ pub fn with_file_rows(
 fn fault(issue: &Issue) -> String {
     let pointer = issue.pointer.as_deref().unwrap_or_default();
     let option = match pointer.split('/').nth(1) {
-        None => return issue.detail.clone(),
+        None if issue.line.is_some() => return issue.detail.clone(),
+        None => return files::fault(issue),
         Some("frame") => "--frame",
         Some("tool_name") => "--tool",
         Some("mode") => "--mode",

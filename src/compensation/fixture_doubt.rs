@@ -1,7 +1,7 @@
 //! Points of a fixture that fit its drawing roughly, and still leave a doubt: one point is off, all scatter more than is stated, or nothing checks them.
 
 use crate::compensation::work_frame::{FEWEST_POINTS, FixturePoint, WorkFrame};
-use crate::solvers::distributions::{chi_square_tail, f_quantile, f_tail};
+use crate::identification::statistics::distributions::{chi_square_tail, f_quantile, f_tail};
 use std::fmt;
 
 /// Probability of a false alarm for a fixture whose points have noise alone.

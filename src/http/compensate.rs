@@ -107,7 +107,7 @@ impl ProgramQuery {
 /// Corrects the targets of a program: a table with joint targets, or with Cartesian targets and joint values near them.
 ///
 /// The table is read as an upload is: any encoding, separator, decimal mark and comments. Of commanded and measured joint values the commanded ones are
-/// targets. Cartesian targets have the columns `x_mm y_mm z_mm` and perhaps `quat_w quat_x quat_y quat_z`. At most 20,000 targets.
+/// targets. Cartesian targets have the columns `x_mm y_mm z_mm` and perhaps `quat_w quat_x quat_y quat_z`.
 #[utoipa::path(
     post, path = "/v1/parameter-sets/{id}/compensate-program", tag = "parameter sets", operation_id = "compensateProgram",
     params(("id" = String, Path, description = "The parameter set"), ProgramQuery),
@@ -133,10 +133,17 @@ pub async fn program(
     let columns = stated_columns(&app, &row.robot_id, query.columns.as_deref()).await?;
     let bytes = whole_body(request, &app).await?;
     let permit = app.limits.compute(caller.class).await?;
-    let program = permit.run(move || Ok::<_, Error>(Program::parse(&bytes, &columns)?));
+    let n_joints = robot.links.len();
+    let parse = move || Ok::<_, Error>(Program::parse(&bytes, &columns)?.of_joints(n_joints));
+    let program = permit.run(parse);
     let program = program.await?;
     let mut body = query.body();
-    if program.has_poses() == [false, false] {
+    // the robot's own frames say nothing of joint targets; a work frame is refused
+    let is_own = body
+        .frame
+        .as_deref()
+        .is_some_and(|frame| OWN_FRAMES.contains(&frame));
+    if program.has_poses() == [false, false] && is_own {
         body.frame = None;
     }
     let stored = Stored::load(&app, &permit, (row, robot), &body).await?;
@@ -149,11 +156,18 @@ fn corrected(
     body: CompensateBody,
     stored: &Stored,
 ) -> Result<CorrectedProgram, Invalid> {
-    let answer = stored.correct(&program.request(body));
-    let answer = answer.map_err(|invalid| Invalid {
-        issues: program.placed(&invalid.issues, 0),
-        ..invalid
-    })?;
+    let mut answer: Option<CompensateAnswer> = None;
+    for (first, part) in program.requests(&body) {
+        let next = stored.correct(&part).map_err(|invalid| Invalid {
+            issues: program.placed(&invalid.issues, first),
+            ..invalid
+        })?;
+        match &mut answer {
+            Some(answer) => answer.extend(next),
+            None => answer = Some(next),
+        }
+    }
+    let answer = answer.unwrap_or_default();
     let q_deg = |target| match target {
         ProgramTarget::Joints(q_deg) => q_deg,
         ProgramTarget::Cartesian(target) => target.q_near_deg,

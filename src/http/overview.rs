@@ -83,6 +83,10 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
         .map(|facts| session(identified.frame, 0, facts))
         .collect();
     let body: RobotBody = serde_json::from_str(&row.body_json)?;
+    // an older version may have stored a robot that is refused today
+    let Ok(robot) = Robot::try_from(&body) else {
+        return Ok(None);
+    };
     let policy = PolicyBody {
         tolerance_mm: row.tolerance_mm,
         decision_rule: rule_in_force(row.decision_rule, row.policy_version > 0),
@@ -90,7 +94,7 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
         second_person_required: false,
     };
     Ok(refused_by(&StoredFacts {
-        robot: &Robot::try_from(&body)?,
+        robot: &robot,
         check_job_id: row.check_job_id.as_deref(),
         check_seq: row.check_seq,
         checked_seq: row.checked_seq,

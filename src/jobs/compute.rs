@@ -109,9 +109,10 @@ impl JobInputs {
         sets.find_map(|set| set.stated_reading()?.unread_labels())
     }
 
-    /// When the session was measured, if its upload states it.
+    /// When the session was measured, if its upload states it; of several sessions, that of the last one.
     pub fn measured_at(&self) -> Option<String> {
-        self.set.stated_reading()?.record?.measured_at
+        let last = self.further_sets.last().unwrap_or(&self.set);
+        last.stated_reading()?.record?.measured_at
     }
 }
 

@@ -231,10 +231,9 @@ impl MeasurementSet {
 
 /// Numbers names in the order in which they appear: the number of each, and the different names in the order of their numbers.
 pub(super) fn numbered<'n>(names: impl Iterator<Item = &'n str>) -> (Vec<usize>, Vec<&'n str>) {
-    let mut different = Vec::new();
+    let (mut different, mut numbers) = (Vec::new(), BTreeMap::new());
     let number = |name| {
-        let known = different.iter().position(|known| *known == name);
-        known.unwrap_or_else(|| {
+        *numbers.entry(name).or_insert_with(|| {
             different.push(name);
             different.len() - 1
         })

@@ -21,6 +21,21 @@ const MAX_PREAMBLE: usize = 60;
 /// Maximum number of columns of a table: a hundred times the usual number.
 pub const MAX_COLUMNS: usize = 1000;
 
+/// Words above columns of differences and spreads.
+const DIFFERENCES: [&str; 12] = [
+    "residual",
+    "residuals",
+    "std",
+    "sigma",
+    "uncertainty",
+    "diff",
+    "rms",
+    "streuung",
+    "unsicherheit",
+    "minus",
+    "abw",
+    "resid",
+];
 /// Words above columns that were not measured.
 const NOT_MEASURED: [&str; 31] = [
     "tcp",
@@ -362,8 +377,9 @@ impl<'a> Table<'a> {
             let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
             let has = |known: &[&str]| words.iter().any(|word| known.contains(word));
             match words.len() <= MAX_WORDS_ABOVE {
+                // "Measured - Nominal", "Tracker residuals"
+                true if has(&DIFFERENCES) || has(&NOT_MEASURED) => Some(false),
                 true if has(&MEASURED) => Some(true),
-                true if has(&NOT_MEASURED) => Some(false),
                 _ => None,
             }
         };

@@ -88,6 +88,7 @@ pub(super) struct Flags {
 struct Flag {
     place: usize,
     is_named: bool,
+    has_one_word: bool,
     /// Each value in small letters, with its number of rows and the first of them. One more than [`MAX_VALUES`] if there are more.
     values: BTreeMap<String, (usize, Marked)>,
     /// The first cell that says that its row does not count.
@@ -103,17 +104,19 @@ struct Marked {
 }
 
 impl Flags {
-    /// The columns of a table that are neither read nor left aside by the caller.
-    pub(super) fn new(table: &Table, is_free: impl Fn(&usize) -> bool) -> Self {
+    /// The columns of a table that are neither read nor left aside by the caller. Of the log of a robot, which has states of its own, names say nothing.
+    pub(super) fn new(table: &Table, is_log: bool, is_free: impl Fn(&usize) -> bool) -> Self {
         let free = (0..table.header.len()).filter(is_free);
         let flag = |place: usize| {
             let name = table.header[place].to_lowercase();
             let words = name.split(|c: char| !c.is_alphanumeric());
             let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
-            let is_named = words.len() <= MAX_WORDS && words.iter().any(|w| NAMES.contains(w));
+            let is_named =
+                !is_log && words.len() <= MAX_WORDS && words.iter().any(|w| NAMES.contains(w));
             Flag {
                 place,
                 is_named,
+                has_one_word: words.len() == 1,
                 values: BTreeMap::new(),
                 put_aside: None,
             }
@@ -182,7 +185,12 @@ impl Flag {
             return self.put_aside.as_ref();
         }
         let is_mark = |value: &String| value.is_empty() || MARKS.contains(&value.as_str());
-        let is_measured = |value: &String| value.contains(['.', ',']);
+        // "Valid samples" counts, and does not say yes or no
+        let is_count = |value: &String| {
+            let number = value.parse::<i64>();
+            number.is_ok_and(|number| number.abs() > 1) && !self.has_one_word
+        };
+        let is_measured = |value: &String| value.contains(['.', ',']) || is_count(value);
         let values = || self.values.keys();
         let are_few = (2..=MAX_VALUES).contains(&values().len()) && !values().any(is_measured);
         let are_marks = values().len() == 2 && values().all(is_mark);

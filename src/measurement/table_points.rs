@@ -91,6 +91,8 @@ pub struct TableOptions<'a> {
     pub rotation: Option<RotationConvention>,
     /// Check of the text in `measured_at`.
     pub is_time: fn(&str) -> bool,
+    /// Whether the rows are targets of a program: all of them count, and their joint values may be any numbers.
+    pub are_targets: bool,
 }
 
 /// Preview of a table.
@@ -268,7 +270,7 @@ impl<'t> Parts<'t> {
                 has_places: matches!(table.encoding, Encoding::Xlsx | Encoding::Ods),
                 first_joint: (columns.used.iter())
                     .find(|used| is_joint(&used.means))
-                    .filter(|used| !used.is_mapped)
+                    .filter(|used| !used.is_mapped && !options.are_targets)
                     .map(|used| (used.place, used.means.clone())),
             },
             ignored: (options.mapping.ignore.iter())
@@ -277,6 +279,7 @@ impl<'t> Parts<'t> {
             units: read.iter().map(|(.., unit)| *unit).collect(),
             is_read_again: options.mapping.is_complete,
             has_positions: options.needs != Needs::Joints,
+            are_targets: options.are_targets,
         };
         Self { table, layout }
     }

@@ -190,7 +190,10 @@ fn push_row(rows: &mut String, text: &str, between: Between) -> Result<usize, us
         rows.push_str(&rest[..=end]);
         rest = &rest[end + 1..];
         // `"a", "b"`: a quote begins a cell behind spaces, too
-        let cell = rest.trim_start_matches(' ');
+        let cell = match between.is(' ') {
+            true => rest,
+            false => rest.trim_start_matches(' '),
+        };
         if cell.starts_with('"') {
             rest = cell;
         }

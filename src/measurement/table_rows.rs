@@ -79,6 +79,8 @@ pub(super) struct Layout {
     pub(super) is_read_again: bool,
     /// Whether the rows have positions.
     pub(super) has_positions: bool,
+    /// Whether the rows are targets of a program.
+    pub(super) are_targets: bool,
 }
 
 impl Layout {
@@ -124,7 +126,7 @@ impl Rows {
             !is_key && !layout.places.contains(place) && !layout.ignored.contains(place)
         };
         Self {
-            flags: Flags::new(table, is_free),
+            flags: Flags::new(table, !layout.has_positions, is_free),
             keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
             with_unit: vec![UnitsOfCells::default(); layout.places.len()],
             ..Self::default()
@@ -169,7 +171,7 @@ impl Rows {
         let moved = self.ends.refused(table, &layout.ends);
         self.issues.extend(moved);
         self.refuse_some_units(layout);
-        if self.issues.is_empty() {
+        if self.issues.is_empty() && !layout.are_targets {
             self.issues.extend(self.flags.refused(table));
         }
         if layout.has_positions && self.issues.is_empty() {

@@ -104,6 +104,7 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
         needs: Needs::Joints,
         rotation: None,
         is_time: |_| true,
+        are_targets: true,
     };
     let content = table_points::read(source.clone(), &options)?;
     let mut joints: BTreeMap<usize, JointColumn> = BTreeMap::new();
@@ -120,9 +121,20 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
         }
     }
     let joints: Vec<JointColumn> = joints.into_values().collect();
+    // a column that is a joint, or that the caller leaves aside, is no part of a pose
+    let is_free = |place: usize| {
+        let ignored = mapping
+            .ignore
+            .iter()
+            .filter_map(|column| table.place(column).ok());
+        joints.iter().all(|joint| joint.place != place)
+            && !ignored.into_iter().any(|own| own == place)
+    };
     let named = |name: &str| {
-        let is_it = |own: &String| own.trim().eq_ignore_ascii_case(name);
-        table.header.iter().position(is_it)
+        let mut header = table.header.iter().enumerate();
+        header
+            .find(|(place, own)| own.trim().eq_ignore_ascii_case(name) && is_free(*place))
+            .map(|(place, _)| place)
     };
     let position = all_there(POSITION.map(named));
     let other_poses = match position {

@@ -8,7 +8,9 @@ use crate::measurement::programs;
 use crate::measurement::table_targets::{Targets, read_targets};
 use crate::measurement::table_text::{Encoding, Source, encoded, has_mark};
 use crate::wire::columns::{ColumnsBody, FilePart};
-use crate::wire::compensate::{CartesianTarget, CompensateAnswer, CompensateBody};
+use crate::wire::compensate::{
+    CartesianTarget, CompensateAnswer, CompensateBody, MAX_TARGETS_PER_REQUEST,
+};
 use crate::wire::issue::{Invalid, Issue};
 use crate::wire::{table_upload, workbook};
 use std::ops::Range;
@@ -142,6 +144,19 @@ impl Program {
         })
     }
 
+    /// The program for a robot of `n` joints. The values of further joints, such as those of a rail, stay as they are.
+    pub fn of_joints(mut self, n: usize) -> Self {
+        self.joints.truncate(n);
+        for place in &mut self.places {
+            place.joints.truncate(n);
+            match &mut place.target {
+                ProgramTarget::Joints(q_deg) => q_deg.truncate(n),
+                ProgramTarget::Cartesian(target) => target.q_near_deg.truncate(n),
+            }
+        }
+        self
+    }
+
     /// The targets in their order.
     pub fn targets(&self) -> Vec<ProgramTarget> {
         let places = self.places.iter();
@@ -162,15 +177,20 @@ impl Program {
         self.places.iter().map(|place| place.line).collect()
     }
 
-    /// The request `body` for the targets of this program.
-    pub fn request(&self, mut body: CompensateBody) -> CompensateBody {
-        for target in self.targets() {
-            match target {
-                ProgramTarget::Joints(q_deg) => body.q_deg.push(q_deg),
-                ProgramTarget::Cartesian(target) => body.targets.push(target),
+    /// The requests `body` for the targets of this program, each with the number of its first target. A long program takes several.
+    pub fn requests(&self, body: &CompensateBody) -> Vec<(usize, CompensateBody)> {
+        let parts = self.places.chunks(MAX_TARGETS_PER_REQUEST).enumerate();
+        let request = |(i, part): (usize, &[Place])| {
+            let mut body = body.clone();
+            for place in part {
+                match &place.target {
+                    ProgramTarget::Joints(q_deg) => body.q_deg.push(q_deg.clone()),
+                    ProgramTarget::Cartesian(target) => body.targets.push(target.clone()),
+                }
             }
-        }
-        body
+            (i * MAX_TARGETS_PER_REQUEST, body)
+        };
+        parts.map(request).collect()
     }
 
     /// The issues of a request for its targets, with lines and columns of the program in place of pointers. `first` is the first target of the request.
@@ -192,7 +212,7 @@ impl Program {
         let place = row.and_then(|row| self.places.get(row));
         let joint = joint.and_then(|joint| joint.parse::<usize>().ok());
         let of_row = |place: &Place, column: Option<String>, at: String| Issue {
-            row,
+            row: None,
             line: Some(place.line),
             column,
             pointer: None,

@@ -16,7 +16,7 @@
 //! U, the upper end minus F, is the expanded uncertainty (95 %). The rules are those of ILAC-G8:09/2019 and JCGM 106:2012: simple acceptance takes
 //! F ≤ T, guarded acceptance F + U ≤ T, with the guard band w = U.
 
-use crate::solvers::distributions::chi_square_quantile;
+use crate::identification::statistics::distributions::chi_square_quantile;
 use crate::wire::policy::DecisionRule;
 use std::cmp::Ordering;
 
@@ -112,7 +112,7 @@ pub fn within(figure: f64, expanded: Option<f64>, tolerance: f64, rule: Decision
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solvers::distributions::t_half_width;
+    use crate::identification::statistics::distributions::t_half_width;
 
     /// A normal number (Box and Muller 1958) from a linear congruential generator.
     struct Normal(u64);

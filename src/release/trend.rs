@@ -1,6 +1,6 @@
 //! Forecast of the next calibration: a straight line through the errors of the released parameter set over time.
 
-use crate::solvers::distributions::t_half_width;
+use crate::identification::statistics::distributions::t_half_width;
 use crate::wire::trend::Trend;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;

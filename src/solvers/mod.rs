@@ -1,7 +1,6 @@
 //! Optimisers over plain vectors, independent of robots.
 
 pub mod bpnn;
-pub mod distributions;
 pub mod least_squares;
 pub mod loss;
 pub mod median;
@@ -10,5 +9,4 @@ pub mod products;
 pub mod pso;
 pub mod qr;
 pub mod random;
-pub mod variance;
 pub mod watch;

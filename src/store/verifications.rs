@@ -185,7 +185,7 @@ const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v
 // $1 is a comma-separated list of robot ids, at most one page.
 const OF_NEWEST_SETS: &str = concat!(
     rows!(),
-    " where v.parameter_set_id in (select ",
+    " join parameter_set q on q.id = v.parameter_set_id and q.status = 'candidate' where v.parameter_set_id in (select ",
     newest_set!(),
     " from robot r where replace($1, r.id, '') <> $1) order by v.parameter_set_id, v.seq"
 );

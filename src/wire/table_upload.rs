@@ -96,6 +96,7 @@ impl UploadOptions<'_> {
             needs: needs(part),
             rotation: self.rotation,
             is_time: self.is_time,
+            are_targets: false,
         }
     }
 }

@@ -311,7 +311,7 @@ fn a_program_comes_back_in_its_own_form_and_faults_name_its_lines() {
             .until_it_says("In which unit are the joint values?")
             .await;
         browser.button("Degrees").await.click().await.unwrap();
-        browser.until_it_says("zero").await;
+        browser.until_it_says("Line 5: column A2").await;
         give(browser, "#correct-file", "program.csv", program).await;
         browser.button("Correct").await.click().await.unwrap();
         browser

@@ -621,15 +621,26 @@ fn a_joint_that_follows_another_one_is_named_and_no_other_misfit_is_taken_for_it
         harmonic_rad: 3e-4,
         ..none
     };
-    for (errors, share) in [
-        (follows(0.005), Some(0.005)),
-        (follows(-0.02), Some(-0.02)),
-        (none, None),
-        (sags, None),
-        (bent, None),
+    let hardens = NonlinearErrors {
+        hardening_rad: 1e-3,
+        ..none
+    };
+    for (errors, share, n_configurations) in [
+        (follows(0.005), Some(0.005), 25),
+        (follows(0.005), Some(0.005), 50),
+        (follows(-0.02), Some(-0.02), 50),
+        (none, None, 50),
+        (sags, None, 50),
+        (bent, None, 50),
+        (hardens, None, 50),
+        (hardens, None, 200),
     ] {
+        let campaign = Campaign {
+            n_configurations,
+            ..Campaign::PLAIN
+        };
         for seed in 0..8 {
-            let found = identified(&limited(paper_robot()), &Campaign::PLAIN, &errors, seed, 10);
+            let found = identified(&limited(paper_robot()), &campaign, &errors, seed, 10);
             let mut warnings = found.report.warnings.iter();
             let told = warnings.find(|w| w.code == "joint_follows");
             println!("{errors:?}, seed {seed}: {told:?}");

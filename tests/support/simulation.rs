@@ -5,10 +5,10 @@ use kincal::identification::KinematicModel;
 use kincal::identification::model::parameters::{
     Parameter, Quantity, apply, complete_parameters, is_parallel,
 };
+use kincal::identification::statistics::distributions::t_half_width;
 use kincal::kinematics::Robot;
 use kincal::kinematics::forward::t_previous_link;
 use kincal::measurement::{Frame, MeasurementSet, Point, Subset};
-use kincal::solvers::distributions::t_half_width;
 use nalgebra::{IsometryMatrix3, Rotation3, Translation3, Unit, Vector3};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::f64::consts::TAU;
@@ -372,6 +372,8 @@ pub struct NonlinearErrors {
     pub order: f64,
     /// Joint 6 follows joint 5 by this share of its value.
     pub follows: f64,
+    /// Deflection of joint 2 by the weight of the stretched arm, half of it of joint 3, growing with the moment's power of 1.5.
+    pub hardening_rad: f64,
 }
 
 impl NonlinearErrors {
@@ -380,6 +382,7 @@ impl NonlinearErrors {
         harmonic_rad: 0.0,
         order: 1.0,
         follows: 0.0,
+        hardening_rad: 0.0,
     };
 }
 
@@ -397,6 +400,7 @@ impl NonlinearRobot {
             harmonic_rad,
             order,
             follows,
+            hardening_rad,
             ..
         } = self.nonlinear;
         let turned = |(q, phase): (&f64, &[f64; 2])| {
@@ -406,6 +410,9 @@ impl NonlinearRobot {
         let q_5_rad = q_rad[4];
         let mut q_rad: Vec<f64> = q_rad.iter().zip(&self.phases_rad).map(turned).collect();
         q_rad[5] += follows * q_5_rad;
+        let [upper, lower] = [q_rad[1].cos(), (q_rad[1] + q_rad[2]).cos()];
+        q_rad[1] += hardening_rad * upper * upper.abs().sqrt();
+        q_rad[2] += 0.5 * hardening_rad * lower * lower.abs().sqrt();
         position_with_sag(&self.truth, &q_rad, target, self.nonlinear.sag_rad)
     }
 }

@@ -344,6 +344,9 @@ pub fn report(
                 not_determined.clone()
             }),
     };
+    let followings: Vec<Warning> = (estimated.iter().filter(|_| misfit.is_none()))
+        .flat_map(following::warnings)
+        .collect();
     let uncertainty = estimated.filter(|_| why_not_stated.is_none());
     let of_verified = match final_fit {
         Some(_) => stated(problem, model, watch),
@@ -436,7 +439,6 @@ pub fn report(
         let warning = orientation::warning(report.flange_rotation, n_links);
         report.warnings.extend(warning);
     }
-    let followings = report.uncertainty.iter().flat_map(following::warnings);
     report.warnings.extend(followings);
     let is_base_frame = request.set.frame == Frame::Base;
     report.warnings.extend(

@@ -31,7 +31,7 @@ pub fn estimated(
     let robot = &problem.request.robot;
     let is_held = |parameter: &Parameter| !problem.parameters.contains(parameter);
     let misfit = Misfit {
-        followings: Following::of_arm(robot.links.len()),
+        followings: Following::of_arm(robot.links.len(), &problem.identify),
         gravity: gravity_directions(robot.mounting.as_ref().map(|m| &m.gravity_in_base)),
         harmonics: HARMONICS.to_vec(),
         held: complete_parameters(robot.links.len(), problem.screening.targets.len())

@@ -15,8 +15,8 @@ use crate::identification::least_squares::multistart::best_start;
 use crate::identification::model::objective::cost;
 use crate::identification::model::parameters::Parameter;
 use crate::identification::model::priors::{Prior, Priors};
+use crate::identification::statistics::distributions::f_tail;
 use crate::identification::statistics::uncertainty::Uncertainty;
-use crate::solvers::distributions::f_tail;
 use crate::solvers::least_squares::Iteration;
 use crate::solvers::watch::Watch;
 

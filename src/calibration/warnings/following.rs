@@ -16,7 +16,7 @@ pub fn warnings(uncertainty: &Uncertainty) -> impl Iterator<Item = Warning> {
         Warning {
             code: "joint_follows",
             detail: format!(
-                "joint {joint} turns by {percent:+.2} % (± {std_percent:.2} %) of the value of joint {followed} in addition to its own: by the points, the gears \
+                "joint {joint} turns by {percent:+.2} % (± {std_percent:.2} %, one standard deviation of the noise alone) of the value of joint {followed} in addition to its own: by the points, the gears \
                  between them are not compensated. If that may be, add {share:+.5} times row {followed} to row {joint} of joint_map.coupling (the identity, if none is \
                  stated) and calibrate again"
             ),

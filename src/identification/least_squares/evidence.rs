@@ -13,10 +13,11 @@
 //! σ starts far below the noise, so that at first the priors settle only what the rows cannot tell apart.
 
 use crate::identification::least_squares::problem::{KINDS, Prior, Problem};
-use crate::solvers::distributions::f_tail;
+use crate::identification::statistics::distributions::f_tail;
+use crate::identification::statistics::variance::Spectrum;
 use crate::solvers::qr::triangularise;
-use crate::solvers::variance::Spectrum;
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// ν of Student's t distribution. With 1 to 3, links of measured arms are predicted about equally well; with normal priors 3 % worse.
 const TAILS: f64 = 2.0;
@@ -97,8 +98,9 @@ impl Beyond {
         Spectrum::new(&self.residuals, &self.columns, self.rest, self.n_free)
     }
 
-    /// The coordinate that explains most by itself, if chance explains as much with a smaller probability than `chance`.
-    pub fn most_significant(&self, chance: f64) -> Option<usize> {
+    /// The coordinate that explains most by itself, if it explains more than it leaves, and chance explains as much with a smaller probability than
+    /// `chance`.
+    pub fn dominant(&self, chance: f64) -> Option<usize> {
         let along = |j: &usize| {
             let column = self.columns.column(*j);
             let along = column.dot(&self.residuals) / column.norm().max(f64::MIN_POSITIVE);
@@ -109,7 +111,7 @@ impl Beyond {
         let n_free = self.n_free - 1.0;
         let is_significant =
             n_free >= 1.0 && f_tail(along(&best) / (left / n_free), 1.0, n_free) < chance;
-        is_significant.then_some(best)
+        (is_significant && along(&best) > left).then_some(best)
     }
 }
 
@@ -233,7 +235,12 @@ impl Triangle {
         self.n_rows += more;
     }
 
-    /// Sets the expected values of the first coordinates from a problem. All others are expected at 0.
+    /// States that some coordinates have a prior about 0.
+    pub fn expect_zero(&mut self, coordinates: Range<usize>) {
+        self.is_flat[coordinates].fill(false);
+    }
+
+    /// Sets the expected values of the first coordinates from a problem. All others have a flat prior.
     pub fn expect(&mut self, problem: &Problem<'_>) {
         for (j, variable) in problem.variables.iter().enumerate() {
             self.expected[j] = problem.expected(j);

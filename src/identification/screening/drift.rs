@@ -11,8 +11,8 @@
 use crate::identification::screening::outliers::Linearised;
 use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
 use crate::identification::screening::whitening::{Gain, Whitened, Whitener};
-use crate::solvers::distributions::{chi_square_tail, f_tail};
-use crate::solvers::variance::{kept_ratio, misfit_ratio};
+use crate::identification::statistics::distributions::{chi_square_tail, f_tail};
+use crate::identification::statistics::variance::{kept_ratio, misfit_ratio};
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;

@@ -6,7 +6,7 @@
 //! squares [Rousseeuw 1984]). Points are then included and excluded until nothing changes. The criterion is the residual that each point would have
 //! if it were not fitted, over its standard deviation.
 
-use crate::solvers::distributions::f_tail;
+use crate::identification::statistics::distributions::f_tail;
 use crate::solvers::loss::{Loss, TUKEY_C_95};
 use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::add_weighted_square;

@@ -20,8 +20,8 @@ use crate::identification::screening::drift::{Beside, beside_drift};
 use crate::identification::screening::outliers::Linearised;
 use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
 use crate::identification::screening::whitening::Whitened;
+use crate::identification::statistics::distributions::f_tail;
 use crate::kinematics::t_base_flange;
-use crate::solvers::distributions::f_tail;
 use crate::solvers::watch::Watch;
 use nalgebra::{Const, DMatrix, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
 

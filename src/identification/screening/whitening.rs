@@ -1,9 +1,9 @@
 //! The linear problem at a fit with correlated errors: a robot's errors are a smooth function of its joints.
 
 use crate::identification::screening::outliers::Linearised;
+use crate::identification::statistics::variance::misfit_ratio;
 use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::{less_product, transposed_times};
-use crate::solvers::variance::misfit_ratio;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector};
 

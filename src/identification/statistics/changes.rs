@@ -288,10 +288,25 @@ impl Known {
             .iter()
             .map(|c| (c.before, c.after))
             .collect();
-        if u.features.is_alike(&v.features) {
-            // joints that follow others have no prior
-            let first = |of: &Uncertainty| of.n_parameters + of.features.followings.len();
-            pairs.extend((first(u)..u.prior_std.len()).zip(first(v)..v.prior_std.len()));
+        // joints that follow others have no prior
+        let blocks = |of: &Estimate| {
+            let Uncertainty {
+                n_parameters,
+                features,
+                prior_std,
+                ..
+            } = &of.uncertainty;
+            let first = n_parameters + features.followings.len();
+            let n_higher = features.n_higher_harmonics(of.model.links.len());
+            let usual = (first + n_higher).min(prior_std.len());
+            [first..usual, usual..prior_std.len()]
+        };
+        let ([higher_u, usual_u], [higher_v, usual_v]) = (blocks(before), blocks(after));
+        if u.features.has_same_higher_harmonics(&v.features) {
+            pairs.extend(higher_u.zip(higher_v));
+        }
+        if u.features.has_same_usual_sources(&v.features) {
+            pairs.extend(usual_u.zip(usual_v));
         }
         let mean_square = |a: f64, b: f64| ((a * a + b * b) / 2.0).sqrt();
         Self {

@@ -1,7 +1,7 @@
 //! The whitened difference of two sessions, and the parameters whose changes explain it.
 
 use crate::identification::model::parameters::Parameter;
-use crate::solvers::distributions::{f_tail, t_half_width};
+use crate::identification::statistics::distributions::{f_tail, t_half_width};
 use crate::solvers::orthonormal::orthonormal;
 use nalgebra::{DMatrix, DVector};
 

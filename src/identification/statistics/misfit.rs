@@ -15,6 +15,8 @@ use std::f64::consts::PI;
 pub const HARMONICS: [usize; 4] = [1, 2, 3, 4];
 /// Number of joints before it that a joint is supposed to follow.
 const FOLLOWED: usize = 2;
+/// Smallest range of a joint's values, rad, for being followed: the effect of a joint that stands still is that of another joint's zero.
+const MIN_FOLLOWED_RANGE_RAD: f64 = 0.2;
 
 /// A joint that turns by a share of another joint's value, in addition to its own: gears of a wrist that are not compensated. Joints count from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,11 +28,18 @@ pub struct Following {
 }
 
 impl Following {
-    /// Each joint of an arm with each of the two joints before it.
-    pub fn of_arm(n_links: usize) -> Vec<Self> {
+    /// Each joint of an arm with each of the two joints before it, if that one moves between the observations.
+    pub fn of_arm(n_links: usize, observations: &[Observation]) -> Vec<Self> {
+        let moves = |joint: &usize| {
+            let values = observations.iter().map(|o| o.q_rad[*joint]);
+            let least = values.clone().fold(f64::INFINITY, f64::min);
+            values.fold(f64::NEG_INFINITY, f64::max) - least >= MIN_FOLLOWED_RANGE_RAD
+        };
         let of_joint = |joint: usize| {
             let before = joint.saturating_sub(FOLLOWED)..joint;
-            before.map(move |followed| Self { joint, followed })
+            before
+                .filter(&moves)
+                .map(move |followed| Self { joint, followed })
         };
         (0..n_links).flat_map(of_joint).collect()
     }
@@ -148,10 +157,17 @@ impl Misfit {
         self.harmonics.iter().copied().filter(|k| *k > 1)
     }
 
-    /// True if the sources are those of `other`, apart from joints that follow others.
-    pub fn is_alike(&self, other: &Self) -> bool {
-        let same_joints = self.harmonics == other.harmonics && self.gravity == other.gravity;
-        same_joints && self.held == other.held
+    /// True if `other` has the same harmonics of higher orders than the first.
+    pub fn has_same_higher_harmonics(&self, other: &Self) -> bool {
+        self.higher_orders().eq(other.higher_orders())
+    }
+
+    /// True if all other sources, apart from joints that follow others, are those of `other`.
+    pub fn has_same_usual_sources(&self, other: &Self) -> bool {
+        let has_first = |of: &Self| of.harmonics.contains(&1);
+        has_first(self) == has_first(other)
+            && self.gravity == other.gravity
+            && self.held == other.held
     }
 
     /// The effect of each feature of the joints, in the measuring frame. `per_rad` has the effect of one rad of a joint in the base frame, from its

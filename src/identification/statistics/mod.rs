@@ -2,10 +2,12 @@
 
 pub mod changes;
 mod difference;
+pub mod distributions;
 pub mod hidden_zeros;
 pub mod misfit;
 pub mod quick_check;
 pub mod uncertainty;
 mod uncertainty_problem;
 mod uncertainty_solution;
+pub mod variance;
 pub mod workspace;

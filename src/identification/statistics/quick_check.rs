@@ -19,7 +19,7 @@ use crate::identification::model::parameters::{Parameter, Quantity, placement_pa
 use crate::identification::statistics::changes::{
     Causes, Estimate, FALSE_ALARMS, causes, usual_error,
 };
-use crate::solvers::distributions::{f_tail, noncentrality};
+use crate::identification::statistics::distributions::{f_tail, noncentrality};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Significance level: share of unchanged robots that the test calls changed.

@@ -20,11 +20,11 @@ use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::evidence_at;
 use crate::identification::model::objective::{Observation, weighted_jacobian};
 use crate::identification::model::parameters::Parameter;
+use crate::identification::statistics::distributions::t_half_width;
 use crate::identification::statistics::misfit::Misfit;
 use crate::identification::statistics::uncertainty_problem::Rows;
 pub use crate::identification::statistics::uncertainty_problem::Session;
 use crate::identification::statistics::uncertainty_solution::Solved;
-use crate::solvers::distributions::t_half_width;
 use nalgebra::{DMatrix, Vector3};
 
 /// Errors of an identification, as standard deviations.
@@ -36,7 +36,7 @@ pub struct Uncertainty {
     pub configuration_std_mm: f64,
     /// σm, rad per unit feature, the larger of both; 0 if none is significant.
     pub misfit_std_rad: f64,
-    /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none if σm is 0). Each column is one
+    /// Root of the mean square error, (p + m) × k: the p parameters in mm or rad, then the m features in rad (none of those that are not significant). Each column is one
     /// standard deviation of an independent cause. The last column is the mean of the posterior.
     pub root: DMatrix<f64>,
     /// Effect of the noise alone on the most probable values, (p + m) × k.

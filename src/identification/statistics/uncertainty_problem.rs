@@ -4,8 +4,8 @@ use crate::identification::KinematicModel;
 use crate::identification::least_squares::evidence::{Posterior, Triangle};
 use crate::identification::least_squares::problem::Problem;
 use crate::identification::model::objective::Observation;
+use crate::identification::statistics::distributions::f_tail;
 use crate::identification::statistics::misfit::Misfit;
-use crate::solvers::distributions::f_tail;
 use crate::solvers::watch::Watch;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::ops::Range;
@@ -335,6 +335,8 @@ impl<'a> Rows<'a> {
         }
         triangle.append(&some);
         triangle.expect(self.session.problem);
+        triangle.expect_zero(self.columns.higher());
+        triangle.expect_zero(self.columns.usual());
         triangle
     }
 

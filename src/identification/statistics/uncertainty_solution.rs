@@ -9,7 +9,8 @@ use std::ops::Range;
 const USUAL_MISFIT_RAD: f64 = 3e-4;
 /// Number of searches for both σm, each with the noise of the previous one.
 const SEARCHES: usize = 3;
-/// Significance level for a joint that follows another one, over all pairs of joints. A robot's other errors are smooth functions of its joints too.
+/// Significance level for a joint that follows another one, over all pairs of joints. It also has to explain more than it leaves: other errors of a
+/// robot are smooth functions of its joints too, and of many points they are as significant.
 const CHANCE_OF_FOLLOWING: f64 = 1e-6;
 
 /// Solution of the wider problem.
@@ -34,7 +35,8 @@ impl Rows<'_> {
         let mut followings = vec![];
         loop {
             let solved = self.solve_with(&triangle, &followings, links);
-            let Some(next) = self.next_following(&triangle, &solved) else {
+            let next = self.next_following(&triangle, &solved);
+            let Some(next) = next.filter(|_| self.session.watch.goes_on()) else {
                 return solved;
             };
             followings.push(next);
@@ -50,7 +52,7 @@ impl Rows<'_> {
         let n_solved = solved.columns.len();
         let triangle = triangle.of_columns(&columns);
         let beyond = triangle.beyond(&self.coordinates(columns.len()), &solved.evidence, n_solved);
-        let best = beyond.most_significant(CHANCE_OF_FOLLOWING / n.max(1) as f64)?;
+        let best = beyond.dominant(CHANCE_OF_FOLLOWING / n.max(1) as f64)?;
         Some(others[best])
     }
 
@@ -101,11 +103,11 @@ impl Rows<'_> {
                 s.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm)
             })
         };
-        let (mut usual_std_rad, mut higher_std_rad) = (0.0, 0.0);
         let mut sigma_mm = noise_mm(0.0, 0.0, links.sigma_mm);
+        let mut higher_std_rad = 0.0;
+        let mut usual_std_rad = std_of(&usual, with(0.0, 0.0, sigma_mm));
+        sigma_mm = noise_mm(usual_std_rad, 0.0, sigma_mm);
         for search in 0..SEARCHES {
-            usual_std_rad = std_of(&usual, with(0.0, higher_std_rad, sigma_mm));
-            sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
             if search == 0 || higher_std_rad > 0.0 {
                 higher_std_rad = std_of(&higher, with(usual_std_rad, 0.0, sigma_mm));
                 sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
@@ -113,6 +115,8 @@ impl Rows<'_> {
             if usual_std_rad == 0.0 && higher_std_rad == 0.0 {
                 break;
             }
+            usual_std_rad = std_of(&usual, with(0.0, higher_std_rad, sigma_mm));
+            sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
         }
         let (columns, evidence) = with(usual_std_rad, higher_std_rad, sigma_mm);
         let triangle = triangle.of_columns(&columns);

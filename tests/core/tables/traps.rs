@@ -573,6 +573,7 @@ fn a_target_name_of_another_instrument_is_the_name_of_a_point() {
             needs: Needs::Positions,
             rotation: None,
             is_time: |_| true,
+            are_targets: false,
         };
         let content = read(Source::decode(text.as_bytes()).unwrap(), &options).unwrap();
         assert_eq!(content.keys[0].1, ["P1", "P2", "P1"], "{header}");
