@@ -64,7 +64,9 @@ fn held(n: u64) -> (usize, usize) {
             .unwrap();
         assert_eq!(outcome.nominal, 0.0);
         let meant = truth.links[2].theta_offset_rad.to_degrees();
-        let [low, high] = outcome.interval_95.unwrap();
+        let [low, high] = outcome
+            .interval_95
+            .unwrap_or_else(|| panic!("seed {seed}: {:?}", report.uncertainty_absent_because));
         counts.0 += usize::from((low..=high).contains(&meant));
         // The same fit with the held parameters taken as exact: the narrower interval.
         let exact = CalibrationRequest {

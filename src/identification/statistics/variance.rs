@@ -83,15 +83,15 @@ impl Spectrum {
         self.n_free * libm::log(self.noise_variance(ratio).max(f64::MIN_POSITIVE)) + volume
     }
 
-    /// The most probable σm for noise of standard deviation σ, with a half-Cauchy prior of scale `usual_std` [Gelman 2006]. It is 0 if it is not
-    /// significant at the 5 % level.
-    pub fn most_probable(&self, usual_std: f64, noise_std: f64) -> f64 {
+    /// The most probable σm for noise of standard deviation σ, with a half-Cauchy prior of scale `usual_std` [Gelman 2006]. It is 0 if its likelihood
+    /// ratio statistic is below the square of `kept_above`, a quantile of the normal distribution (Self & Liang 1987).
+    pub fn most_probable(&self, usual_std: f64, noise_std: f64, kept_above: f64) -> f64 {
         let deviance = |ratio: f64| {
             let std = ratio.sqrt() * noise_std / usual_std;
             self.deviance(ratio) + 2.0 * libm::log1p(std * std)
         };
         let ratio = smallest(deviance);
-        match deviance(0.0) - deviance(ratio) > KEPT_ABOVE * KEPT_ABOVE {
+        match deviance(0.0) - deviance(ratio) > kept_above * kept_above {
             true => ratio.sqrt() * noise_std,
             false => 0.0,
         }
