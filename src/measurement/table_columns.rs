@@ -140,14 +140,6 @@ impl Resolution<'_> {
             .iter()
             .map(|(place, _)| !is_measured(*place))
             .collect();
-        // a single group is a title of the only positions
-        let mut positions = known.iter().zip(&left);
-        let remains = |((_, known), is_left): (&(usize, Known), &bool)| {
-            !is_left && matches!(known, Known::Position(..))
-        };
-        if stated.len() < 2 && !positions.any(remains) {
-            return known;
-        }
         for ((_, known), is_left) in known.iter_mut().zip(left) {
             if is_left && matches!(known, Known::Position(..)) {
                 *known = Known::Unknown;

@@ -88,7 +88,6 @@ pub(super) struct Flags {
 struct Flag {
     place: usize,
     is_named: bool,
-    has_one_word: bool,
     /// Each value in small letters, with its number of rows and the first of them. One more than [`MAX_VALUES`] if there are more.
     values: BTreeMap<String, (usize, Marked)>,
     /// The first cell that says that its row does not count.
@@ -116,7 +115,6 @@ impl Flags {
             Flag {
                 place,
                 is_named,
-                has_one_word: words.len() == 1,
                 values: BTreeMap::new(),
                 put_aside: None,
             }
@@ -185,12 +183,7 @@ impl Flag {
             return self.put_aside.as_ref();
         }
         let is_mark = |value: &String| value.is_empty() || MARKS.contains(&value.as_str());
-        // "Valid samples" counts, and does not say yes or no
-        let is_count = |value: &String| {
-            let number = value.parse::<i64>();
-            number.is_ok_and(|number| number.abs() > 1) && !self.has_one_word
-        };
-        let is_measured = |value: &String| value.contains(['.', ',']) || is_count(value);
+        let is_measured = |value: &String| value.contains(['.', ',']);
         let values = || self.values.keys();
         let are_few = (2..=MAX_VALUES).contains(&values().len()) && !values().any(is_measured);
         let are_marks = values().len() == 2 && values().all(is_mark);

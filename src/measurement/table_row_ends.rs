@@ -17,9 +17,6 @@ const TEXTS_PER_NUMBER: usize = 4;
 /// Number of rows from which on whole numbers one after the other number the rows.
 const MIN_NUMBERED: usize = 4;
 
-/// Minimum number of rows with the same number of decimals for a last number with fewer to look cut off.
-const MIN_UNCUT: usize = 20;
-
 /// Where the cells that are read stand.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ends {
@@ -257,7 +254,7 @@ impl RowEnds {
         let (last, others) = self.last.split_last().filter(|_| ends.is_open)?;
         let (own, decimals) = (last.decimals, others.first()?.decimals);
         let are_alike = others.iter().all(|other| other.decimals == decimals);
-        let are_few = others.len() < MIN_UNCUT;
+        let are_few = others.len() < MIN_NUMBERED;
         let name = table.name(ends.n_read.saturating_sub(1));
         let row = others.len();
         let is_cut = are_alike && !are_few && own < decimals && self.ends_behind_last;

@@ -109,12 +109,14 @@ impl Rows<'_> {
                 s.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm, kept_above)
             })
         };
+        // fewer equations than features say nothing of these
+        let n_spare = (3 * self.session.observations.len()).saturating_sub(flat.len());
         let mut sigma_mm = noise_mm(0.0, 0.0, links.sigma_mm);
         let mut higher_std_rad = 0.0;
         let mut usual_std_rad = std_of(&usual, with(0.0, 0.0, sigma_mm), USUAL_KEPT_ABOVE);
         sigma_mm = noise_mm(usual_std_rad, 0.0, sigma_mm);
         for search in 0..SEARCHES {
-            if search == 0 || higher_std_rad > 0.0 {
+            if search == 0 && n_spare >= higher.len() || higher_std_rad > 0.0 {
                 higher_std_rad = std_of(
                     &higher,
                     with(usual_std_rad, 0.0, sigma_mm),
