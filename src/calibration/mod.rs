@@ -18,6 +18,7 @@ mod solve;
 mod stages;
 pub mod upload_checks;
 mod validation;
+mod warning;
 mod warnings;
 
 pub use crate::compensation::tool_differences;

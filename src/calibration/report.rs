@@ -5,6 +5,7 @@ use crate::calibration::point_errors::PointErrors;
 use crate::calibration::quick_check::QuickCheck;
 use crate::calibration::reference::ScaleAtReach;
 use crate::calibration::request::{Method, Model, Preset};
+pub use crate::calibration::warning::Warning;
 use crate::identification::TrainedNetwork;
 use crate::identification::corrections::Evidence;
 use crate::identification::corrections::corrected::CorrectedModel;
@@ -223,28 +224,6 @@ pub struct MethodComparison {
     pub cost_mm2: f64,
     /// Errors on the verify subset.
     pub verify_after: Option<Errors>,
-}
-
-/// A warning in the report.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Warning {
-    /// Stable code.
-    pub code: &'static str,
-    /// In words.
-    pub detail: String,
-    /// 0-based data rows concerned, if any.
-    pub rows: Vec<usize>,
-}
-
-impl Warning {
-    /// A warning that is not about rows.
-    pub fn new(code: &'static str, detail: impl Into<String>) -> Self {
-        Self {
-            code,
-            detail: detail.into(),
-            rows: vec![],
-        }
-    }
 }
 
 /// Uncertainty of the flange's rotation in the robot's base, over the workspace: one standard deviation each, rad.

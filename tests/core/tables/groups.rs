@@ -1,5 +1,6 @@
 //! Means and other statistics behind each group of measurements, without a label.
 
+use super::traps::{deviation, mean};
 use super::*;
 
 /// Knuth's linear congruential generator.
@@ -115,16 +116,6 @@ fn column(rows: &[Row], at: usize) -> Vec<f64> {
 fn statistic(rows: &[Row], of: fn(&[f64]) -> f64) -> Row {
     let all: Vec<f64> = (0..9).map(|at| of(&column(rows, at))).collect();
     (all[..6].to_vec(), all[6..].to_vec())
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn deviation(values: &[f64]) -> f64 {
-    let mean = mean(values);
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (squares / (values.len() - 1) as f64).sqrt()
 }
 
 fn range(values: &[f64]) -> f64 {
