@@ -12,7 +12,7 @@ export const WARNINGS = {
   column_suspect: "Columns or rows seem to be exchanged",
   base_frame_off: "The base stands elsewhere than its frame says",
   configurations_err_together: "The points of one pose err together far more than each by itself",
-  corrections_left_out: "What links cannot say was not looked for",
+  corrections_left_out: "Corrections were not looked for",
   corrections_worse_on_verify_points: "The corrections were dropped: the points to verify fit better without them",
   duplicate_poses: "Some poses were measured more than once",
   few_verify_points: "Few points to verify on",

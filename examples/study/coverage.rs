@@ -63,7 +63,7 @@ pub fn study(arguments: &[String]) {
         .and_then(|n| n.parse().ok())
         .unwrap_or(1000);
     println!(
-        "# What to believe\n\nMade by `cargo run --release --example study coverage {n_robots} > docs/uncertainty.md`.\n"
+        "# Uncertainty\n\nMade by `cargo run --release --example study coverage {n_robots} > docs/uncertainty.md`.\n"
     );
     println!("## Do the stated 95 % intervals hold the truth?\n\n{TEXT}");
     println!(

@@ -1,4 +1,4 @@
-//! What moved or drifted while it was measured: false alarms and detection. Prints `docs/drift.md`.
+//! Steps and drift during the measurement: false alarms and detection. Prints `docs/drift.md`.
 //!
 //! `cargo run --release --example study drift [n_campaigns] > docs/drift.md`
 
@@ -12,7 +12,7 @@ pub fn study(arguments: &[String]) {
         .and_then(|n| n.parse().ok())
         .unwrap_or(1000);
     println!(
-        "# What moved or drifted\n\nMade by `cargo run --release --example study drift {n} > docs/drift.md`.\n\n\
+        "# Steps and drift\n\nMade by `cargo run --release --example study drift {n} > docs/drift.md`.\n\n\
          {n} simulated campaigns per row: {ROWS} rows, of which {VISITS} are visits of one pose, noise of {NOISE_MM} mm per coordinate; a slip is before a random row, the \
          ends included. Drift is that of base or instrument, in a random direction, from the first row to the last one.\n\n\
          | campaign | a step is told | within one row of where it was | `drift` | `warm_up` |\n|---|---:|---:|---:|---:|"

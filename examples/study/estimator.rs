@@ -28,7 +28,7 @@ pub fn study(arguments: &[String]) {
         .iter()
         .flat_map(|file| read(Path::new(folder), file))
         .collect();
-    println!("# Links alone, beside other estimators\n");
+    println!("# Comparison with other estimators, links alone\n");
     println!(
         "Made by `cargo run --release --example study estimator DIR docs/oracles/estimator*.csv`, of the sets that `docs/oracles/estimator.py` makes. \
          Verify rms, mm. scipy: unregularised least squares from nominal; MAP: maximum a posteriori in numpy with normal priors.\n"

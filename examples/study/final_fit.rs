@@ -40,7 +40,7 @@ pub fn study(arguments: &[String]) {
         let group = case.splitn(3, '.').last().unwrap().replace('.', " poses, ");
         groups.entry(group).or_default().push(ratios);
     }
-    println!("# The final fit\n");
+    println!("# Final fit\n");
     println!(
         "Half of the points is held out to verify. Once that is done, the parameters are fitted to all points of the upload and delivered \
          (`final_fit: all`, the default). Nothing is chosen again: free parameters, segments of reflectors and stations, rows that do not count, the loss \

@@ -257,7 +257,7 @@ pub fn study(arguments: &[String]) {
         .cloned()
         .and_then(|n| n.parse().ok())
         .unwrap_or(20);
-    println!("# Beside the paper\n");
+    println!("# Comparison with the paper\n");
     println!(
         "Made by `cargo run --release --example study paper {n_seeds} > docs/paper-comparison.md`, seeds 0 to {}.",
         n_seeds - 1

@@ -280,7 +280,7 @@ pub fn corrections(report: &Report) -> Markup {
     }
     html! {
         section {
-            h2 { "What links cannot say" }
+            h2 { "Corrections" }
             table {
                 thead { tr { th { "correction" } th.n { "rms without, mm" } th.n { "rms with, mm" } th.n { "gain, mm²" } th.n { "± standard error" } th { "kept" } } }
                 tbody {

@@ -1,4 +1,4 @@
-//! What moved or drifted: simulated campaigns with a planted drift, warm-up, random walk or slip; the oracle is what was planted. The long form, with
+//! Steps and drift: simulated campaigns with a planted drift, warm-up, random walk or slip; the oracle is what was planted. The long form, with
 //! 1,000 campaigns per row, is `examples/study/drift.rs`.
 
 use crate::drifts::{DRIFT_MM, NOISE_MM, ROWS, VISITS, What, campaign, counts, told};
@@ -44,10 +44,10 @@ fn nothing_drifts_in_a_clean_campaign_with_sag_or_with_heavy_tails() {
 fn slips_of_two_millimetres_are_found_within_a_row() {
     let [_, near, ..] = counts(What::SlipOfTarget, 0..CAMPAIGNS);
     assert!(near >= FOUND, "{near}");
-    // a motion of the base has six numbers, and takes four rows on either side
+    // the first row or the last one alone may as well be an outlier
     let is_seen = |seed: &u64| {
         let (_, _, slips_at) = campaign(What::SlipOfBase, *seed);
-        slips_at.is_some_and(|row| (4..=ROWS - 4).contains(&row))
+        slips_at.is_some_and(|row| (2..=ROWS - 2).contains(&row))
     };
     let missed = (0..CAMPAIGNS)
         .filter(is_seen)

@@ -296,7 +296,7 @@ fn search_again(
 fn minor_side(observed: &Observed, arrangement: &Arrangement, step: &Step) -> Vec<usize> {
     let moves = |p: &&usize| match step.moved {
         Moved::Target(target) => observed.targets[**p] == target,
-        Moved::AllTargets | Moved::Base => true,
+        Moved::AllTargets | Moved::Base | Moved::BaseShift => true,
     };
     let at = arrangement
         .order
@@ -364,7 +364,7 @@ fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &St
             let firsts = step.of_targets.iter().map(|shift| shift.first);
             firsts.for_each(|first| trial.split_target(observed, first));
         }
-        Moved::Base => trial.split_base(
+        Moved::Base | Moved::BaseShift => trial.split_base(
             step.first,
             &motion(&step.shift_mm, &step.turn_rad, &fit.columns.centre),
         ),
@@ -374,7 +374,7 @@ fn split(observed: &Observed, fit: &AllFit, arrangement: &Arrangement, step: &St
 
 /// The step as it is reported: one entry per target, or one for the base.
 fn found(step: &Step, is_one_point: bool) -> Vec<FoundStep> {
-    if step.moved == Moved::Base {
+    if matches!(step.moved, Moved::Base | Moved::BaseShift) {
         return vec![FoundStep {
             moved: WhatMoved::Base,
             row: step.first,

@@ -38,8 +38,8 @@ const SMALLEST_EFFECT: f64 = 4.0;
 /// Minimum number of points on either side of a motion of the base: twelve coordinates for its six parameters. With three points, only three
 /// coordinates would be left to tell it from outliers, and the noise of a lever arm may hide them.
 const FEWEST_BASE_POINTS: usize = 4;
-/// Minimum number of points on either side of a slip of a target. A single point is treated separately.
-const FEWEST_TARGET_POINTS: usize = 2;
+/// Minimum number of points on either side of a step of three numbers. A single point is treated separately.
+const FEWEST_SHIFTED_POINTS: usize = 2;
 
 /// The part that moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,8 +48,10 @@ pub enum Moved {
     Target(usize),
     /// All targets at once, each by its own vector: the tool was knocked.
     AllTargets,
-    /// The base, or the instrument.
+    /// The base, or the instrument: six numbers.
     Base,
+    /// The same without a turn: three numbers, which two rows show.
+    BaseShift,
 }
 
 /// A step.
@@ -134,6 +136,11 @@ impl Columns {
     /// The columns of a motion of the base, 3 × 6: shift in mm, rotation in units of `unit_rad`.
     pub fn base(&self, point: usize) -> &SMatrix<f64, 3, 6> {
         &self.base[point]
+    }
+
+    /// The columns of a motion of the base without a turn, 3 × 3.
+    fn base_shift(&self, point: usize) -> Matrix3<f64> {
+        self.base[point].fixed_columns::<3>(0).into_owned()
     }
 
     /// Displacement by a unit of rotation at the points' radius, mm.
@@ -223,12 +230,16 @@ impl Campaign<'_> {
         }
         let (shift_mm, turn_rad) = match best.moved {
             Moved::Base => self.columns.motion(&best.solution),
+            Moved::BaseShift => (
+                Vector3::from_column_slice(&best.solution),
+                Vector3::zeros(),
+            ),
             Moved::Target(_) | Moved::AllTargets => (Vector3::zeros(), Vector3::zeros()),
         };
         let targets = match best.moved {
             Moved::Target(target) => target..target + 1,
             Moved::AllTargets => 0..best.n_numbers / 3,
-            Moved::Base => 0..0,
+            Moved::Base | Moved::BaseShift => 0..0,
         };
         let shift = |(target, vector): (usize, &[f64])| {
             let mut after = self.order[best.place..].iter().copied();
@@ -270,7 +281,7 @@ impl Campaign<'_> {
                 .copy_from(&self.columns.target[point]);
             block
         };
-        let fewest = FEWEST_TARGET_POINTS * D / 3;
+        let fewest = FEWEST_SHIFTED_POINTS * D / 3;
         self.changes(Moved::AllTargets, places, (fewest, false), block, tried);
     }
 
@@ -289,20 +300,27 @@ impl Campaign<'_> {
             self.changes(
                 Moved::Target(target),
                 &members,
-                (FEWEST_TARGET_POINTS, true),
+                (FEWEST_SHIFTED_POINTS, true),
                 |point| self.columns.target[point],
                 &mut tried,
             );
         }
-        self.changes(
-            Moved::Base,
-            places,
-            (FEWEST_BASE_POINTS, false),
-            |point| self.columns.base[point],
-            &mut tried,
-        );
+        self.changes_of_base(places, &mut tried);
+        self.changes_of_base_without_turn(places, &mut tried);
         self.changes_of_all_targets(places, &mut tried);
         tried
+    }
+
+    fn changes_of_base(&self, places: &[usize], tried: &mut Vec<Tried>) {
+        let fewest = (FEWEST_BASE_POINTS, false);
+        let block = |point: usize| self.columns.base[point];
+        self.changes(Moved::Base, places, fewest, block, tried);
+    }
+
+    fn changes_of_base_without_turn(&self, places: &[usize], tried: &mut Vec<Tried>) {
+        let fewest = (FEWEST_SHIFTED_POINTS, false);
+        let block = |point: usize| self.columns.base_shift(point);
+        self.changes(Moved::BaseShift, places, fewest, block, tried);
     }
 
     /// Tries a change before each of the `members` (indices into the order, in any order), following their order. Each side must have at least
@@ -371,6 +389,9 @@ impl Campaign<'_> {
                 Moved::Base => of_step
                     .fixed_view_mut::<3, 6>(rows, 0)
                     .copy_from(&self.columns.base[*point]),
+                Moved::BaseShift => of_step
+                    .fixed_view_mut::<3, 3>(rows, 0)
+                    .copy_from(&self.columns.base_shift(*point)),
                 Moved::Target(moved) if moved != target => {}
                 Moved::Target(_) => of_step
                     .fixed_view_mut::<3, 3>(rows, 0)
@@ -421,19 +442,14 @@ impl Campaign<'_> {
                     self.changes(
                         best.moved,
                         &members,
-                        (FEWEST_TARGET_POINTS, false),
+                        (FEWEST_SHIFTED_POINTS, false),
                         |point| self.columns.target[point],
                         &mut tried,
                     );
                 }
                 Moved::AllTargets => self.changes_of_all_targets(places, &mut tried),
-                Moved::Base => self.changes(
-                    best.moved,
-                    places,
-                    (FEWEST_BASE_POINTS, false),
-                    |point| self.columns.base[point],
-                    &mut tried,
-                ),
+                Moved::Base => self.changes_of_base(places, &mut tried),
+                Moved::BaseShift => self.changes_of_base_without_turn(places, &mut tried),
             }
             // an order that divides the points in the same way gives the same gain, and does not count
             tried

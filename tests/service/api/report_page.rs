@@ -130,7 +130,7 @@ async fn the_page_has_corrections_with_their_standard_errors_repeatability_and_w
     let (text_of_it, _) = page(&app, &job).await;
     let report = app.report(&job).await;
 
-    let section = between(&text_of_it, "What links cannot say", "</section>");
+    let section = between(&text_of_it, "Corrections", "</section>");
     let corrections = report["corrections"].as_array().unwrap();
     assert!(
         corrections.iter().any(|c| c["kept"] == true),
