@@ -1,7 +1,9 @@
-//! Points of a fixture that fit its drawing roughly, and still leave a doubt: one point is off, all scatter more than is stated, or nothing checks them.
+//! Points of a fixture that fit its drawing roughly, and still leave a doubt: one point is off, all scatter more than is stated, nothing checks them, or
+//! they lie in one plane and do not show a mirrored drawing.
 
-use crate::compensation::work_frame::{FEWEST_POINTS, FixturePoint, WorkFrame};
+use crate::compensation::work_frame::{FEWEST_POINTS, FixturePoint, WorkFrame, is_flat};
 use crate::identification::statistics::distributions::{chi_square_tail, f_quantile, f_tail};
+use nalgebra::{Unit, Vector3};
 use std::fmt;
 
 /// Probability of a false alarm for a fixture whose points have noise alone.
@@ -14,8 +16,16 @@ const ROUNDING: f64 = 1e-6;
 /// Why a measured frame is doubted.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FixtureDoubt {
-    /// Three points: one that is off along the normal of their plane does not show.
-    Unchecked,
+    /// Three points: one that is off along the normal of their plane does not show, nor does a mirrored drawing.
+    Unchecked {
+        /// The z axis of the frame in the frame that the points were measured in.
+        z: Unit<Vector3<f64>>,
+    },
+    /// More points in one plane: a mirrored drawing fits as well, and turns the frame upside down.
+    Flat {
+        /// The z axis of the frame in the frame that the points were measured in.
+        z: Unit<Vector3<f64>>,
+    },
     /// The fit is much better without one point. Several candidates if it cannot be told which one, 0-based.
     Point {
         /// The candidates.
@@ -47,8 +57,9 @@ impl FixtureDoubt {
     /// The doubt about a frame that was fitted to these points; `None` if there is none. `std_mm` is the stated noise of a coordinate, 0 if none is.
     pub fn of(points: &[FixturePoint], frame: &WorkFrame, std_mm: f64) -> Option<Self> {
         let n = points.len();
+        let z = frame.t_reference_work.rotation * Vector3::z_axis();
         if n == FEWEST_POINTS {
-            return Some(Self::Unchecked);
+            return Some(Self::Unchecked { z });
         }
         let residuals_mm = &frame.residuals_mm;
         let all_mm2 = squares(residuals_mm);
@@ -74,18 +85,22 @@ impl FixtureDoubt {
         let freedom = (3 * n - 6) as f64;
         let is_told =
             std_mm > 0.0 && chi_square_tail(all_mm2 / (std_mm * std_mm), freedom) < FALSE_ALARM;
-        is_told.then(|| Self::Scatter {
-            shown_mm: (all_mm2 / freedom).sqrt(),
-            std_mm,
-            worst,
-            residual_mm: residuals_mm[worst],
-        })
+        if is_told {
+            return Some(Self::Scatter {
+                shown_mm: (all_mm2 / freedom).sqrt(),
+                std_mm,
+                worst,
+                residual_mm: residuals_mm[worst],
+            });
+        }
+        is_flat(points).then_some(Self::Flat { z })
     }
 
     /// Code of the warning.
     pub fn code(&self) -> &'static str {
         match self {
-            Self::Unchecked => "work_frame_not_checked",
+            Self::Unchecked { .. } => "work_frame_not_checked",
+            Self::Flat { .. } => "work_frame_flat",
             Self::Point { .. } => "work_frame_point_off",
             Self::Scatter { .. } => "work_frame_scatters",
         }
@@ -94,10 +109,20 @@ impl FixtureDoubt {
     /// The points that it names, 0-based.
     pub fn points(&self) -> Vec<usize> {
         match self {
-            Self::Unchecked => vec![],
+            Self::Unchecked { .. } | Self::Flat { .. } => vec![],
             Self::Point { candidates, .. } => candidates.clone(),
             Self::Scatter { worst, .. } => vec![*worst],
         }
+    }
+}
+
+/// A direction as three numbers.
+struct Direction<'a>(&'a Unit<Vector3<f64>>);
+
+impl fmt::Display for Direction<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(d) = self;
+        write!(f, "({:.2}, {:.2}, {:.2})", d.x, d.y, d.z)
     }
 }
 
@@ -122,9 +147,18 @@ fn without(points: &[FixturePoint], point: usize) -> Option<Without> {
 impl fmt::Display for FixtureDoubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unchecked => f.write_str(
+            Self::Unchecked { z } => write!(
+                f,
                 "three points place the frame, and nothing checks them: a point that is off along the normal of their plane tilts the frame and does not \
-                 show. Measure a fourth point, away from the others",
+                 show, and two exchanged points turn it over. Its z axis points along {} of the frame that they were measured in. Measure a fourth point, \
+                 off the plane of the others",
+                Direction(z)
+            ),
+            Self::Flat { z } => write!(
+                f,
+                "all points lie in one plane, so a drawing with a mirrored axis fits as well and turns the frame upside down. Its z axis points along {} \
+                 of the frame that they were measured in: is that right? A point off the plane would show it",
+                Direction(z)
             ),
             Self::Point { candidates, off_mm } => {
                 let names: Vec<String> = candidates.iter().map(usize::to_string).collect();

@@ -8,6 +8,9 @@ pub const FEWEST_POINTS: usize = 3;
 /// Points count as on a line if the second largest spread is below this share of the largest. The rotation about the line would then be ten times
 /// less certain than the other rotations.
 const ON_A_LINE: f64 = 0.1;
+/// Points lie in a plane if the smallest spread is below this share of the middle one: a mirrored drawing would then be off by less than most
+/// drawings.
+const FLAT: f64 = 0.01;
 
 /// A point of a fixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,6 +133,19 @@ fn by_motion(arm: &Vector3<f64>) -> SMatrix<f64, 3, 6> {
 }
 
 fn is_on_a_line(points: &[Vector3<f64>]) -> bool {
+    let [_, middle, largest] = spreads(points);
+    middle <= ON_A_LINE * largest
+}
+
+/// True if the points of a drawing lie in one plane.
+pub fn is_flat(points: &[FixturePoint]) -> bool {
+    let nominal: Vec<Vector3<f64>> = points.iter().map(|p| p.nominal_mm).collect();
+    let [smallest, middle, _] = spreads(&nominal);
+    smallest <= FLAT * middle
+}
+
+/// Spread of points along their principal axes, ascending, mm.
+fn spreads(points: &[Vector3<f64>]) -> [f64; 3] {
     let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     let scatter: Matrix3<f64> = points
         .iter()
@@ -137,5 +153,5 @@ fn is_on_a_line(points: &[Vector3<f64>]) -> bool {
         .sum();
     let mut widths = scatter.symmetric_eigenvalues().map(|v| v.max(0.0).sqrt());
     widths.as_mut_slice().sort_by(f64::total_cmp);
-    widths[1] <= ON_A_LINE * widths[2]
+    widths.into()
 }

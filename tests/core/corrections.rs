@@ -342,6 +342,32 @@ fn the_points_to_verify_and_nobody_else_have_a_veto_over_all_corrections() {
     }
 }
 
+/// 100 poses of a simulated robot whose joints 2 and 3 give by 0.02°, noise 0.03 mm: full Gauss-Newton steps of masses and compliances, of which only the
+/// products are known, once ended at 0.31 mm for the delivered fit, where the verified one had 0.09 mm on its held-out points.
+#[test]
+fn the_delivered_corrections_fit_all_points_as_well_as_the_verified_ones_fit_theirs() {
+    let bytes = include_bytes!("../data/corrections_overshoot.csv");
+    let set = csv::parse(bytes, Frame::Base, 6).unwrap();
+    let request = CalibrationRequest::new(paper_robot(), set.clone());
+    let report = run(&request);
+    let held_out_mm = report.verify.as_ref().unwrap().corrected.unwrap().rms_mm;
+    let delivered = IdentifiedRobot {
+        plain: found(&report),
+        corrected: report.corrected.clone(),
+    };
+    let left: Vec<f64> = set
+        .points
+        .iter()
+        .map(|p| (delivered.position(&p.q_rad, 0) - p.position_mm).norm_squared())
+        .collect();
+    let delivered_mm = (left.iter().sum::<f64>() / left.len() as f64).sqrt();
+    println!("held out {held_out_mm:.4} mm, delivered on all points {delivered_mm:.4} mm");
+    assert!(
+        delivered_mm < 1.1 * held_out_mm,
+        "{delivered_mm} {held_out_mm}"
+    );
+}
+
 #[test]
 fn outside_of_what_was_measured_corrections_fade_into_the_links() {
     let mut random = Normal::new(5);

@@ -3,6 +3,7 @@
 use crate::central_differences::assert_derivatives;
 use crate::data::{paper_robot, real_data, robot};
 use crate::simulation::{Normal, true_robot};
+use kincal::calibration::upload_checks::rotations;
 use kincal::calibration::{CalibrationReport, CalibrationRequest, NOISE_OVERSTATED, calibrate};
 use kincal::identification::KinematicModel;
 use kincal::identification::least_squares::hand_eye::base_and_target_rotation;
@@ -249,5 +250,71 @@ fn a_measured_robot_is_identified_from_poses_by_the_halves_of_its_file() {
         assert!(verify.after.rms_mm <= most_mm, "{}", verify.after.rms_mm);
         let rms_deg = rotation.after.rms_deg;
         assert!(rms_deg <= most_deg, "{rms_deg}");
+    }
+}
+
+/// A T-Mac that is twisted on its holder: its position stays, and its rotations change from one row on.
+#[test]
+fn a_target_that_was_twisted_on_its_holder_is_found_at_its_row_and_no_other_is() {
+    let nominal = nominal();
+    let tracked = Noise {
+        position_mm: 0.03,
+        rotation_rad: 2e-4,
+    };
+    for seed in 0..6 {
+        let mut random = Normal::new(500 + seed);
+        let truth = truth(&nominal, &mut random);
+        let set = measured(&truth, 60, tracked, &mut random);
+        let steps = |set: &MeasurementSet| -> Vec<(Vec<usize>, String)> {
+            let report = run(&CalibrationRequest::new(nominal.clone(), set.clone()));
+            let moved = report
+                .warnings
+                .iter()
+                .filter(|w| w.code.ends_with("_moved"));
+            moved.map(|w| (w.rows.clone(), w.detail.clone())).collect()
+        };
+        assert_eq!(steps(&set), [], "seed {seed}");
+        for (first, angle_deg) in [(8, 3.0), (30, 1.0), (50, 3.0)] {
+            let mut twisted = set.clone();
+            let twist = rotation_exp(&Vector3::new(f64::to_radians(angle_deg), 0.0, 0.0));
+            for point in &mut twisted.points[first..] {
+                point.rotation = point.rotation.map(|rotation| rotation * twist);
+            }
+            let told = steps(&twisted);
+            assert_eq!(told.len(), 1, "seed {seed}, row {first}: {told:?}");
+            let (rows, detail) = &told[0];
+            assert!(
+                rows[0].abs_diff(first) <= 1,
+                "seed {seed}, row {first}: {detail}"
+            );
+            let size = detail.split("flange by ").nth(1).unwrap();
+            let size: f64 = size.split('°').next().unwrap().parse().unwrap();
+            assert!((size - angle_deg).abs() < 0.05, "{detail}");
+            let request = CalibrationRequest::new(nominal.clone(), twisted);
+            let after = run(&request).verify.unwrap().rotation.unwrap().after;
+            assert!(after.rms_deg < 0.1, "{:?}", after);
+        }
+    }
+}
+
+/// Rotations show which way the last joint counts, also where the target stands on its axis.
+#[test]
+fn poses_of_a_target_on_the_last_axis_show_the_last_joint() {
+    let nominal = nominal();
+    for seed in 0..4 {
+        let mut random = Normal::new(900 + seed);
+        let mut truth = truth(&nominal, &mut random);
+        truth.targets_mm[0] = Vector3::new(0.0, 0.0, 100.0);
+        let set = measured(&truth, 40, TRACKED, &mut random);
+        let report = run(&CalibrationRequest::new(nominal.clone(), set.clone()));
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        assert!(!codes.contains(&"pose_not_seen"), "{codes:?}");
+        let mut reversed = set;
+        reversed.points.iter_mut().for_each(|p| p.q_rad[5] *= -1.0);
+        let told = rotations::suspicion(&nominal, &reversed).unwrap();
+        assert!(
+            told.contains("joint 6 counted the other way round"),
+            "{told}"
+        );
     }
 }

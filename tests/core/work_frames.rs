@@ -310,10 +310,8 @@ fn a_fixture_point_that_is_off_is_named_and_noise_alone_raises_no_doubt() {
         println!("{n} points: named {n_named} of 100");
         assert!(n_named >= 90);
     }
-    assert_eq!(
-        doubt(&measured(3, 0.0, 0), 0.03),
-        Some(FixtureDoubt::Unchecked)
-    );
+    let of_three = doubt(&measured(3, 0.0, 0), 0.03);
+    assert!(matches!(of_three, Some(FixtureDoubt::Unchecked { .. })));
     let body = WorkFrameBody {
         points: Some(
             measured(6, 3.0, 5)
@@ -335,6 +333,24 @@ fn a_fixture_point_that_is_off_is_named_and_noise_alone_raises_no_doubt() {
     let answer = body.answer("bench".into(), "now".into()).unwrap();
     assert_eq!(answer.warnings[0].code, "work_frame_point_off");
     assert_eq!(answer.warnings[0].rows, [5]);
+}
+
+/// The drawing of a flat fixture with y mirrored fits as well as the right one, and the frame's z axis is reversed.
+#[test]
+fn a_flat_fixture_says_where_its_z_axis_points() {
+    let t = isometry([900.0, 100.0, 400.0], [0.0, 0.0, 0.7]);
+    let corners = [[0.0, 0.0], [800.0, 0.0], [800.0, 500.0], [0.0, 500.0]];
+    for (mirror, told) in [(1.0, "(0.00, 0.00, 1.00)"), (-1.0, "-1.00)")] {
+        let points = corners.map(|[x, y]| FixturePoint {
+            nominal_mm: Vector3::new(x, mirror * y, 0.0),
+            measured_mm: (t * Point3::new(x, y, 0.0)).coords,
+        });
+        let frame = WorkFrame::measured(&points, 0.05).unwrap();
+        assert!(frame.rms_mm() < 1e-9);
+        let doubt = FixtureDoubt::of(&points, &frame, 0.05).unwrap();
+        assert_eq!(doubt.code(), "work_frame_flat");
+        assert!(doubt.to_string().contains(told), "{doubt}");
+    }
 }
 
 /// Four points of a fixture, in three sizes: right with noise, and with each mistake.

@@ -11,7 +11,7 @@ use crate::calibration::preparation::gross_errors::{
 };
 use crate::calibration::preparation::motions::{fit_motions, place_setups};
 use crate::calibration::preparation::observe::Observed;
-use crate::calibration::preparation::turned_poses::{TurnedPose, turned_poses};
+use crate::calibration::preparation::turned_poses::{TurnedPose, turned_poses, turned_target};
 use crate::calibration::request::{CalibrationRequest, Loss, Model, Preset};
 use crate::identification::screening::drift::{Drift, Session};
 use crate::identification::screening::outliers::Outliers;
@@ -64,7 +64,7 @@ pub struct FoundStep {
     pub row: usize,
     /// Displacement, mm: of a target in the flange frame, of the base in the measuring frame. A moved instrument shows with the opposite sign.
     pub vector_mm: Vector3<f64>,
-    /// Rotation of the base, rad.
+    /// Rotation, rad: of the base in the measuring frame, of a target of poses in its own frame.
     pub turn_rad: Vector3<f64>,
     /// True if the step separates only one point at an end. It may be an outlier, and is treated as one.
     pub is_one_point: bool,
@@ -139,6 +139,19 @@ pub fn screen(
             fitted_without = outliers.map_or(vec![], |w| w.points);
             outliers = again;
         }
+        while screening.steps.len() < MAX_STEPS
+            && let Some(twist) = turned_target(&links, observed, &arrangement, watch)
+        {
+            arrangement.split_target(observed, twist.first);
+            screening.steps.push(FoundStep {
+                moved: WhatMoved::Target(observed.targets[twist.first]),
+                row: twist.first,
+                vector_mm: Vector3::zeros(),
+                turn_rad: twist.turn_rad,
+                is_one_point: false,
+            });
+        }
+        screening.steps.sort_by_key(|s| s.row);
         screening.unfitted_rows = arrangement.join_unfitted(observed);
         // positions may leave the flange of the fitted links open, and the nominal ones have unmastered joints: a pose is turned for both
         let for_nominal = turned_poses(&request.robot.links, observed, &arrangement);
@@ -265,7 +278,6 @@ fn search(
             break;
         }
     }
-    screening.steps.sort_by_key(|s| s.row);
     let outlying = outliers.as_ref().map_or(vec![], |w| w.points.clone());
     let belonging = others(&others(&arrangement.order, &gross), &outlying);
     screening.drift = drift(observed, &fit, &belonging, watch);

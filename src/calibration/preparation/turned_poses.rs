@@ -1,11 +1,15 @@
-//! Poses whose rotation does not belong to the others, such as a target that an instrument saw turned by half a turn.
+//! Rotations of poses that do not belong to the others: single poses, such as a target that an instrument saw turned by half a turn, and a target that
+//! was twisted on its holder.
 
 use crate::calibration::preparation::arrangement::Arrangement;
 use crate::calibration::preparation::observe::Observed;
 use crate::identification::least_squares::hand_eye::{
     angle_rad, base_and_target_rotation, robustly,
 };
+use crate::identification::screening::target_turns::target_turn;
 use crate::kinematics::{Link, t_base_flange};
+use crate::solvers::watch::Watch;
+use nalgebra::{Rotation3, Vector3};
 use std::collections::BTreeMap;
 
 /// Minimum number of poses of a target from one set-up.
@@ -23,34 +27,79 @@ pub struct TurnedPose {
     pub angle_rad: f64,
 }
 
-/// The turned poses, by point. Base and target are rotated for the best fit of these links, for each target and set-up.
+/// A target that was twisted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurnedTarget {
+    /// Its first point after that.
+    pub first: usize,
+    /// Rotation vector in the frame of the target, rad.
+    pub turn_rad: Vector3<f64>,
+}
+
+/// The turned poses, by point. Base and target are rotated for the best fit of these links, for each segment of a target and set-up.
 pub fn turned_poses(
     links: &[Link],
     observed: &Observed,
     arrangement: &Arrangement,
 ) -> Vec<TurnedPose> {
-    let mut groups: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-    for (point, rotation) in observed.rotations.iter().enumerate() {
-        if rotation.is_some() {
-            let key = (observed.targets[point], arrangement.setups[point]);
-            groups.entry(key).or_default().push(point);
-        }
-    }
-    let mut turned: Vec<TurnedPose> = groups
-        .into_values()
-        .filter(|points| points.len() >= FEWEST_POSES)
+    let mut turned: Vec<TurnedPose> = groups(observed, arrangement)
         .flat_map(|points| turned_of(links, observed, &points))
         .collect();
     turned.sort_by_key(|pose| pose.point);
     turned
 }
 
-fn turned_of(links: &[Link], observed: &Observed, points: &[usize]) -> Vec<TurnedPose> {
+/// The first target that was twisted, of all segments.
+pub fn turned_target(
+    links: &[Link],
+    observed: &Observed,
+    arrangement: &Arrangement,
+    watch: &Watch<'_>,
+) -> Option<TurnedTarget> {
+    let configurations = observed.all_clusters();
+    groups(observed, arrangement).find_map(|points| {
+        let of_points: Vec<usize> = points.iter().map(|point| configurations[*point]).collect();
+        let found = target_turn(&pairs(links, observed, &points), &of_points, watch)?;
+        Some(TurnedTarget {
+            first: points[found.first],
+            turn_rad: found.turn_rad,
+        })
+    })
+}
+
+/// The poses of each segment of a target and set-up in measuring order, where they are enough.
+fn groups(observed: &Observed, arrangement: &Arrangement) -> impl Iterator<Item = Vec<usize>> {
+    let mut groups: BTreeMap<(usize, usize, usize), Vec<usize>> = BTreeMap::new();
+    for point in &arrangement.order {
+        if observed.rotations[*point].is_some() {
+            let key = (
+                observed.targets[*point],
+                arrangement.segments[*point],
+                arrangement.setups[*point],
+            );
+            groups.entry(key).or_default().push(*point);
+        }
+    }
+    groups
+        .into_values()
+        .filter(|points| points.len() >= FEWEST_POSES)
+}
+
+/// Flange in the base frame and target in the measuring frame of each pose.
+fn pairs(
+    links: &[Link],
+    observed: &Observed,
+    points: &[usize],
+) -> Vec<(Rotation3<f64>, Rotation3<f64>)> {
     let pair = |point: &usize| {
         let flange = t_base_flange(links, &observed.all[*point].q_rad);
         Some((flange.rotation, observed.rotations[*point]?))
     };
-    let pairs: Vec<_> = points.iter().filter_map(pair).collect();
+    points.iter().filter_map(pair).collect()
+}
+
+fn turned_of(links: &[Link], observed: &Observed, points: &[usize]) -> Vec<TurnedPose> {
+    let pairs = pairs(links, observed, points);
     let Some(placed) = robustly(&pairs, base_and_target_rotation) else {
         return vec![];
     };

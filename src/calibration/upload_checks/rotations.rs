@@ -54,7 +54,7 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     if let Some(most_rad) = fit_of_inverse_poses(robot, set).filter(|rad| *rad <= fits_rad) {
         return Some(format!(
             "the poses fit this robot if they are inverted, positions and rotations (four of five to {:.2}°): a camera on the arm that sees a fixed board \
-             writes such poses. Say inverse_poses=true (--inverse-poses) with frame=instrument, or invert them",
+             writes such poses. Say inverse_poses=true (--inverse-poses) with frame=instrument; if that was said, leave it out",
             most_rad.to_degrees()
         ));
     }
@@ -104,6 +104,17 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
     if fits.is_some_and(|most_rad| most_rad <= off_rad) {
         return None;
     }
+    let reversed = Placed::with_last_joint_reversed(robot, set, &poses);
+    let n_joints = robot.links.len();
+    if reversed
+        .most_rad(&poses, &stated)
+        .is_some_and(|most_rad| most_rad <= fits_rad)
+    {
+        return Some(format!(
+            "{off}. They fit with joint {n_joints} counted the other way round: turn it at the controller, compare with the nominal robot, and correct the \
+             robot's joint_map"
+        ));
+    }
     Some(format!(
         "{off}, and no other convention fits them. Do positions and rotations of a row belong together, and are both in the same frame?"
     ))
@@ -137,6 +148,8 @@ struct Placed<'a> {
     links: Vec<Link>,
     /// Rotation of the base in the measuring frame; `None` if the positions do not determine it.
     base: Option<Rotation3<f64>>,
+    /// Sign with which the controller's value of the last joint counts.
+    last_sign: f64,
 }
 
 impl<'a> Placed<'a> {
@@ -156,7 +169,20 @@ impl<'a> Placed<'a> {
         poses: &[&Point],
     ) -> Self {
         let base = base_rotation(robot, &links, &of_station(set, poses), set.frame);
-        Self { robot, links, base }
+        Self {
+            robot,
+            links,
+            base,
+            last_sign: 1.0,
+        }
+    }
+
+    /// The last joint counted the other way round. Only rotations show it if the target is on the last axis, and then the positions place the base alike.
+    fn with_last_joint_reversed(robot: &'a Robot, set: &MeasurementSet, poses: &[&Point]) -> Self {
+        Self {
+            last_sign: -1.0,
+            ..Self::nominal(robot, set, poses)
+        }
     }
 
     /// Angle that four of five poses keep after the target, and the base if it is unknown, is rotated for the best fit, rad.
@@ -168,8 +194,13 @@ impl<'a> Placed<'a> {
         if poses.len() < fewest || poses.len() != rotations.len() {
             return None;
         }
-        let flange =
-            |p: &&Point| t_base_flange(&self.links, &self.robot.q_model_rad(&p.q_rad)).rotation;
+        let flange = |p: &&Point| {
+            let mut q_rad = p.q_rad.clone();
+            if let Some(last) = q_rad.last_mut() {
+                *last *= self.last_sign;
+            }
+            t_base_flange(&self.links, &self.robot.q_model_rad(&q_rad)).rotation
+        };
         let pairs: Vec<_> = poses
             .iter()
             .map(flange)

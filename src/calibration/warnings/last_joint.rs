@@ -102,7 +102,9 @@ pub fn last_joint(problem: &Problem<'_>, model: &KinematicModel) -> LastJoint {
     let reach_mm = reach_mm(nominal);
     let off_axis_mm = model.targets_mm.iter().map(|target| target.xy().norm());
     let is_near = off_axis_mm.fold(0.0, f64::max) < NEAR_PER_REACH * reach_mm;
-    if !is_near || problem.request.preset == Preset::Paper {
+    // rotations show the direction of every joint
+    let has_poses = problem.request.set.has_poses();
+    if !is_near || has_poses || problem.request.preset == Preset::Paper {
         return LastJoint::Shown;
     }
     let own = problem.noise(model);

@@ -150,13 +150,18 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
     let measured = without_outliers(&report.per_point, Subset::Verify)
         .or_else(|| without_outliers(&report.per_point, Subset::Identify));
     let measured_mm = measured.unwrap_or(report.identify).after.rms_mm;
-    if let Some(tool) = report.tool_uncertainty.filter(|tool| {
-        tool.max_mm > (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_PER_REACH * reach_mm(nominal))
-    }) {
+    // more poses do not mend the scale of the instrument, which has a warning of its own
+    let of_scale_mm = report.instrument_scale.map_or(0.0, |scale| scale.std_mm);
+    let of_poses_mm = report.tool_uncertainty.map(|tool| {
+        ((tool.max_mm - of_scale_mm) * (tool.max_mm + of_scale_mm))
+            .max(0.0)
+            .sqrt()
+    });
+    let noticed_mm = (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_PER_REACH * reach_mm(nominal));
+    if let Some(of_poses_mm) = of_poses_mm.filter(|mm| *mm > noticed_mm) {
         let detail = format!(
-            "elsewhere in the workspace the tool may be off by {:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: measure poses \
-             spread over the workspace, with every joint moving",
-            tool.max_mm
+            "elsewhere in the workspace the tool may be off by {of_poses_mm:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: \
+             measure poses spread over the workspace, with every joint moving"
         );
         warnings.push(Warning::new(TOOL_UNCERTAIN, detail));
     }

@@ -124,6 +124,13 @@ fn moved(step: &FoundStep, delivered_base: &str) -> Warning {
         v.norm()
     );
     let (code, what) = match step.moved {
+        WhatMoved::Target(target) if v.norm() == 0.0 => (
+            "target_moved",
+            format!(
+                "target {target} was turned on the flange by {:.4}\u{b0}",
+                step.turn_rad.norm().to_degrees()
+            ),
+        ),
         WhatMoved::Target(target) => (
             "target_moved",
             format!("target {target} moved by {vector}, in the flange frame"),

@@ -2,7 +2,7 @@
 //!
 //! Minimises F + σ²·Σ (x/S)². x are the corrections and the parameters' deviations from nominal. S is the expected size of each, as found by the fit
 //! of the links alone. σ² is the variance of a coordinate about the model. It is estimated from the fit, with the degrees of freedom that the fit
-//! uses up.
+//! uses up. A step that does not lower this objective is halved [Nocedal & Wright 2006, section 10.3].
 
 use super::linear::{linearise, rotation_rows};
 use super::{Term, corrections_at};
@@ -15,9 +15,13 @@ use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, IsometryMatrix3, Translation3, Vector3};
 use std::borrow::Cow;
 
-/// Number of Gauss-Newton steps. The links are already identified and corrections are nearly linear, so that each step reduces the error to a
-/// thousandth.
-const STEPS: usize = 4;
+/// Maximum number of Gauss-Newton steps; three are usual. Masses and compliances are known by their products only, so that a fit of many of them takes
+/// more.
+const STEPS: usize = 20;
+/// A step is halved at most this many times; one that still does not lower the objective ends the fit.
+const HALVINGS: usize = 8;
+/// The fit has converged when a step lowers the objective by less than this share.
+const CONVERGED: f64 = 1e-6;
 /// Unit of a set-up's turn, rad, and of its shift as a share of the reach.
 const MOTION_SCALE: f64 = 1e-3;
 
@@ -156,6 +160,62 @@ impl<'a> Setting<'a> {
         linear
     }
 
+    /// Residuals at a fit, weighted, as in [`Linear::residuals`].
+    fn residuals(&self, at: &Fitted) -> DVector<f64> {
+        let corrections = self.corrections(at);
+        let observations = self.placed(at);
+        let unknowns = (&[][..], &[][..]);
+        linearise(
+            &at.model,
+            &corrections,
+            &self.mounting,
+            unknowns,
+            &observations,
+        )
+        .0
+    }
+
+    /// Σ (x/S)²: parameters with a prior, and corrections.
+    fn prior_cost(&self, at: &Fitted) -> f64 {
+        let of_parameters = self.priors.iter().map(|known| {
+            let parameter = &self.parameters[known.parameter];
+            let deviation = deviation_from(self.nominal, &at.model, parameter);
+            let off = (deviation - known.mean) / known.std;
+            off * off
+        });
+        let reach_mm = reach_mm(&self.nominal.links);
+        let terms = at.terms.iter().zip(&at.values);
+        let of_terms = terms.map(|(term, value)| value / term.prior(&self.mounting, reach_mm));
+        of_parameters.sum::<f64>() + of_terms.map(|x| x * x).sum::<f64>()
+    }
+
+    /// F + σ²·Σ (x/S)², σ² as it is at the fit.
+    fn objective(&self, at: &Fitted) -> f64 {
+        self.residuals(at).norm_squared() + at.variance * self.prior_cost(at)
+    }
+
+    /// The fit after a share of a step, with the same σ².
+    fn stepped(&self, at: &Fitted, x: &DVector<f64>, share: f64) -> Fitted {
+        let x = x * share;
+        let p = self.parameters.len();
+        let reach_mm = reach_mm(&self.nominal.links);
+        let deviations: Vec<f64> = self.scale.iter().zip(&x).map(|(s, x)| s * x).collect();
+        let widths = at.terms.iter().map(|t| t.prior(&self.mounting, reach_mm));
+        let values = at.values.iter().zip(widths).enumerate();
+        Fitted {
+            model: apply(&at.model, self.parameters, &deviations),
+            values: values
+                .map(|(j, (value, width))| value + x[p + j] * width)
+                .collect(),
+            motions: self.moved(
+                &at.motions,
+                &x.as_slice()[p + at.terms.len()..],
+                &at.model.t_instrument_base,
+            ),
+            ..at.clone()
+        }
+    }
+
     /// Fills the columns of the set-ups: those of the base, in the rows of their points.
     fn fill_motions(&self, linear: &mut Linear, by_base: &DMatrix<f64>, first: usize) {
         let scale = self.motion_scale();
@@ -257,20 +317,23 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let normal = linear.columns.tr_mul(&linear.columns);
         let right = linear.columns.tr_mul(&linear.residuals);
         let (x, cholesky) = linear.solved(normal, right, at.variance)?;
-        let p = setting.parameters.len();
-        let deviations = setting.scale.iter().zip(&x).map(|(scale, x)| scale * x);
-        let deviations: Vec<f64> = deviations.collect();
-        let base = at.model.t_instrument_base;
-        at.motions = setting.moved(&at.motions, &x.as_slice()[p + terms.len()..], &base);
-        at.model = apply(&at.model, setting.parameters, &deviations);
-        for (j, term) in terms.iter().enumerate() {
-            at.values[j] +=
-                x[p + j] * term.prior(&setting.mounting, reach_mm(&setting.nominal.links));
-        }
+        let before = linear.residuals.norm_squared() + at.variance * setting.prior_cost(&at);
+        let shares = std::iter::successors(Some(1.0), |share| Some(0.5 * share));
+        let halved = shares
+            .take(1 + HALVINGS)
+            .map(|share| setting.stepped(&at, &x, share));
+        let lowered = halved
+            .map(|next| (setting.objective(&next), next))
+            .find(|(after, _)| *after <= before);
+        let Some((after, next)) = lowered else { break };
+        at = next;
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
-        let left = (&linear.residuals - &linear.columns * &x).norm_squared();
+        let left = setting.residuals(&at).norm_squared();
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
+        if before - after < CONVERGED * before {
+            break;
+        }
     }
     at.variance.is_finite().then_some(at)
 }

@@ -4,4 +4,5 @@ pub mod drift;
 pub mod outliers;
 mod row_order;
 pub mod steps;
+pub mod target_turns;
 pub mod whitening;

@@ -38,8 +38,10 @@ const SMALLEST_EFFECT: f64 = 4.0;
 /// Minimum number of points on either side of a motion of the base: twelve coordinates for its six parameters. With three points, only three
 /// coordinates would be left to tell it from outliers, and the noise of a lever arm may hide them.
 const FEWEST_BASE_POINTS: usize = 4;
-/// Minimum number of points on either side of a step of three numbers. A single point is treated separately.
-const FEWEST_SHIFTED_POINTS: usize = 2;
+/// Minimum number of points on either side of a motion of the base without a turn. Two points that noise with heavy tails has moved alike are not rare.
+const FEWEST_SHIFTED_POINTS: usize = 3;
+/// Minimum number of points on either side of a slip of a target. A single point is treated separately.
+const FEWEST_TARGET_POINTS: usize = 2;
 
 /// The part that moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +52,7 @@ pub enum Moved {
     AllTargets,
     /// The base, or the instrument: six numbers.
     Base,
-    /// The same without a turn: three numbers, which two rows show.
+    /// The same without a turn: three numbers, which fewer rows show.
     BaseShift,
 }
 
@@ -230,10 +232,7 @@ impl Campaign<'_> {
         }
         let (shift_mm, turn_rad) = match best.moved {
             Moved::Base => self.columns.motion(&best.solution),
-            Moved::BaseShift => (
-                Vector3::from_column_slice(&best.solution),
-                Vector3::zeros(),
-            ),
+            Moved::BaseShift => (Vector3::from_column_slice(&best.solution), Vector3::zeros()),
             Moved::Target(_) | Moved::AllTargets => (Vector3::zeros(), Vector3::zeros()),
         };
         let targets = match best.moved {
@@ -281,7 +280,7 @@ impl Campaign<'_> {
                 .copy_from(&self.columns.target[point]);
             block
         };
-        let fewest = FEWEST_SHIFTED_POINTS * D / 3;
+        let fewest = FEWEST_TARGET_POINTS * D / 3;
         self.changes(Moved::AllTargets, places, (fewest, false), block, tried);
     }
 
@@ -300,7 +299,7 @@ impl Campaign<'_> {
             self.changes(
                 Moved::Target(target),
                 &members,
-                (FEWEST_SHIFTED_POINTS, true),
+                (FEWEST_TARGET_POINTS, true),
                 |point| self.columns.target[point],
                 &mut tried,
             );
@@ -442,7 +441,7 @@ impl Campaign<'_> {
                     self.changes(
                         best.moved,
                         &members,
-                        (FEWEST_SHIFTED_POINTS, false),
+                        (FEWEST_TARGET_POINTS, false),
                         |point| self.columns.target[point],
                         &mut tried,
                     );

@@ -1,0 +1,139 @@
+//! Steps in the rotations of a target along the measuring order: a target of poses that was twisted on its holder. Its position need not show it.
+//!
+//! With e_k = log(R_predictedᵀ·R_measured) the rotation vector of pose k in the frame of its target, all poses after a twist gain the same δ. Of all
+//! places with n₁ poses before and n₂ after, the one with the largest gain g = n₁·n₂/(n₁ + n₂)·|ē₂ − ē₁|² is taken, the likelihood ratio of a change
+//! in a mean. As for positions ([`steps`](crate::identification::screening::steps)), F = (g/3)/(rest/freedom) has to be larger than noise makes it at
+//! any place, g larger than in random orders of the configurations, and the smaller side has to have turned by twice what all poses scatter by. A steady
+//! turn that explains more than the step is none.
+
+use crate::identification::least_squares::hand_eye::{
+    base_and_target_rotation, robustly, target_rotation,
+};
+use crate::identification::screening::row_order::{design_effect, holds_in_random_orders};
+use crate::identification::statistics::distributions::f_tail;
+use crate::kinematics::rotation::rotation_log;
+use crate::solvers::watch::Watch;
+use nalgebra::{DVector, Rotation3, Vector3};
+use std::collections::BTreeMap;
+
+/// Probability of reporting a twist if there is none, over all places.
+const FALSE_ALARMS: f64 = 0.002;
+/// Minimum ratio of two mean squares: the turn of the poses on the smaller side, and the rotations that are left.
+const SMALLEST_EFFECT: f64 = 4.0;
+/// Minimum number of poses on either side.
+const FEWEST_POSES: usize = 3;
+/// Rotation vectors are shortened to this many times their median length, so that a few turned poses are no step.
+const LONGEST_TO_MEDIAN: f64 = 3.0;
+/// Numbers of base and target in the fit, and of the step.
+const N_FITTED: f64 = 6.0;
+const N_OF_STEP: f64 = 3.0;
+
+/// A twist of a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TargetTurn {
+    /// Index of the first pair after it.
+    pub first: usize,
+    /// Rotation vector in the frame of the target, rad.
+    pub turn_rad: Vector3<f64>,
+}
+
+/// The most significant twist of one target from one set-up. Each pair is a flange in the base frame and its target in the measuring frame, in
+/// measuring order; `configurations` has the configuration of each. `None` if there is none, or if the watch stops.
+pub fn target_turn(
+    pairs: &[(Rotation3<f64>, Rotation3<f64>)],
+    configurations: &[usize],
+    watch: &Watch<'_>,
+) -> Option<TargetTurn> {
+    let (base, target) = robustly(pairs, base_and_target_rotation)?;
+    let mut vectors: Vec<Vector3<f64>> = pairs
+        .iter()
+        .map(|(flange, measured)| rotation_log(&((base * flange * target).inverse() * measured)))
+        .collect();
+    let mut lengths: Vec<f64> = vectors.iter().map(Vector3::norm).collect();
+    lengths.sort_by(f64::total_cmp);
+    let longest = LONGEST_TO_MEDIAN * lengths.get(lengths.len() / 2)?;
+    for vector in &mut vectors {
+        *vector = vector.cap_magnitude(longest);
+    }
+    let mean = vectors.iter().sum::<Vector3<f64>>() / vectors.len() as f64;
+    vectors.iter_mut().for_each(|vector| *vector -= mean);
+
+    let n = vectors.len() as f64;
+    let in_order: Vec<usize> = (0..vectors.len()).collect();
+    let (first, gain) = largest_gain(&vectors, &in_order)?;
+    let rest = vectors.iter().map(Vector3::norm_squared).sum::<f64>() - gain;
+    let freedom = 3.0 * n - N_FITTED - N_OF_STEP;
+    let n_minor = first.min(vectors.len() - first) as f64;
+    if freedom <= 0.0
+        || gain <= gain_of_steady_turn(&vectors)
+        || gain / n_minor < SMALLEST_EFFECT * rest / n
+    {
+        return None;
+    }
+    let flat = DVector::from_iterator(
+        3 * vectors.len(),
+        vectors.iter().flat_map(|v| v.iter().copied()),
+    );
+    let variance = rest / freedom * design_effect(&flat, configurations.iter().copied());
+    if f_tail(gain / N_OF_STEP / variance, N_OF_STEP, freedom) * n > FALSE_ALARMS {
+        return None;
+    }
+    let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (place, configuration) in configurations.iter().enumerate() {
+        blocks.entry(*configuration).or_default().push(place);
+    }
+    let is_smaller =
+        |order: &[usize]| largest_gain(&vectors, order).is_none_or(|(_, other)| other < gain);
+    if !holds_in_random_orders(blocks.into_values().collect(), watch, is_smaller) {
+        return None;
+    }
+    Some(TargetTurn {
+        first,
+        turn_rad: turn_rad(pairs, first)?,
+    })
+}
+
+/// First place after the change of the mean that explains most, and its gain.
+fn largest_gain(vectors: &[Vector3<f64>], order: &[usize]) -> Option<(usize, f64)> {
+    let n = order.len();
+    let all: Vector3<f64> = vectors.iter().sum();
+    let mut before = Vector3::zeros();
+    let gains = order.iter().enumerate().map(|(k, place)| {
+        let (n_before, n_after) = (k as f64, (n - k) as f64);
+        let change = (all - before) / n_after - before / n_before.max(1.0);
+        before += vectors[*place];
+        (k, n_before * n_after / n as f64 * change.norm_squared())
+    });
+    gains
+        .filter(|(k, _)| (FEWEST_POSES..=n - FEWEST_POSES.min(n)).contains(k))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// What a turn that grows steadily from the first pose to the last one explains.
+fn gain_of_steady_turn(vectors: &[Vector3<f64>]) -> f64 {
+    let middle = (vectors.len() as f64 - 1.0) / 2.0;
+    let time = |k: usize| k as f64 - middle;
+    let along: Vector3<f64> = vectors
+        .iter()
+        .enumerate()
+        .map(|(k, vector)| vector * time(k))
+        .sum();
+    let squares: f64 = (0..vectors.len()).map(|k| time(k) * time(k)).sum();
+    along.norm_squared() / squares
+}
+
+/// The turn between the poses before and after a place: base by the side with more poses, target by each.
+fn turn_rad(pairs: &[(Rotation3<f64>, Rotation3<f64>)], first: usize) -> Option<Vector3<f64>> {
+    let (before, after) = pairs.split_at(first);
+    let larger = if before.len() < after.len() {
+        after
+    } else {
+        before
+    };
+    let (base, _) = robustly(larger, base_and_target_rotation)?;
+    let target = |side: &[(Rotation3<f64>, Rotation3<f64>)]| {
+        robustly(side, |pairs| Some((base, target_rotation(&base, pairs)?)))
+    };
+    let ((_, target_before), (_, target_after)) = (target(before)?, target(after)?);
+    Some(rotation_log(&(target_before.inverse() * target_after)))
+}
