@@ -59,6 +59,7 @@ pub fn compute(
             estimate_json: estimate_json(&calibrated.core, inputs).map_err(JobFailure::broken)?,
         }),
         residual_network: residual_network_file(&calibrated.core)?
+            .filter(|_| request.refused_as.is_none())
             .map(NewNetwork::try_from)
             .transpose()
             .map_err(JobFailure::broken)?,
@@ -213,7 +214,12 @@ pub fn run_calibration(
     request: &CalibrationRequest,
     progress: &mut dyn FnMut(ProgressAnswer) -> ControlFlow<()>,
 ) -> Result<Calibrated, JobFailure> {
-    run_timed(&|monitor| calibrate(request, monitor), progress)
+    let mut calibrated = run_timed(&|monitor| calibrate(request, monitor), progress)?;
+    if request.refused_as.is_some() {
+        // later jobs would start from it without a word
+        calibrated.network = None;
+    }
+    Ok(calibrated)
 }
 
 /// A computation of the core that reports to a monitor.

@@ -33,6 +33,6 @@ pub use sessions::{Ages, Session, UnscoredSession, current_since, has_changed};
 pub use suspicions::{AcceptedMisfit, accept_misfit};
 pub use trend::{ScoredJob, ScoredSession, may_have_trend, scored_sessions, trend};
 pub use verdict::{
-    UNUSABLE_WARNINGS, headline, insisted_warning, is_usable, refused_as, unusable_because,
-    why_no_evidence, why_same_upload,
+    INSISTED, UNUSABLE_WARNINGS, headline, insisted_warning, is_usable, refused_as,
+    unusable_because, why_no_evidence, why_same_upload,
 };

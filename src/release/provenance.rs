@@ -4,7 +4,7 @@ use crate::calibration::{
     INSTRUMENT_SCALE, ORIENTATION_NOT_KNOWN, last_joint_zero_remedy, last_joint_zero_unknown,
 };
 use crate::release::orientation::{Orientation, POSE_NOT_SEEN};
-use crate::release::verdict::WRONG_ROBOT;
+use crate::release::verdict::{INSISTED, WRONG_ROBOT};
 use crate::wire::measurement::Frame;
 use crate::wire::parameter_set::Provenance;
 use crate::wire::report_summary::ReportSummary;
@@ -14,7 +14,13 @@ pub fn provenance(report: ReportSummary, measuring_frame: Option<Frame>) -> Prov
     let mut warnings = report.warnings;
     warnings.retain(|warning| {
         let code = warning.code.as_str();
-        [POSE_NOT_SEEN, ORIENTATION_NOT_KNOWN, INSTRUMENT_SCALE].contains(&code)
+        [
+            POSE_NOT_SEEN,
+            ORIENTATION_NOT_KNOWN,
+            INSTRUMENT_SCALE,
+            INSISTED,
+        ]
+        .contains(&code)
             || WRONG_ROBOT.contains(&code)
     });
     Provenance {

@@ -7,9 +7,11 @@ use crate::calibration::preparation::observe::{Observed, stated_scale_mm};
 use crate::calibration::request::CalibrationRequest;
 use crate::identification::least_squares::problem::reach_mm;
 use crate::identification::model::objective::weighted_residuals;
-use crate::identification::screening::outliers::{Linearised, ROUNDING_PER_REACH};
+use crate::identification::screening::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
 use crate::identification::screening::steps::Columns;
+use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::misfit::{Misfit, gravity_directions};
+use crate::identification::statistics::variance::misfit_ratio;
 use crate::kinematics::Link;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
@@ -24,6 +26,44 @@ pub(super) struct AllFit {
     pub reach_mm: f64,
     /// The fitted links.
     pub links: Vec<Link>,
+}
+
+impl AllFit {
+    /// The outliers. A robot that sags has points that links alone miss by far: a point is an outlier only if it is one as well where the directions of the
+    /// misfit are fitted that the other points show above their noise.
+    pub fn outliers(&self, watch: &Watch<'_>) -> Option<Outliers> {
+        let found = self.linear.outliers(self.least_scale_mm, watch)?;
+        let others: Vec<usize> = (0..self.linear.n_points())
+            .filter(|point| found.points.binary_search(point).is_err())
+            .collect();
+        let rows: Vec<usize> = others.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
+        let of_others = self.linear.of(&others);
+        let ratio = misfit_ratio(
+            &of_others.residuals,
+            &of_others.basis,
+            &self.features.select_rows(&rows),
+        );
+        let Some(whitener) = Whitener::new(&self.features, ratio).filter(|_| watch.goes_on())
+        else {
+            return Some(found);
+        };
+        let beside = self.linear.beside(&whitener.strong_directions());
+        if beside.basis.ncols() == self.linear.basis.ncols() || !beside.is_overdetermined() {
+            return Some(found);
+        }
+        let still = beside.outliers(self.least_scale_mm, watch)?.points;
+        let (points, sizes_mm): (Vec<usize>, Vec<f64>) = found
+            .points
+            .into_iter()
+            .zip(found.sizes_mm)
+            .filter(|(point, _)| still.binary_search(point).is_ok())
+            .unzip();
+        (!points.is_empty()).then_some(Outliers {
+            points,
+            sizes_mm,
+            scale_mm: found.scale_mm,
+        })
+    }
 }
 
 /// Least squares on all points except `without`, with the motions between set-ups fitted as well. Also returns the linear problem of all points.

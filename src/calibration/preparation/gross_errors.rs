@@ -40,7 +40,7 @@ pub(super) fn without_gross(
     let mut n_searches = 0;
     loop {
         let fit = fit_all(request, observed, arrangement, &gross, watch)?;
-        let outliers = fit.linear.outliers(fit.least_scale_mm, watch);
+        let outliers = fit.outliers(watch);
         let limit_mm = GROSS_PER_REACH * fit.reach_mm;
         let known: BTreeSet<usize> = gross.iter().copied().collect();
         let rest = arrangement.order.iter().filter(|p| !known.contains(p));

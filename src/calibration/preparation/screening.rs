@@ -240,7 +240,7 @@ fn search(
             };
             let mut trial = split(observed, &fit, arrangement, step);
             let refit = fit_all(request, observed, &mut trial, &gross, watch)?;
-            let left = refit.linear.outliers(refit.least_scale_mm, watch);
+            let left = refit.outliers(watch);
             let n_left = left.as_ref().map(|w| others(&w.points, &gross).len());
             if n_left.is_some_and(|n| n_to_explain > 0 && n + n_to_explain > suspects.len()) {
                 continue;
@@ -301,7 +301,7 @@ fn search_again(
         return Ok(None);
     };
     let fit = fit_all(request, observed, arrangement, &outliers.points, watch)?;
-    Ok(fit.linear.outliers(fit.least_scale_mm, watch))
+    Ok(fit.outliers(watch))
 }
 
 /// The points on the smaller side of a step.

@@ -13,7 +13,7 @@ pub use source::Source;
 use crate::exchange::{refit, universal_robots};
 use crate::kinematics::{Link, Robot};
 use crate::operations::{import_table, robot_models};
-use crate::release::wrong_robot;
+use crate::release::{INSISTED, wrong_robot};
 use crate::wire::export::{BetaChoice, ExportDocument, ExportFormat, RemainingError};
 use crate::wire::issue::Invalid;
 use crate::wire::robot_model::RobotModel;
@@ -107,9 +107,13 @@ pub fn export(
     })
 }
 
-/// Refuses to write what moves a robot from a set that does not fit it. Documents with provenance and warnings are written all the same.
+/// Refuses to write what moves a robot from a set that does not fit it, or from points that were refused. Documents with provenance and warnings are
+/// written all the same.
 fn refuse_wrong_robot(source: &Source<'_>) -> Result<(), Error> {
-    match wrong_robot(source.provenance) {
+    let mut warnings = source.provenance.warnings.iter();
+    let insisted = warnings.find(|warning| warning.code == INSISTED);
+    let insisted = insisted.map(|warning| (INSISTED, warning.detail.as_str()));
+    match wrong_robot(source.provenance).or(insisted) {
         None => Ok(()),
         Some((code, detail)) => {
             let detail = format!("this parameter set is not for a controller: {detail}");

@@ -170,6 +170,14 @@ async fn an_upload_that_was_insisted_on_is_kept_shown_and_never_released() {
             .contains("the uploader insisted")
     );
     let path = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
+    // nothing of it reaches a controller or a later job
+    let export = app.get(&format!("{path}/export?format=mastering")).await;
+    export.problem(422, "insisted_upload");
+    let networks = app
+        .get(&format!("/v1/robots/{robot}/networks"))
+        .await
+        .ok(200);
+    assert_eq!(networks["items"], json!([]), "{networks}");
     let gates = app.get(&format!("{path}/gates")).await.ok(200);
     let mut gate = gates["gates"].as_array().unwrap().iter();
     let gate = gate.find(|gate| gate["gate"] == "upload_not_insisted");
