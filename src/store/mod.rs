@@ -36,7 +36,6 @@ mod migration;
 pub mod named_documents;
 pub mod networks;
 mod newest_set;
-pub mod notices;
 mod open;
 pub mod overview;
 mod page;
@@ -87,13 +86,11 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         Engine::Sqlite => [
             leases::QUERIES_SQLITE,
             backup::QUERIES_SQLITE,
-            migration::QUERIES_SQLITE,
             verify::QUERIES_SQLITE,
         ]
         .concat(),
         Engine::Postgres => [
             leases::QUERIES_POSTGRES,
-            notices::QUERIES_POSTGRES,
             stuck::QUERIES_POSTGRES,
             audit_chain::QUERIES_POSTGRES,
             verify::QUERIES_POSTGRES,
