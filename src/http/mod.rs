@@ -1,13 +1,13 @@
 //! The REST service: one file per resource; `routes.rs` has the table of all routes. A handler is four moves: extract, convert, one call,
-//! answer.
+//! answer. `connection` has what happens below a request.
 
-mod accept;
 mod access;
 mod app;
 mod archive;
 pub mod auth;
 mod columns;
 mod compensate;
+mod connection;
 mod counters;
 mod creation;
 mod dashboard;
@@ -28,7 +28,6 @@ mod job_sources;
 mod jobs;
 mod layers;
 mod limits;
-mod lingering;
 mod list_query;
 mod me;
 mod measurement_sets;
@@ -38,7 +37,6 @@ mod named_frames;
 mod networks;
 mod overview;
 mod parameter_sets;
-mod peer;
 mod policies;
 mod pose_plans;
 mod predict;
@@ -50,16 +48,14 @@ mod robots;
 mod route;
 mod router;
 mod routes;
-pub mod server;
 mod session;
 pub mod session_cookie;
 mod several_sessions;
 mod table_upload;
-pub mod tls;
-mod unreadable;
 mod upload_check;
 
 pub use app::App;
+pub use connection::{server, tls};
 pub use document::{json, openapi, yaml};
 pub use error::Error;
 pub use limits::MAX_BODY_BYTES;
