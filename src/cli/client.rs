@@ -186,9 +186,7 @@ impl Client {
         }
         let mut matching = self.robots_called(named, "").await?;
         if matching.is_empty() {
-            // An older server has no archive, and refuses this query.
-            let archived = self.robots_called(named, "&archived=true").await;
-            matching = archived.unwrap_or_default();
+            matching = self.robots_called(named, "&archived=true").await?;
         }
         match matching.as_slice() {
             [id] => Ok(id.clone()),

@@ -149,19 +149,13 @@ pub struct RobotAnswer {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checked: Option<CheckedAnswer>,
     /// Version: 1 for a new robot; each edit adds 1.
-    #[serde(default = "first_version")]
-    #[schema(minimum = 1, required)]
+    #[schema(minimum = 1)]
     pub version: i64,
     /// When it was archived: RFC 3339, UTC. An archived robot accepts no uploads, jobs and releases.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
-}
-
-/// Version of a robot in the answer of an older server, which has no edits and no `version`.
-fn first_version() -> i64 {
-    1
 }
 
 /// Whether parameter sets of a robot can be released.
