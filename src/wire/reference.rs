@@ -101,7 +101,8 @@ impl ReferenceBody {
                 MAX_LENGTH_MM,
                 "a length, mm",
             );
-            if (item.measured_mm / item.nominal_mm - 1.0).abs() > MOST_OFF {
+            let is_off = (item.measured_mm / item.nominal_mm - 1.0).abs() > MOST_OFF;
+            if item.nominal_mm > 0.0 && is_off {
                 let detail = format!(
                     "{} mm were measured of {} mm: more than 1 % off. Check the unit, and that both are of the same length",
                     item.measured_mm, item.nominal_mm
