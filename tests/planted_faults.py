@@ -165,7 +165,7 @@ FAULTS = [
     Fault("a withdrawn set comes back with another loss", "service", "with_other_options", [
         ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src/jobs"),
     Fault("a withdrawn set comes back by the sessions that it passed", "service", "with_other_options", [
-        ("&& !is_left_out(session.measured_seq, Some(&session.measurement_set_id))", "")], "src/release"),
+        ("&& counts(session)", "")], "src/release"),
     Fault("old sessions verify what is uploaded late", "service", "an_old_file_that_is_uploaded_late", [
         ("newer.filter(|since| ages.own > *since).max().unwrap_or(0)", "newer.filter(|_| false).max().unwrap_or(0)")], "src/release"),
     Fault("a reference is not in the budget", "service", "states_the_scale_of_the_instrument", [
@@ -357,7 +357,7 @@ FAULTS = [
     Fault("no look at the active set", "service", "worse_than_the_active_one", [
         ("passed &= rms.is_as_good();", "passed &= own < active + 1000.0;")]),
     Fault("releases what was uploaded alone", "service", "no_dangerous_upload", [
-        ("other || !facts.policy.second_person_required", "other || facts.policy.second_person_required")]),
+        ("other || !facts.stored.policy.second_person_required", "other || facts.stored.policy.second_person_required")]),
     # HTTP
     Fault("pages of other sites may release", "service", "without_keys", [
         ("if app.no_auth {", "if false {")], "src/http/host.rs"),
@@ -387,7 +387,7 @@ FAULTS = [
         ("let key = value.to_str().ok().and_then", 'tracing::debug!(?value, "a key"); let key = value.to_str().ok().and_then')]),
     # What is uploaded and asked
     Fault("calibrate takes any file", "service", "calibrate_refuses", [
-        ("let insisted_on = check_upload(path, robot, &set, arguments, unread.as_deref())?;", "let insisted_on: Option<&'static str> = None;")]),
+        ("match alignment::align(robot, &set) {", "match Alignment::Fits {")]),
     Fault("jitter makes equations", "core", "poses_repeated", [
         ("configurations.first_row_like(&o.q_rad, row)", "configurations.first_row_like(&[row as f64], row)")]),
     Fault("targets that no pose has looked at", "core", "with_nothing_to_identify", [

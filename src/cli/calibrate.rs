@@ -13,16 +13,14 @@ use super::usage::Usage;
 use crate::calibration::quick_check::CHECK_CHANGED;
 use crate::calibration::upload_checks::{
     self,
-    alignment::ROTATION_SUSPECT,
     alignment::{self, Alignment},
-    rotations,
 };
 use crate::calibration::{CheckVerdict, remedy_of_refusal};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
 use crate::operations::rotation_convention::with_best_convention;
-use crate::release::{accept_misfit, headline, refused_as};
+use crate::release::{accept_misfit, accept_rotations, headline, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
 use crate::wire::job::{JobParts, JobRequestBody, Method};
@@ -33,7 +31,7 @@ use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
 use crate::wire::suspicion::Insist;
 use crate::wire::understood::Reading;
-use crate::wire::{Issue, Problem, canonical};
+use crate::wire::{Invalid, Problem, canonical};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
@@ -211,55 +209,29 @@ fn read_session(path: &Path, robot: &Robot, arguments: &Arguments) -> anyhow::Re
         print_warning(warning.code, &warning.detail);
     }
     let unread = reading.as_ref().and_then(Reading::unread_labels);
-    // as a server does: wrong rotations say more than positions that fit badly with them
-    let of_rotations = check_rotations(path, robot, &set, arguments)?;
-    let insisted_on = check_upload(path, robot, &set, arguments, unread.as_deref())?;
+    // A server checks the same: the fit can look perfect with wrong units, columns, rotations or joints.
+    let insist = arguments.set_options.insist;
+    let refused = |invalid: Invalid| Usage(cannot_be_used(path, &invalid.issues));
+    // wrong rotations say more than positions that fit badly with them
+    let of_rotations = accept_rotations(robot, &set, insist).map_err(refused)?;
+    let of_positions = match alignment::align(robot, &set) {
+        Alignment::Fits => None,
+        Alignment::Misses(rms_mm) => {
+            let explanation = alignment::explain(robot, &set, rms_mm, &[]);
+            Some(accept_misfit(explanation, insist, unread.as_deref()).map_err(refused)?)
+        }
+    };
+    let mut insisted_on = None;
+    for kept in of_rotations.into_iter().chain(of_positions) {
+        print_warning(&kept.warning.code, &kept.warning.detail);
+        insisted_on = insisted_on.or(kept.insisted_on);
+    }
     Ok(Session {
         unread,
-        insisted_on: of_rotations.or(insisted_on),
+        insisted_on: insisted_on.map(Insist::as_str),
         sha256: canonical::sha256_hex(&files.bytes),
         set,
     })
-}
-
-/// Checks the set like a server checks an upload, because the fit can look perfect with wrong units, columns or joints. Returns the code that was
-/// overridden with `--insist`.
-fn check_upload(
-    path: &Path,
-    robot: &Robot,
-    set: &MeasurementSet,
-    arguments: &Arguments,
-    unread: Option<&str>,
-) -> anyhow::Result<Option<&'static str>> {
-    let Alignment::Misses(rms_mm) = alignment::align(robot, set) else {
-        return Ok(None);
-    };
-    let explanation = alignment::explain(robot, set, rms_mm, &[]);
-    let insist = arguments.set_options.insist;
-    let kept = accept_misfit(explanation, insist, unread).map_err(|suspicion| {
-        let issues = [Issue::from(&*suspicion)];
-        Usage(cannot_be_used(path, &issues))
-    })?;
-    print_warning(&kept.warning.code, &kept.warning.detail);
-    Ok(kept.insisted_on.map(Insist::as_str))
-}
-
-/// Checks the rotation convention of the poses. Returns the code that was overridden with `--insist`.
-fn check_rotations(
-    path: &Path,
-    robot: &Robot,
-    set: &MeasurementSet,
-    arguments: &Arguments,
-) -> anyhow::Result<Option<&'static str>> {
-    let Some(detail) = rotations::suspicion(robot, set) else {
-        return Ok(None);
-    };
-    if arguments.set_options.insist == Some(Insist::RotationSuspect) {
-        print_warning(ROTATION_SUSPECT, &detail);
-        return Ok(Some(ROTATION_SUSPECT));
-    }
-    let detail = format!("{detail}. To keep them all the same: --insist {ROTATION_SUSPECT}");
-    Err(Usage(format!("{} cannot be used: {detail}", path.display())).into())
 }
 
 fn print_warning(code: &str, detail: &str) {

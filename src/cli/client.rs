@@ -12,8 +12,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tokio::time::{sleep, timeout};
-use tokio_stream::{Stream, StreamExt};
+use tokio::time::sleep;
 
 /// Timeout of a request.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
@@ -23,10 +22,11 @@ const MAX_PAGES: usize = 50;
 const MAX_RECONNECTS: u32 = 20;
 /// Longest pause between reconnects; each pause is a second longer than the one before.
 const LONGEST_PAUSE: Duration = Duration::from_secs(5);
-/// Without data for this long, an event stream counts as lost: the server sends a comment every 15 s.
-const SILENCE: Duration = Duration::from_secs(45);
+/// Longest time between two updates of a job that is followed, in seconds.
+const UPDATE_EVERY_S: u32 = 1;
 /// Maximum number of attempts for a request that can be repeated: a read, or a creation with an `Idempotency-Key`.
 const MAX_TRIES: u32 = 5;
+const NO_JSON: &str = "the server's answer is not JSON";
 
 /// The server and the API key.
 #[derive(Debug, clap::Args)]
@@ -186,9 +186,7 @@ impl Client {
         }
         let mut matching = self.robots_called(named, "").await?;
         if matching.is_empty() {
-            // An older server has no archive, and refuses this query.
-            let archived = self.robots_called(named, "&archived=true").await;
-            matching = archived.unwrap_or_default();
+            matching = self.robots_called(named, "&archived=true").await?;
         }
         match matching.as_slice() {
             [id] => Ok(id.clone()),
@@ -278,7 +276,7 @@ impl Client {
         }
     }
 
-    /// Follows the events of a job until it ends.
+    /// Follows a job until it ends.
     ///
     /// # Errors
     /// As [`Self::get`], and if the job does not succeed.
@@ -287,18 +285,22 @@ impl Client {
         job_id: &str,
         mut on_update: impl FnMut(&JobAnswer),
     ) -> anyhow::Result<JobAnswer> {
+        let url = format!("{}/v1/jobs/{job_id}?wait_s={UPDATE_EVERY_S}", self.url);
         let mut n_lost = 0;
         loop {
-            let mut received_any = false;
-            let on_event = |job: &JobAnswer| {
-                received_any = true;
-                on_update(job);
-            };
-            let failed = match self.events(job_id, on_event).await {
-                Ok(job) => return succeeded(job),
+            let failed = match self.answer(self.http.get(&url)).await {
+                Ok(bytes) => {
+                    n_lost = 0;
+                    let job: JobAnswer = serde_json::from_slice(&bytes).context(NO_JSON)?;
+                    on_update(&job);
+                    if job.status.is_over() {
+                        return succeeded(job);
+                    }
+                    continue;
+                }
                 Err(failed) => failed,
             };
-            n_lost = if received_any { 1 } else { n_lost + 1 };
+            n_lost += 1;
             let Some(after) = failed.again_after() else {
                 return Err(failed.into());
             };
@@ -311,45 +313,6 @@ impl Client {
                 )));
             }
             sleep(after.max(Duration::from_secs(n_lost.into()).min(LONGEST_PAUSE))).await;
-        }
-    }
-
-    /// Reads the events of one connection until the job is finished.
-    async fn events(
-        &self,
-        job_id: &str,
-        mut on_update: impl FnMut(&JobAnswer),
-    ) -> Result<JobAnswer, Failed> {
-        let request = self.with_key(
-            self.http
-                .get(format!("{}/v1/jobs/{job_id}/events", self.url)),
-        );
-        let response = timeout(SILENCE, request.send())
-            .await
-            .map_err(|_| timed_out())?
-            .map_err(|error| Failed::sending(&self.url, &error))?;
-        if !response.status().is_success() {
-            let (status, headers) = (response.status().as_u16(), response.headers().clone());
-            let body = timeout(SILENCE, response.bytes())
-                .await
-                .map_err(|_| timed_out())?
-                .map_err(|error| Failed::reading(&self.url, &error))?;
-            return Err(Failed::answer(status, &headers, &body));
-        }
-        let mut stream = response.bytes_stream();
-        let mut text = Vec::new();
-        loop {
-            text.extend_from_slice(&next_chunk(&mut stream, SILENCE).await?);
-            while let Some(end) = text.windows(2).position(|w| w == b"\n\n") {
-                let event: Vec<u8> = text.drain(..end + 2).collect();
-                let Some((name, job)) = parse_event(&event) else {
-                    continue;
-                };
-                on_update(&job);
-                if name == "finished" {
-                    return Ok(job);
-                }
-            }
         }
     }
 
@@ -377,62 +340,14 @@ fn succeeded(job: JobAnswer) -> anyhow::Result<JobAnswer> {
     )
 }
 
-/// The next chunk of a stream. A stream that ends or times out counts as lost. The timeout is needed because a host that disappears closes no
-/// connection.
-async fn next_chunk<T>(
-    stream: &mut (impl Stream<Item = reqwest::Result<T>> + Unpin),
-    limit: Duration,
-) -> Result<T, Failed> {
-    match timeout(limit, stream.next()).await {
-        Ok(Some(Ok(chunk))) => Ok(chunk),
-        Ok(_) => Err(Failed::Lost(anyhow::anyhow!(
-            "the events ended before the job did"
-        ))),
-        Err(_) => Err(timed_out()),
-    }
-}
-
-fn timed_out() -> Failed {
-    Failed::Lost(anyhow::anyhow!(
-        "nothing came from the server for {} s",
-        SILENCE.as_secs()
-    ))
-}
-
 fn json(bytes: &[u8]) -> anyhow::Result<Value> {
-    serde_json::from_slice(bytes).context("the server's answer is not JSON")
-}
-
-/// Name and job of one server-sent event; `None` for a comment.
-fn parse_event(event: &[u8]) -> Option<(String, JobAnswer)> {
-    let text = std::str::from_utf8(event).ok()?;
-    let field = |name: &str| {
-        text.lines()
-            .find_map(|line| line.strip_prefix(name))
-            .map(str::trim)
-    };
-    Some((
-        field("event:")?.to_string(),
-        serde_json::from_str(field("data:")?).ok()?,
-    ))
+    serde_json::from_slice(bytes).context(NO_JSON)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Client, next_chunk};
-    use crate::cli::failure::Failed;
+    use super::Client;
     use crate::cli::usage::Usage;
-    use std::time::Duration;
-
-    #[tokio::test]
-    async fn a_host_that_vanishes_is_noticed_and_may_come_back() {
-        let mut silent = tokio_stream::pending::<reqwest::Result<u8>>();
-        let result = next_chunk(&mut silent, Duration::from_millis(10)).await;
-        assert!(matches!(result, Err(Failed::Lost(_))), "{result:?}");
-        let mut closed = tokio_stream::empty::<reqwest::Result<u8>>();
-        let result = next_chunk(&mut closed, Duration::from_millis(10)).await;
-        assert!(matches!(result, Err(Failed::Lost(_))), "{result:?}");
-    }
 
     #[test]
     fn a_server_is_named_by_its_url() {

@@ -135,6 +135,37 @@ fn name_of(value: impl clap::ValueEnum) -> String {
         .map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
+/// The items of a robot, or one of them.
+#[derive(Debug, clap::Args)]
+struct OfRobot {
+    #[command(flatten)]
+    server: ServerArguments,
+    /// The robot: its id, name or serial number.
+    #[arg(
+        long,
+        env = "KINCAL_ROBOT",
+        value_name = "ROBOT",
+        required_unless_present = "id"
+    )]
+    robot: Option<String>,
+    /// Show this one in full.
+    #[arg(value_name = "ID")]
+    id: Option<String>,
+    #[command(flatten)]
+    options: ListOptions,
+}
+
+impl OfRobot {
+    fn list_or_show(
+        &self,
+        kind: &Listing,
+        filters: &[(&'static str, &Option<String>)],
+    ) -> anyhow::Result<()> {
+        let one = (self.robot.as_ref(), self.id.as_ref());
+        list_or_show(kind, &self.server, one, &self.options, filters)
+    }
+}
+
 /// Robots of a server.
 #[derive(Debug, clap::Args)]
 pub struct RobotArguments {
@@ -154,18 +185,7 @@ pub struct RobotArguments {
 #[derive(Debug, clap::Args)]
 pub struct SetArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(
-        long,
-        env = "KINCAL_ROBOT",
-        value_name = "ROBOT",
-        required_unless_present = "id"
-    )]
-    robot: Option<String>,
-    /// Show this one in full.
-    #[arg(value_name = "ID")]
-    id: Option<String>,
+    of: OfRobot,
     /// Print the uploaded file, byte for byte.
     #[arg(
         long, env = "KINCAL_POINTS", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -174,8 +194,6 @@ pub struct SetArguments {
     /// Only sets whose name contains this text.
     #[arg(long, env = "KINCAL_SEARCH", value_name = "TEXT")]
     search: Option<String>,
-    #[command(flatten)]
-    options: ListOptions,
 }
 
 /// Jobs of all robots or of one, or one job by its id.
@@ -208,23 +226,10 @@ pub struct JobArguments {
 #[derive(Debug, clap::Args)]
 pub struct NetworkArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(
-        long,
-        env = "KINCAL_ROBOT",
-        value_name = "ROBOT",
-        required_unless_present = "id"
-    )]
-    robot: Option<String>,
-    /// Show this one in full.
-    #[arg(value_name = "ID")]
-    id: Option<String>,
+    of: OfRobot,
     /// Write its weights (safetensors) into this file.
     #[arg(long, env = "KINCAL_WEIGHTS", value_name = "FILE", requires = "id")]
     weights: Option<PathBuf>,
-    #[command(flatten)]
-    options: ListOptions,
 }
 
 /// `kincal robots`.
@@ -242,14 +247,12 @@ pub fn robots(arguments: &RobotArguments) -> anyhow::Result<()> {
 
 /// `kincal sets`.
 pub fn sets(arguments: &SetArguments) -> anyhow::Result<()> {
-    if let (Some(id), true) = (&arguments.id, arguments.points) {
-        let path = item(SETS.one, id, "/points")?;
-        terminal::raw(arguments.server.read(&path)?);
+    let of = &arguments.of;
+    if let (Some(id), true) = (&of.id, arguments.points) {
+        terminal::raw(of.server.read(&item(SETS.one, id, "/points")?)?);
         return Ok(());
     }
-    let filters = [("search", &arguments.search)];
-    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
-    list_or_show(&SETS, &arguments.server, one, &arguments.options, &filters)
+    of.list_or_show(&SETS, &[("search", &arguments.search)])
 }
 
 /// `kincal jobs`.
@@ -268,28 +271,20 @@ pub fn jobs(arguments: &JobArguments) -> anyhow::Result<()> {
 
 /// `kincal networks`.
 pub fn networks(arguments: &NetworkArguments) -> anyhow::Result<()> {
-    if let (Some(id), Some(file)) = (&arguments.id, &arguments.weights) {
-        let weights = arguments
-            .server
-            .read(&item(NETWORKS.one, id, "/weights")?)?;
+    let of = &arguments.of;
+    if let (Some(id), Some(file)) = (&of.id, &arguments.weights) {
+        let weights = of.server.read(&item(NETWORKS.one, id, "/weights")?)?;
         return std::fs::write(file, weights)
             .with_context(|| format!("cannot write {}", file.display()));
     }
-    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
-    list_or_show(&NETWORKS, &arguments.server, one, &arguments.options, &[])
+    of.list_or_show(&NETWORKS, &[])
 }
 
 /// Parameter sets of one robot, or one of them.
 #[derive(Debug, clap::Args)]
 pub struct ParameterSetArguments {
     #[command(flatten)]
-    server: ServerArguments,
-    /// The robot: its id, name or serial number.
-    #[arg(long, env = "KINCAL_ROBOT", value_name = "ROBOT", required_unless_present_any = ["id", "gates"])]
-    robot: Option<String>,
-    /// Show this one in full.
-    #[arg(value_name = "ID")]
-    id: Option<String>,
+    of: OfRobot,
     /// Check the gates of a release of this set, without releasing it; exit code 1 if the release would be refused.
     #[arg(
         long, env = "KINCAL_GATES", requires = "id", value_parser = clap::builder::FalseyValueParser::new(), action = clap::ArgAction::SetTrue
@@ -308,29 +303,28 @@ pub struct ParameterSetArguments {
     /// Only sets with this status: candidate, released, superseded or withdrawn.
     #[arg(long, env = "KINCAL_STATUS", value_name = "STATUS")]
     status: Option<String>,
-    #[command(flatten)]
-    options: ListOptions,
 }
 
 /// `kincal params`.
 pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
-    let server = &arguments.server;
-    if let Some(id) = &arguments.id {
+    let of = &arguments.of;
+    if let Some(id) = &of.id {
         if arguments.gates {
             let path = item(PARAMETER_SETS.one, id, "/gates")?;
-            return gates::show(&server.get(&path)?, id, &arguments.options.output);
+            return gates::show(&of.server.get(&path)?, id, &of.options.output);
         }
         if arguments.content {
             let path = item(PARAMETER_SETS.one, id, "/content")?;
-            terminal::raw(server.read(&path)?);
+            terminal::raw(of.server.read(&path)?);
             return Ok(());
         }
     }
     if arguments.active {
         let set = block_on(async {
-            let client = server.client()?;
-            let robot = arguments.robot.as_deref().unwrap_or_default();
-            let robot = client.robot_id(robot).await?;
+            let client = of.server.client()?;
+            let robot = client
+                .robot_id(of.robot.as_deref().unwrap_or_default())
+                .await?;
             client
                 .get(&format!("/v1/robots/{robot}/parameter-sets/active"))
                 .await
@@ -338,9 +332,7 @@ pub fn parameter_sets(arguments: &ParameterSetArguments) -> anyhow::Result<()> {
         say!("{}", serde_json::to_string_pretty(&set)?);
         return Ok(());
     }
-    let filters = [("status", &arguments.status)];
-    let one = (arguments.robot.as_ref(), arguments.id.as_ref());
-    list_or_show(&PARAMETER_SETS, server, one, &arguments.options, &filters)
+    of.list_or_show(&PARAMETER_SETS, &[("status", &arguments.status)])
 }
 
 /// Lists the items of a robot (its id, name or serial number) or of all robots, or shows the one with this id.

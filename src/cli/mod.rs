@@ -3,50 +3,57 @@
 #[macro_use]
 mod terminal;
 
-mod actions;
-mod archive;
+// The server and its database.
 mod backup;
-mod calibrate;
-mod check_table;
-mod client;
-mod column_options;
-mod columns;
-mod compensate;
 mod completions;
 mod copy_store;
 mod demo;
-mod export;
+mod key;
+mod openapi;
+mod serve;
+mod verify_store;
+mod worker;
+
+// What is asked of a server.
+mod actions;
+mod archive;
+mod client;
 mod failure;
-mod files;
-mod frames;
 mod gates;
 mod history;
-mod import;
-mod key;
 mod list;
-mod measured;
-mod named_frames;
-mod numbers;
-mod openapi;
-mod options;
-mod plan;
 mod policy;
-mod predict;
-mod program;
 mod references;
-mod remedy;
 mod report;
 mod robots;
 mod robots_library;
-mod runtime;
-mod serve;
-mod subject;
 mod submit;
+
+// Files of measurements, robots and programs.
+mod calibrate;
+mod column_options;
+mod columns;
+mod compensate;
+mod export;
+mod files;
+mod frames;
+mod import;
+mod measured;
+mod named_frames;
+mod plan;
+mod predict;
+mod program;
+
+// What commands share: arguments, texts and tables.
+mod check_table;
+mod numbers;
+mod options;
+mod remedy;
+mod runtime;
+mod subject;
 mod table;
 mod text_table;
 mod usage;
-mod verify_store;
-mod worker;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use std::ffi::OsString;

@@ -1,7 +1,7 @@
 //! Authentication and authorisation: keys and their scopes.
 
+use crate::http::connection::Peer;
 use crate::http::limits::RequestClass;
-use crate::http::peer::Peer;
 use crate::http::route::Route;
 use crate::http::session_cookie;
 use crate::http::{App, Error};

@@ -1,7 +1,6 @@
 //! Measurement sets: uploads, stored byte for byte.
 
 use crate::calibration::upload_checks;
-use crate::calibration::upload_checks::alignment::ROTATION_SUSPECT;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
@@ -11,6 +10,7 @@ use crate::http::table_upload::{refuse_other_types, stated_columns, table_type};
 use crate::http::upload_check::{self, Misfit};
 use crate::http::{App, Error, access, references};
 use crate::operations::rotation_convention::with_best_convention;
+use crate::release::{AcceptedMisfit, accept_rotations};
 use crate::store::{MeasurementSetRow, NewMeasurementSet, Tx, measurement_sets};
 use crate::wire::columns::ColumnsBody;
 use crate::wire::content_type::{DECIMAL_COMMA, rotation_convention, with_rotation};
@@ -106,19 +106,25 @@ impl UploadQuery {
 }
 
 /// A parsed upload.
-struct Upload {
+struct Parsed {
     frame: Frame,
     name: Option<String>,
-    serial_number: Option<String>,
     n_points: usize,
     n_configurations: usize,
     n_targets: usize,
-    warnings: Vec<Warning>,
-    sha256: String,
     content_type: String,
     reading: Option<Reading>,
+    warnings: Vec<Warning>,
+    insisted_on: Option<Insist>,
     misfit: Option<Misfit>,
-    insisted_on: Option<&'static str>,
+}
+
+impl Parsed {
+    /// Adds what was said of an upload that does not fit and is kept.
+    fn keep(&mut self, kept: AcceptedMisfit) {
+        self.warnings.push(kept.warning);
+        self.insisted_on = kept.insisted_on.or(self.insisted_on);
+    }
 }
 
 /// Uploads a measurement set, as CSV (a header row with units) or JSON.
@@ -162,6 +168,7 @@ pub async fn create(
         None => None,
     };
     let record = query.record().checked()?;
+    let serial_number = query.serial_number.clone();
     let mut upload = app
         .compute(submission.caller.class, move || {
             parse_upload(&robot, &bytes, content_type, &columns, (query, record))
@@ -170,36 +177,28 @@ pub async fn create(
     if reference.is_some() {
         upload.reading.get_or_insert_default().reference = reference;
     }
-    let mut insisted_on = upload.insisted_on.take().map(str::to_owned);
     if let Some(misfit) = upload.misfit.take() {
         let unread = upload.reading.as_ref().and_then(Reading::unread_labels);
         let caller = &submission.caller;
         let kept = upload_check::diagnose(&app, caller, &robot_id, misfit, insist, unread).await?;
-        upload.warnings.push(kept.warning);
-        insisted_on = kept
-            .insisted_on
-            .map(|code| code.as_str().to_owned())
-            .or(insisted_on);
+        upload.keep(kept);
     }
+    let reading = upload.reading.as_ref();
     let new = NewMeasurementSet {
         robot_id,
         name: upload.name,
         frame: upload.frame,
         content_type: upload.content_type,
         body: submission.body.to_vec(),
-        sha256: upload.sha256,
+        sha256: canonical::sha256_hex(&submission.body),
         n_points: upload.n_points as i64,
         n_configurations: upload.n_configurations as i64,
         n_targets: upload.n_targets as i64,
         warnings_json: serde_json::to_string(&upload.warnings)?,
         uploaded_by: Some(submission.caller.holder.clone()),
-        serial_number: upload.serial_number,
-        insisted_on,
-        reading_json: upload
-            .reading
-            .as_ref()
-            .map(serde_json::to_string)
-            .transpose()?,
+        serial_number,
+        insisted_on: upload.insisted_on.map(|code| code.as_str().to_owned()),
+        reading_json: reading.map(serde_json::to_string).transpose()?,
     };
     let effect = async |tx: &mut Tx| {
         let row = measurement_sets::insert(tx, &new).await?;
@@ -247,9 +246,8 @@ fn parse_upload(
     content_type: String,
     columns: &ColumnsBody,
     (query, record): (UploadQuery, Option<SessionRecord>),
-) -> Result<Upload, Error> {
-    let serial_number = query.serial_number.clone();
-    check_serial_number(body, serial_number.as_deref())?;
+) -> Result<Parsed, Error> {
+    check_serial_number(body, query.serial_number.as_deref())?;
     let robot = Robot::try_from(body)?;
     let n_joints = robot.links.len();
     let instrument = InstrumentBody::of_parameters(
@@ -297,27 +295,26 @@ fn parse_upload(
     for warning in &mut warnings {
         warning.rows.truncate(MAX_WARNED_ROWS);
     }
-    let suspicion = upload_check::check_rotations(&robot, &set, query.insist)?;
-    let insisted_on = suspicion.as_ref().map(|_| ROTATION_SUSPECT);
-    warnings.extend(suspicion);
     if stated_frame.is_none() {
         warnings.push(frame_assumed());
     }
-    let frame = stated_frame.unwrap_or(DEFAULT_FRAME);
-    Ok(Upload {
-        frame,
+    let mut parsed = Parsed {
+        frame: stated_frame.unwrap_or(DEFAULT_FRAME),
         name,
-        serial_number,
         n_points: set.points.len(),
         n_configurations: set.configurations().len(),
         n_targets: measurement::n_targets(&set),
-        warnings,
-        sha256: canonical::sha256_hex(bytes),
         content_type,
         reading,
-        misfit: upload_check::check_fit(body, set)?,
-        insisted_on,
-    })
+        warnings,
+        insisted_on: None,
+        misfit: None,
+    };
+    if let Some(kept) = accept_rotations(&robot, &set, query.insist)? {
+        parsed.keep(kept);
+    }
+    parsed.misfit = upload_check::check_fit(body, set)?;
+    Ok(parsed)
 }
 
 /// Maximum number of rows that one warning about an upload names.

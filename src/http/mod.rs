@@ -1,65 +1,72 @@
 //! The REST service: one file per resource; `routes.rs` has the table of all routes. A handler is four moves: extract, convert, one call,
-//! answer.
+//! answer. `connection` has what happens below a request.
 
-mod accept;
-mod access;
-mod app;
-mod archive;
-pub mod auth;
-mod columns;
-mod compensate;
-mod counters;
-mod creation;
-mod dashboard;
+// What happens below a request, and the table of routes with the contract that is made from it.
+mod connection;
 mod document;
 mod document_examples;
-mod error;
-mod export;
-mod extract;
-mod frames;
-mod headers;
-mod history;
-mod host;
 mod index;
+mod route;
+mod router;
+mod routes;
+
+// What every request passes, and what every handler uses.
+mod access;
+mod app;
+pub mod auth;
+mod counters;
+mod creation;
+mod error;
+mod extract;
+mod headers;
+mod host;
+mod layers;
+mod limits;
+mod list_query;
+mod session;
+pub mod session_cookie;
+
+// Robots, their documents and what is measured of them.
+mod columns;
+mod frames;
+mod measurement_sets;
+mod named_documents;
+mod named_frames;
+mod overview;
+mod policies;
+mod references;
+mod robot_models;
+mod robots;
+mod table_upload;
+mod upload_check;
+
+// Jobs and what they found.
 mod job_answer;
 mod job_events;
 mod job_posting;
 mod job_sources;
 mod jobs;
-mod layers;
-mod limits;
-mod lingering;
-mod list_query;
-mod me;
-mod measurement_sets;
-mod metrics;
-mod named_documents;
-mod named_frames;
 mod networks;
-mod overview;
+mod report_html;
+mod several_sessions;
+
+// Parameter sets and computations with them.
+mod compensate;
+mod export;
+mod history;
 mod parameter_sets;
-mod peer;
-mod policies;
 mod pose_plans;
 mod predict;
-mod references;
 mod release;
-mod report_html;
-mod robot_models;
-mod robots;
-mod route;
-mod router;
-mod routes;
-pub mod server;
-mod session;
-pub mod session_cookie;
-mod several_sessions;
-mod table_upload;
-pub mod tls;
-mod unreadable;
-mod upload_check;
+
+// The service itself.
+mod archive;
+mod dashboard;
+mod me;
+mod metrics;
 
 pub use app::App;
+pub use connection::{server, tls};
 pub use document::{json, openapi, yaml};
 pub use error::Error;
 pub use limits::MAX_BODY_BYTES;

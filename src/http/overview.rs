@@ -7,15 +7,15 @@ use crate::http::list_query::NamedListQuery;
 use crate::http::{App, Error};
 use crate::jobs::evidence::session;
 use crate::release::guard_band::rule_in_force;
-use crate::release::may_have_trend;
 use crate::release::needs::{NeedFacts, need};
-use crate::release::stored_facts::{StoredFacts, refused_by};
+use crate::release::{self, LastCheck, StoredFacts, may_have_trend};
 use crate::store::overview::{self, OverviewRow};
 use crate::store::{VerificationRow, verifications};
 use crate::wire::overview::{JobOverview, Need, RobotOverview, SessionOverview, SetOverview};
 use crate::wire::page::Page;
 use crate::wire::parameter_set::ParameterSetStatus;
 use crate::wire::policy::PolicyBody;
+use crate::wire::report_summary::ReportSummary;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::time::rfc3339;
 use crate::wire::verification::{Fit, VerificationKind};
@@ -93,18 +93,24 @@ fn first_refusal(row: &OverviewRow, of_set: Vec<VerificationRow>) -> Result<Opti
         independent_session_required: row.independent_session_required,
         second_person_required: false,
     };
-    Ok(refused_by(&StoredFacts {
+    let last_check = (row.check_seq > 0).then(|| LastCheck {
+        seq: row.check_seq,
+        job_id: String::new(),
+    });
+    let refused = release::first_refusal(&StoredFacts {
         robot: &robot,
         check_job_id: row.check_job_id.as_deref(),
-        check_seq: row.check_seq,
+        last_check: last_check.as_ref(),
         checked_seq: row.checked_seq,
         identification: &identified.found,
         identification_seq: identified.seq,
         sessions: &sessions,
         has_other_joint_map: row.newest_has_other_joint_map,
-        insisted_on: row.newest_insisted_on.as_deref(),
+        insisted_source: row.newest_insisted_on.as_deref(),
         policy: &policy,
-    }))
+        report: &ReportSummary::default(),
+    });
+    Ok(refused.map(|gate| gate.gate))
 }
 
 fn robot(

@@ -1,17 +1,14 @@
 //! Checks whether an upload can have been measured on its robot. An upload that does not fit is refused if the cause is clear, else it gets a
 //! warning.
 
-use crate::calibration::upload_checks::alignment::ROTATION_SUSPECT;
 use crate::calibration::upload_checks::alignment::{self, Alignment, Explanation};
-use crate::calibration::upload_checks::rotations;
 use crate::http::auth::Caller;
 use crate::http::{App, Error, access};
 use crate::release::{AcceptedMisfit, accept_misfit};
 use crate::store::{PageRequest, robots};
-use crate::wire::measurement::{MeasurementSet, Warning};
+use crate::wire::measurement::MeasurementSet;
 use crate::wire::robot::{Robot, RobotBody};
 use crate::wire::suspicion::Insist;
-use crate::wire::{Invalid, Issue};
 
 /// Maximum number of other models with which the upload is compared.
 const MAX_OTHERS: usize = 50;
@@ -37,34 +34,6 @@ pub fn check_fit(robot: &RobotBody, set: MeasurementSet) -> Result<Option<Misfit
     })
 }
 
-/// Checks whether the rotations of poses fit the robot. Returns a warning if they do not and the caller insists on them.
-///
-/// # Errors
-/// [`Error::Invalid`] with the convention that fits, if they do not and the caller does not insist.
-pub fn check_rotations(
-    robot: &Robot,
-    set: &MeasurementSet,
-    insist: Option<Insist>,
-) -> Result<Option<Warning>, Error> {
-    let Some(detail) = rotations::suspicion(robot, set) else {
-        return Ok(None);
-    };
-    let code = ROTATION_SUSPECT;
-    if insist == Some(Insist::RotationSuspect) {
-        return Ok(Some(Warning::new(code, detail)));
-    }
-    let issue = Issue {
-        code: code.into(),
-        detail: format!("{detail}. To keep them all the same, insist on {code}"),
-        ..Issue::default()
-    };
-    Err(Invalid {
-        code,
-        issues: vec![issue],
-    }
-    .into())
-}
-
 /// Searches for the cause of a misfit.
 ///
 /// # Errors
@@ -80,13 +49,7 @@ pub async fn diagnose(
     let others = other_models(app, caller, robot_id, &misfit.robot).await?;
     let explain = move || explanation(&misfit, &others);
     let explanation = app.compute(caller.class, explain).await?;
-    accept_misfit(explanation, insist, unread.as_deref()).map_err(|suspicion| {
-        Invalid {
-            code: suspicion.code,
-            issues: vec![Issue::from(&*suspicion)],
-        }
-        .into()
-    })
+    Ok(accept_misfit(explanation, insist, unread.as_deref())?)
 }
 
 /// The newest robot of each other model with as many joints.

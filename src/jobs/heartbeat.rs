@@ -82,7 +82,7 @@ impl Control {
 /// Interval of progress updates; people do not notice a shorter one.
 const PROGRESS_EVERY: Duration = Duration::from_millis(300);
 /// Longest interval between two reads of the cancel flag, for cancellations that another process accepted.
-const RENEW_EVERY: Duration = Duration::from_secs(1);
+const RENEW_EVERY: Duration = Duration::from_millis(500);
 
 /// A lease that is being renewed. Dropping it ends the renewal and asks the computation to stop.
 pub(super) struct RenewedLease {

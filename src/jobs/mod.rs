@@ -15,7 +15,6 @@ mod measured_since;
 mod pool;
 mod progress;
 pub mod queue;
-mod relay;
 pub mod release_check;
 pub mod request;
 mod result_check;

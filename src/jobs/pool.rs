@@ -10,7 +10,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout, timeout
 use super::heartbeat::{ShutdownStage, shutdown_reached};
 use super::run_alone::RunAlone;
 use super::worker::COMPUTATION_STOP_TIMEOUT;
-use super::{Compute, JobSignals, WorkerContext, queue, relay, run_next_job};
+use super::{Compute, JobSignals, WorkerContext, queue, run_next_job};
 use crate::store::{Store, jobs};
 
 /// Workers that run until they are shut down. If the pool is dropped, they stop at once, and their jobs are computed again when the leases have
@@ -19,10 +19,9 @@ use crate::store::{Store, jobs};
 pub struct WorkerPool {
     drain: Arc<watch::Sender<ShutdownStage>>,
     tasks: JoinSet<()>,
-    _relays: JoinSet<()>,
 }
 
-/// Interval at which an idle worker polls for jobs whose signal was lost.
+/// Interval at which an idle worker polls for jobs that another process posted.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest interval between two searches for expired leases; it is shorter if leases are shorter.
 const SWEEP_INTERVAL: Duration = Duration::from_secs(1);
@@ -55,7 +54,6 @@ impl WorkerPool {
             max_attempts,
             max_duration,
         } = rules;
-        let relays = relay::start(&store, &signals);
         let drain = Arc::new(watch::Sender::new(ShutdownStage::Running));
         let run_alone = Arc::new(RunAlone::new(lease));
         let mut tasks = JoinSet::new();
@@ -77,11 +75,7 @@ impl WorkerPool {
             (n_workers > 0).then_some(run_alone),
             drain.subscribe(),
         ));
-        WorkerPool {
-            drain,
-            tasks,
-            _relays: relays,
-        }
+        WorkerPool { drain, tasks }
     }
 
     /// Claims no more jobs and lets computations finish. Those that still run shortly before the deadline are stopped, and their jobs go back to

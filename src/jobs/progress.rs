@@ -1,7 +1,6 @@
 //! Signals of new jobs and cancellations to workers, and of changes to long polls and event streams. Signals only shorten waiting: the state is
-//! always read from the database, and listeners also poll, because a signal may be lost.
+//! always read from the database, and listeners also poll, because another process may change a job.
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -10,53 +9,23 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::store::{Engine, JobRow, JobStatus, Result, Store, jobs};
 
-/// Signals within this process; clones share them. [`super::relay`] sends them to other processes.
+/// Signals within this process; clones share them. Other processes on the same database poll.
 #[derive(Clone, Debug)]
 pub struct JobSignals {
     enqueued: Arc<Notify>,
-    /// Signals of this and other processes.
-    received: broadcast::Sender<Signal>,
-    /// Signals of this process, for the relay.
-    sent: broadcast::Sender<Signal>,
+    changes: broadcast::Sender<Signal>,
 }
 
-/// A change for which a worker or a listener may wait.
+/// A change of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Signal {
-    Enqueued,
+enum Signal {
     Changed(Arc<str>),
     CancelRequested(Arc<str>),
-    /// Something may have changed: read the database.
-    Unknown,
-}
-
-/// The text sent to other processes.
-impl fmt::Display for Signal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Signal::Enqueued => f.write_str("enqueued"),
-            Signal::Changed(id) => write!(f, "changed {id}"),
-            Signal::CancelRequested(id) => write!(f, "cancel {id}"),
-            Signal::Unknown => f.write_str("anything"),
-        }
-    }
-}
-
-/// A text of another process. An unknown text, from a newer version, is [`Signal::Unknown`].
-impl From<&str> for Signal {
-    fn from(text: &str) -> Self {
-        match text.split_once(' ') {
-            None if text == "enqueued" => Signal::Enqueued,
-            Some(("changed", id)) => Signal::Changed(id.into()),
-            Some(("cancel", id)) => Signal::CancelRequested(id.into()),
-            _ => Signal::Unknown,
-        }
-    }
 }
 
 /// Number of signals that are buffered for a slow listener. A listener that falls further behind reads the database.
 const SIGNAL_BUFFER: usize = 256;
-/// Poll interval of listeners on PostgreSQL: another process may run the job, and its notice may be lost.
+/// Poll interval of listeners on PostgreSQL: another process may run the job.
 const POLL_POSTGRES: Duration = Duration::from_millis(500);
 /// Poll interval of listeners on SQLite: every job runs in this process.
 const POLL_SQLITE: Duration = Duration::from_secs(2);
@@ -65,8 +34,7 @@ impl Default for JobSignals {
     fn default() -> Self {
         JobSignals {
             enqueued: Arc::default(),
-            received: broadcast::Sender::new(SIGNAL_BUFFER),
-            sent: broadcast::Sender::new(SIGNAL_BUFFER),
+            changes: broadcast::Sender::new(SIGNAL_BUFFER),
         }
     }
 }
@@ -74,7 +42,7 @@ impl Default for JobSignals {
 impl JobSignals {
     /// A job was posted and its transaction committed: wakes a worker.
     pub fn job_enqueued(&self) {
-        self.raise(Signal::Enqueued);
+        self.enqueued.notify_one();
     }
 
     /// A job's status or progress changed: wakes its listeners.
@@ -89,29 +57,7 @@ impl JobSignals {
 
     fn raise(&self, signal: Signal) {
         // An error only means that there is no listener.
-        let _ = self.sent.send(signal.clone());
-        self.deliver(signal);
-    }
-
-    /// Handles a signal of this or another process.
-    pub(super) fn deliver(&self, signal: Signal) {
-        match signal {
-            Signal::Enqueued => self.enqueued.notify_one(),
-            Signal::Unknown => {
-                // Wakes all workers that wait now, and the next one that will wait.
-                self.enqueued.notify_waiters();
-                self.enqueued.notify_one();
-                let _ = self.received.send(signal);
-            }
-            Signal::Changed(_) | Signal::CancelRequested(_) => {
-                let _ = self.received.send(signal);
-            }
-        }
-    }
-
-    /// Subscribes to the signals of this process.
-    pub(super) fn sent(&self) -> broadcast::Receiver<Signal> {
-        self.sent.subscribe()
+        let _ = self.changes.send(signal);
     }
 
     /// Waits until the job's status is not `seen` or the job has ended, at most for `timeout`: a long poll.
@@ -151,10 +97,10 @@ impl JobSignals {
         };
         let deadline = Instant::now() + timeout;
         // Subscribes before the first read, so that no change is missed.
-        let mut signals = self.received.subscribe();
-        let is_meant = |signal: &Signal| match signal {
-            Signal::Changed(id) | Signal::CancelRequested(id) => **id == *job_id,
-            Signal::Enqueued | Signal::Unknown => false,
+        let mut signals = self.changes.subscribe();
+        let is_meant = |signal: &Signal| {
+            let (Signal::Changed(id) | Signal::CancelRequested(id)) = signal;
+            **id == *job_id
         };
         loop {
             let job = jobs::get(store, job_id).await?;
@@ -174,7 +120,7 @@ impl JobSignals {
     pub(super) fn cancellations(&self, job_id: &str) -> Cancellations {
         Cancellations {
             job_id: job_id.to_owned(),
-            signals: self.received.subscribe(),
+            signals: self.changes.subscribe(),
         }
     }
 }
@@ -200,7 +146,7 @@ async fn next_signal(
 ) {
     loop {
         match signals.recv().await {
-            Ok(signal) if matches!(signal, Signal::Unknown) || is_meant(&signal) => return,
+            Ok(signal) if is_meant(&signal) => return,
             Ok(_) => {}
             Err(broadcast::error::RecvError::Lagged(_)) => return,
             Err(broadcast::error::RecvError::Closed) => std::future::pending().await,

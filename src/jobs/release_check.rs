@@ -5,8 +5,8 @@ use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::HeldOutPoints;
 use crate::release::guard_band::rule_in_force;
 use crate::release::{
-    ArchivedItem, Comparison, Decision, Facts, UnscoredSession, WithdrawnSource, decide,
-    has_same_values,
+    ArchivedItem, Comparison, Decision, Facts, StoredFacts, UnscoredSession, WithdrawnSource,
+    decide, has_same_values,
 };
 use crate::store::withdrawals::{self, WithdrawnSet};
 use crate::store::{
@@ -336,18 +336,24 @@ fn run_gates(
     let unreadable = |cause: String| Unreadable(format!("robot {}: {cause}", robot.id));
     let body: RobotBody =
         json::parse(robot.body_json.as_bytes()).map_err(|error| unreadable(error.to_string()))?;
-    Ok(decide(&Facts {
+    let stored = StoredFacts {
         robot: &Robot::try_from(&body).map_err(|error| unreadable(error.to_string()))?,
         check_job_id: robot.check_job_id.as_deref(),
         last_check: parsed.last_check.as_ref(),
         checked_seq: robot.checked_seq,
-        report: &parsed.report,
         identification: &parsed.identification,
         identification_seq: parsed.identification_seq,
+        sessions: &parsed.sessions,
+        has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
+        insisted_source: insisted_source.as_deref(),
+        policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
+        report: &parsed.report,
+    };
+    Ok(decide(&Facts {
+        stored,
         verify_set_seq: parsed.verify_set_seq,
         content: &parsed.content,
         active: parsed.active.as_ref(),
-        sessions: &parsed.sessions,
         unscored,
         comparisons,
         archived: match (request.set.archived_at_ms, robot.archived_at_ms) {
@@ -355,9 +361,7 @@ fn run_gates(
             (None, Some(_)) => Some(ArchivedItem::Robot),
             (None, None) => None,
         },
-        has_other_joint_map: request.set.joint_map_version != robot.joint_map_version,
         is_withdrawn: request.set.status == ParameterSetStatus::Withdrawn,
-        insisted_source: insisted_source.as_deref(),
         withdrawn_source: withdrawn_source.as_ref(),
         is_rollback: request.purpose == Purpose::Rollback,
         serial_number: body.serial_number.as_deref(),
@@ -365,7 +369,6 @@ fn run_gates(
         uploaders,
         approver: &request.approver,
         change_reason: request.purpose.change_reason(),
-        policy: &policy.body(rule_in_force(policy.decision_rule, policy.version > 0)),
     }))
 }
 

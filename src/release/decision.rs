@@ -42,7 +42,7 @@ impl Decision {
 pub fn decide(facts: &Facts<'_>) -> Decision {
     Decision {
         gates: gates(facts),
-        evidence: facts.evidence(),
-        uncertainty_mm: facts.identification.uncertainty_mm,
+        evidence: facts.stored.evidence(),
+        uncertainty_mm: facts.stored.identification.uncertainty_mm,
     }
 }

@@ -39,9 +39,9 @@ pub enum ArchivedItem {
     Robot,
 }
 
-/// All inputs of the gates.
+/// The facts that stand in columns: a list can read them for many robots.
 #[derive(Clone, Debug)]
-pub struct Facts<'a> {
+pub struct StoredFacts<'a> {
     /// The robot's nominal model.
     pub robot: &'a Robot,
     /// Job of the session that does not fit the robot, while the robot is in the state `check_robot`.
@@ -50,32 +50,42 @@ pub struct Facts<'a> {
     pub last_check: Option<&'a LastCheck>,
     /// Number of the robot's counter at its last `checked` request, whose reason explains all sessions up to then; 0 if there is none.
     pub checked_seq: i64,
-    /// Summary of the report of the job that identified the set; it has the nominal model of that job.
-    pub report: &'a ReportSummary,
-    /// Verification facts of that job.
+    /// Verification facts of the job that identified the set.
     pub identification: &'a Verification,
     /// Number of that job in the robot's counter.
     pub identification_seq: i64,
+    /// Every session on which the set was scored after its identification, in order.
+    pub sessions: &'a [Session],
+    /// Whether the set was identified with a joint map that the robot no longer has.
+    pub has_other_joint_map: bool,
+    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
+    pub insisted_source: Option<&'a str>,
+    /// The robot's release policy.
+    pub policy: &'a PolicyBody,
+    /// Summary of the report of the job that identified the set; it has the nominal model of that job. It is no column, and a list leaves it empty:
+    /// the gates that columns decide have it in their texts only.
+    pub report: &'a ReportSummary,
+}
+
+/// All inputs of the gates.
+#[derive(Clone, Debug)]
+pub struct Facts<'a> {
+    /// The facts that stand in columns.
+    pub stored: StoredFacts<'a>,
     /// Age of the separate upload that the job verified on, as a number in the audit chain; 0 for none.
     pub verify_set_seq: i64,
     /// The set.
     pub content: &'a ParameterSetContent,
     /// The active set, if there is one.
     pub active: Option<&'a ParameterSetContent>,
-    /// Every session on which the set was scored after its identification, in order.
-    pub sessions: &'a [Session],
     /// A later session on which it was not scored, if there is one.
     pub unscored: Option<&'a UnscoredSession>,
     /// Comparisons with the active set.
     pub comparisons: &'a [Comparison],
     /// The archived item because of which the set cannot be released, if there is one.
     pub archived: Option<ArchivedItem>,
-    /// Whether the set was identified with a joint map that the robot no longer has.
-    pub has_other_joint_map: bool,
     /// Whether the set was withdrawn.
     pub is_withdrawn: bool,
-    /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
-    pub insisted_source: Option<&'a str>,
     /// A withdrawn parameter set whose values this one holds, or that says the same of the same points.
     pub withdrawn_source: Option<&'a WithdrawnSource>,
     /// Whether this is a rollback: the active set is withdrawn, and this set, which was released before, replaces it.
@@ -90,35 +100,38 @@ pub struct Facts<'a> {
     pub approver: &'a str,
     /// Stated reason for a large change.
     pub change_reason: Option<&'a str>,
-    /// The robot's release policy.
-    pub policy: &'a PolicyBody,
 }
 
 impl Facts<'_> {
+    /// Strength of the verification without the uploads, and their copies, on which a withdrawn set was scored.
+    pub fn evidence_without(&self, withdrawn: &WithdrawnSource) -> Evidence {
+        let counts = |session: &Session| {
+            !withdrawn.scored_seq.contains(&session.measured_seq)
+                && !withdrawn.scored_sets.contains(&session.measurement_set_id)
+        };
+        let verify_set_counts = !withdrawn.scored_seq.contains(&self.verify_set_seq);
+        self.stored.evidence_of(counts, verify_set_counts)
+    }
+}
+
+impl StoredFacts<'_> {
     /// Strength of the verification.
     pub fn evidence(&self) -> Evidence {
-        self.evidence_without(None)
+        self.evidence_of(|_| true, true)
     }
 
-    /// Strength of the verification without the uploads, and their copies, on which a withdrawn set was scored.
-    pub fn evidence_without(&self, withdrawn: Option<&WithdrawnSource>) -> Evidence {
-        let is_left_out = |seq: i64, set: Option<&String>| {
-            withdrawn.is_some_and(|withdrawn| {
-                withdrawn.scored_seq.contains(&seq)
-                    || set.is_some_and(|id| withdrawn.scored_sets.contains(id))
-            })
-        };
+    /// Strength of the verification by the sessions for which `counts` is true.
+    fn evidence_of(&self, counts: impl Fn(&Session) -> bool, verify_set_counts: bool) -> Evidence {
         let is_independent = |session: &Session| {
             session.verification.fit == Fit::Fits
                 && session.is_independent()
-                && !is_left_out(session.measured_seq, Some(&session.measurement_set_id))
+                && counts(session)
                 && (self.policy.tolerance_mm.is_some()
                     || !session.verification.is_worse && self.times_worse(session).is_none())
         };
-        let is_verify_set_left_out = is_left_out(self.verify_set_seq, None);
         match self.identification.evidence {
             _ if self.sessions.iter().any(is_independent) => Evidence::IndependentSession,
-            Evidence::IndependentSession if is_verify_set_left_out => Evidence::SameUpload,
+            Evidence::IndependentSession if !verify_set_counts => Evidence::SameUpload,
             evidence => evidence,
         }
     }

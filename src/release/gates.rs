@@ -3,7 +3,7 @@
 use crate::calibration::{INSTRUMENT_SCALE, TOOL_UNCERTAIN};
 use crate::release::comparison::SAME_MM;
 use crate::release::facts::MIN_VERIFY_POINTS;
-use crate::release::gate_facts::{ArchivedItem, Facts};
+use crate::release::gate_facts::{ArchivedItem, Facts, StoredFacts};
 use crate::release::robot_gates::{change, identity, orientation};
 use crate::release::session_gates::{
     better_than_nominal, check_robot, measured_since_check, scored_on_later_sessions, sessions_fit,
@@ -30,37 +30,39 @@ const MAX_SCALE: f64 = 3.0;
 
 /// Every gate, passed or not.
 pub fn gates(facts: &Facts<'_>) -> Vec<Gate> {
-    let unusable = [withdrawn(facts), joint_map(facts), archived(facts)];
+    let stored = &facts.stored;
+    let unusable = [withdrawn(facts), joint_map(stored), archived(facts)];
     let mut gates: Vec<Gate> = unusable.into_iter().flatten().collect();
     gates.extend([
-        verified(facts),
-        errors_improved(facts),
-        final_fit(facts),
+        verified(stored),
+        errors_improved(stored),
+        final_fit(stored),
         all_finite(facts.content),
-        not_insisted(facts),
-        fits(facts),
-        check_robot(facts),
-        measured_since_check(facts),
-        sessions_fit(facts),
+        not_insisted(stored),
+        fits(stored),
+        check_robot(stored),
+        measured_since_check(stored),
+        sessions_fit(stored),
         scored_on_later_sessions(facts),
-        better_than_nominal(facts),
+        better_than_nominal(stored),
         better_than_active(facts),
-        evidence(facts),
-        uncertainty(facts),
-        errors_within_tolerance(facts),
+        evidence(stored),
+        uncertainty(stored),
+        errors_within_tolerance(stored),
         identity(facts),
         change(facts),
         orientation(facts),
         second_person(facts),
     ]);
     gates.extend(source_withdrawn(facts));
-    gates.extend(instrument_scale(facts));
+    gates.extend(instrument_scale(stored));
     gates
 }
 
-/// The first gate that refuses the set, of those that facts in columns decide: they read report and content for their texts only.
-pub fn first_refusal_by_stored_facts(facts: &Facts<'_>) -> Option<Gate> {
-    let by_columns: [fn(&Facts<'_>) -> Gate; 11] = [
+/// The first gate that refuses the set, of those that columns decide. The other gates read points, reports and parameters, which takes too long for a
+/// list. A gate is never named if a release would pass it.
+pub fn first_refusal(stored: &StoredFacts<'_>) -> Option<Gate> {
+    let by_columns: [fn(&StoredFacts<'_>) -> Gate; 11] = [
         not_insisted,
         fits,
         check_robot,
@@ -73,8 +75,8 @@ pub fn first_refusal_by_stored_facts(facts: &Facts<'_>) -> Option<Gate> {
         measured_since_check,
         evidence,
     ];
-    let gates = by_columns.iter().map(|gate| gate(facts));
-    let mut gates = joint_map(facts).into_iter().chain(gates);
+    let gates = by_columns.iter().map(|gate| gate(stored));
+    let mut gates = joint_map(stored).into_iter().chain(gates);
     gates.find(|gate| !gate.passed)
 }
 
@@ -85,7 +87,7 @@ fn withdrawn(facts: &Facts<'_>) -> Option<Gate> {
         .then(|| Gate::new("withdrawn", false, detail))
 }
 
-fn joint_map(facts: &Facts<'_>) -> Option<Gate> {
+fn joint_map(facts: &StoredFacts<'_>) -> Option<Gate> {
     let detail = "the set was identified with a joint map that the robot no longer has: identify anew from its upload";
     facts
         .has_other_joint_map
@@ -108,11 +110,11 @@ fn source_withdrawn(facts: &Facts<'_>) -> Option<Gate> {
     let detail = format!(
         "the set holds or repeats values of {id}, which was withdrawn: a session on which that set was not scored must show that this set is right"
     );
-    let is_shown = facts.evidence_without(Some(withdrawn)) == Evidence::IndependentSession;
+    let is_shown = facts.evidence_without(withdrawn) == Evidence::IndependentSession;
     Some(Gate::new("source_withdrawn", is_shown, detail).warned(true))
 }
 
-fn verified(facts: &Facts<'_>) -> Gate {
+fn verified(facts: &StoredFacts<'_>) -> Gate {
     let n = facts.identification.n_points;
     let passed = facts.evidence() != Evidence::None;
     let detail = match passed {
@@ -131,12 +133,12 @@ fn verified(facts: &Facts<'_>) -> Gate {
 }
 
 /// Whether a warning of the identification asks somebody to look at its outliers.
-fn is_for_review(facts: &Facts<'_>) -> bool {
+fn is_for_review(facts: &StoredFacts<'_>) -> bool {
     let mut warnings = facts.report.warnings.iter();
     warnings.any(|warning| warning.code == TOO_MANY_OUTLIERS)
 }
 
-fn errors_improved(facts: &Facts<'_>) -> Gate {
+fn errors_improved(facts: &StoredFacts<'_>) -> Gate {
     let name = "verify_errors_improved";
     if facts.identification.n_points > 0 {
         let detail = format!(
@@ -157,7 +159,7 @@ fn errors_improved(facts: &Facts<'_>) -> Gate {
 }
 
 /// Errors of the verify points with and without outliers, if a warning names outliers.
-fn with_and_without_outliers(facts: &Facts<'_>) -> String {
+fn with_and_without_outliers(facts: &StoredFacts<'_>) -> String {
     let (Some(all), Some(without)) = (facts.report.verify, facts.report.verify_without_outliers)
     else {
         return String::new();
@@ -176,7 +178,7 @@ fn with_and_without_outliers(facts: &Facts<'_>) -> String {
 
 /// The verified errors are those of the fit to the identify subset. They hold for the delivered parameters only if the delivered parameters place the
 /// tool nearly where that fit places it.
-fn final_fit(facts: &Facts<'_>) -> Gate {
+fn final_fit(facts: &StoredFacts<'_>) -> Gate {
     let name = "final_fit_near_verified";
     let Some(last) = facts.report.final_fit else {
         // Without a final fit, only the uncertainty shows whether the points determine the position of the tool.
@@ -234,7 +236,7 @@ fn all_finite(content: &ParameterSetContent) -> Gate {
 }
 
 /// Refuses a set whose upload was accepted with `insist`. The schema's triggers enforce this too.
-fn not_insisted(facts: &Facts<'_>) -> Gate {
+fn not_insisted(facts: &StoredFacts<'_>) -> Gate {
     let name = "upload_not_insisted";
     let mut warnings = facts.report.warnings.iter();
     let own = warnings.find(|warning| warning.code == INSISTED);
@@ -257,7 +259,7 @@ fn not_insisted(facts: &Facts<'_>) -> Gate {
 
 /// Refuses a set that does not fit its points. The comparison with nominal is not enough: on points that fit no robot, the identified robot is
 /// better than nominal half of the time, by chance.
-fn fits(facts: &Facts<'_>) -> Gate {
+fn fits(facts: &StoredFacts<'_>) -> Gate {
     match facts.identification.fit {
         Fit::Fits => Gate::new("fits", true, "the identified robot fits the points"),
         Fit::DoesNotFit => Gate::new(
@@ -276,7 +278,7 @@ fn fits(facts: &Facts<'_>) -> Gate {
 
 /// Refuses a set from an instrument whose reference shows an error of its scale that is far above the errors which verification shows: points that were
 /// measured with the same instrument cannot show it.
-fn instrument_scale(facts: &Facts<'_>) -> Option<Gate> {
+fn instrument_scale(facts: &StoredFacts<'_>) -> Option<Gate> {
     let reference = facts.report.reference.as_ref()?;
     let name = "instrument_scale";
     let mut warnings = facts.report.warnings.iter();
@@ -337,7 +339,7 @@ fn better_than_active(facts: &Facts<'_>) -> Gate {
     Gate::new(name, passed, details.join("; ")).warned(changed)
 }
 
-fn evidence(facts: &Facts<'_>) -> Gate {
+fn evidence(facts: &StoredFacts<'_>) -> Gate {
     let evidence = facts.evidence();
     let limits = limits_of_sessions(facts);
     let detail = match evidence {
@@ -356,7 +358,7 @@ fn evidence(facts: &Facts<'_>) -> Gate {
 }
 
 /// Reasons why sessions that fit are weak evidence, or no evidence.
-fn limits_of_sessions(facts: &Facts<'_>) -> String {
+fn limits_of_sessions(facts: &StoredFacts<'_>) -> String {
     let mut limits = String::new();
     let fits = |session: &&Session| session.verification.fit == Fit::Fits;
     let mut fitting = facts.sessions.iter().filter(fits);
@@ -425,7 +427,7 @@ fn second_person(facts: &Facts<'_>) -> Gate {
     };
     Gate::new(
         "second_person",
-        other || !facts.policy.second_person_required,
+        other || !facts.stored.policy.second_person_required,
         detail,
     )
 }

@@ -19,7 +19,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
         return Gate::new("identity", false, detail);
     }
     let nominal = |link: usize, name: &str| {
-        let link = facts.robot.links.get(link.checked_sub(1)?)?;
+        let link = facts.stored.robot.links.get(link.checked_sub(1)?)?;
         Some(match name.rsplit_once('_')?.0 {
             "a" => link.a_mm,
             "alpha" => link.alpha_rad.to_degrees(),
@@ -30,6 +30,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
         })
     };
     let of_links = facts
+        .stored
         .report
         .parameters
         .iter()
@@ -46,7 +47,7 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
                 p.name, p.nominal
             ),
         ),
-        None if facts.content.links.len() != facts.robot.links.len() => {
+        None if facts.content.links.len() != facts.stored.robot.links.len() => {
             Gate::new("identity", false, "the set has another number of links")
         }
         None => match (facts.serial_number, facts.stated_serial_number) {
@@ -68,10 +69,10 @@ pub fn identity(facts: &Facts<'_>) -> Gate {
 pub fn change(facts: &Facts<'_>) -> Gate {
     let (reference, name) = match facts.active {
         Some(active) => (active.kinematic_links(), "the active set"),
-        None => (facts.robot.links.clone(), "the nominal robot"),
+        None => (facts.stored.robot.links.clone(), "the nominal robot"),
     };
     let changes = implausible_changes(&facts.content.kinematic_links(), &reference);
-    let mut warnings = facts.report.warnings.iter();
+    let mut warnings = facts.stored.report.warnings.iter();
     let base = warnings.find(|warning| warning.code == BASE_FRAME_OFF);
     let of_links =
         (!changes.is_empty()).then(|| format!("against {name} it changes {}", changes.join(", ")));
@@ -116,7 +117,7 @@ pub fn change(facts: &Facts<'_>) -> Gate {
 }
 
 fn orientation_of(facts: &Facts<'_>) -> Orientation {
-    let report = &facts.report;
+    let report = &facts.stored.report;
     Orientation::new(
         report.flange_rotation_std_deg,
         report.last_joint_zero_std_deg,
@@ -150,7 +151,7 @@ fn not_shown(std_deg: f64) -> String {
 /// Points of one upload fit equally well with a wrongly rotated flange. Another session shows at least that the reflector's positions are right.
 pub fn orientation(facts: &Facts<'_>) -> Gate {
     let name = "orientation_known";
-    let n_links = facts.robot.links.len();
+    let n_links = facts.stored.robot.links.len();
     let orientation = orientation_of(facts);
     let (found, remedy) = if let Orientation::NotShown { std_deg, .. } = orientation {
         (not_shown(std_deg), String::new())
@@ -166,7 +167,7 @@ pub fn orientation(facts: &Facts<'_>) -> Gate {
         let detail = format!("{found}; the set was active before{remedy}");
         return Gate::new(name, true, detail).warned(true);
     }
-    match facts.evidence() {
+    match facts.stored.evidence() {
         Evidence::IndependentSession => {
             let detail = format!(
                 "{found}; another session shows that the position of the measured reflector is right: use the set for that alone{remedy}"

@@ -1,13 +1,13 @@
 //! The gates that depend on other sessions, both those that fit the robot and those that do not.
 
-use crate::release::gate_facts::{Facts, LastCheck};
+use crate::release::gate_facts::{Facts, LastCheck, StoredFacts};
 use crate::release::sessions::Session;
 use crate::release::texts::{CHECKED, errors_in_words, sessions};
 use crate::wire::release::Gate;
 use crate::wire::verification::Fit;
 
 /// Refuses every set while a session is in doubt. Until a session fits or somebody gives a reason, it is unknown whether the robot has changed.
-pub fn check_robot(facts: &Facts<'_>) -> Gate {
+pub fn check_robot(facts: &StoredFacts<'_>) -> Gate {
     let name = "check_robot";
     match facts.check_job_id {
         None => Gate::new(name, true, "no session is in doubt"),
@@ -25,7 +25,7 @@ pub fn check_robot(facts: &Facts<'_>) -> Gate {
 
 /// After a session that did not fit, the robot may have changed. A set that was identified before, or from points measured before, needs a later
 /// session of its own; a later session that fits another set is no evidence for it. The schema's triggers enforce this too.
-pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
+pub fn measured_since_check(facts: &StoredFacts<'_>) -> Gate {
     let name = "measured_since_check";
     let Some(LastCheck { seq, job_id }) = facts.last_check else {
         return Gate::new(name, true, "every session fitted the robot");
@@ -66,7 +66,7 @@ pub fn measured_since_check(facts: &Facts<'_>) -> Gate {
 
 /// A session in which the set is far off blocks the set until somebody gives a reason, whatever sessions follow. A session that did not fit the
 /// robot at all blocks the set until the set fits a later session.
-pub fn sessions_fit(facts: &Facts<'_>) -> Gate {
+pub fn sessions_fit(facts: &StoredFacts<'_>) -> Gate {
     let name = "sessions_fit";
     let is_answered = |session: &Session| match session.verification.fit {
         Fit::Fits => true,
@@ -122,7 +122,7 @@ pub fn scored_on_later_sessions(facts: &Facts<'_>) -> Gate {
 
 /// Refuses a set that was no better than nominal in a session that is evidence. The gate fails closed: an error that cannot be compared does not count
 /// as smaller.
-pub fn better_than_nominal(facts: &Facts<'_>) -> Gate {
+pub fn better_than_nominal(facts: &StoredFacts<'_>) -> Gate {
     let name = "sessions_better_than_nominal";
     let n = facts.counted_sessions().count();
     match facts

@@ -1,8 +1,12 @@
 //! Uploads that do not fit their robot: which are refused, and which are kept with a warning.
 
-use crate::calibration::upload_checks::alignment::{Explanation, Suspicion};
+use crate::calibration::upload_checks::alignment::{Explanation, ROTATION_SUSPECT, Suspicion};
+use crate::calibration::upload_checks::rotations;
+use crate::kinematics::Robot;
+use crate::measurement::MeasurementSet;
 use crate::wire::suspicion::Insist;
 use crate::wire::warning::Warning;
+use crate::wire::{Invalid, Issue};
 
 /// An upload that does not fit, and is kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,12 +51,12 @@ fn with_unread(explanation: Explanation, unread: Option<&str>) -> Explanation {
 /// `unread` names columns of the upload that are not read and may say which reflector or set-up a row is of.
 ///
 /// # Errors
-/// The suspicion for which the upload is refused.
+/// [`Invalid`] with the suspicion for which the upload is refused.
 pub fn accept_misfit(
     explanation: Explanation,
     insist: Option<Insist>,
     unread: Option<&str>,
-) -> Result<AcceptedMisfit, Box<Suspicion>> {
+) -> Result<AcceptedMisfit, Invalid> {
     let explanation = with_unread(explanation, unread);
     match explanation {
         Explanation::Warning { code, detail } => Ok(AcceptedMisfit {
@@ -71,8 +75,30 @@ pub fn accept_misfit(
                 insisted_on: insist,
             })
         }
-        Explanation::Refusal(suspicion) => Err(Box::new(suspicion)),
+        Explanation::Refusal(suspicion) => Err(Invalid {
+            code: suspicion.code,
+            issues: vec![Issue::from(&suspicion)],
+        }),
     }
+}
+
+/// As [`accept_misfit`], for poses whose rotations do not fit the robot; `None` if they fit.
+pub fn accept_rotations(
+    robot: &Robot,
+    set: &MeasurementSet,
+    insist: Option<Insist>,
+) -> Result<Option<AcceptedMisfit>, Invalid> {
+    let refusal = rotations::suspicion(robot, set).map(|detail| {
+        Explanation::Refusal(Suspicion {
+            code: ROTATION_SUSPECT,
+            columns: None,
+            detail,
+            joint_map: None,
+        })
+    });
+    refusal
+        .map(|refusal| accept_misfit(refusal, insist, None))
+        .transpose()
 }
 
 #[cfg(test)]
@@ -90,10 +116,11 @@ mod tests {
                 joint_map: None,
             };
             let explanation = Explanation::Refusal(suspicion);
-            accept_misfit(explanation, None, Some("Not read: \"Target\"")).unwrap_err()
+            let refused = accept_misfit(explanation, None, Some("Not read: \"Target\""));
+            refused.unwrap_err().issues[0].detail.clone()
         };
-        let detail = refusal("poor_alignment").detail;
-        assert_eq!(detail, "nothing fits. Not read: \"Target\"");
-        assert_eq!(refusal("unit_suspect").detail, "nothing fits");
+        let detail = refusal("poor_alignment");
+        assert!(detail.starts_with("nothing fits. Not read: \"Target\""));
+        assert!(!refusal("unit_suspect").contains("Not read"));
     }
 }

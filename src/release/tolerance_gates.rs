@@ -1,13 +1,13 @@
 //! The gates that compare with the tolerance of the robot's policy.
 
-use crate::release::gate_facts::Facts;
+use crate::release::gate_facts::StoredFacts;
 use crate::release::guard_band::{FEWEST_CONFIGURATIONS, Within, within};
 use crate::wire::policy::DecisionRule;
 use crate::wire::release::Gate;
 use crate::wire::verification::Verification;
 
 /// The predicted uncertainty of the tool must be within the tolerance.
-pub fn uncertainty(facts: &Facts<'_>) -> Gate {
+pub fn uncertainty(facts: &StoredFacts<'_>) -> Gate {
     let name = "uncertainty_within_tolerance";
     let why = &facts.report.tool_uncertainty_absent_because;
     let why = why.as_deref().unwrap_or("the report has none");
@@ -54,7 +54,7 @@ struct Figure<'a> {
 /// The measured errors must also be within the tolerance: on the held-out points, and in every session that fits the robot, measured anew or not.
 /// Under the guarded rule their uncertainty counts, and an error without a stated uncertainty is not accepted. Of a session that is no evidence, as
 /// with few points, the figure alone counts. The schema's triggers enforce this too.
-pub fn errors_within_tolerance(facts: &Facts<'_>) -> Gate {
+pub fn errors_within_tolerance(facts: &StoredFacts<'_>) -> Gate {
     let name = "verify_errors_within_tolerance";
     let rule = facts.policy.decision_rule;
     let Some(tolerance) = facts.policy.tolerance_mm else {

@@ -30,7 +30,6 @@ pub(super) struct Inner {
     pub(super) engine: Engine,
     pub(super) data_dir: Option<PathBuf>,
     pub(super) is_served: bool,
-    pub(super) postgres_url: Option<String>,
     /// Lock on the data directory, held as long as the store is open, so that two servers never share the directory.
     pub(super) lock_file: Option<File>,
 }
@@ -138,11 +137,6 @@ impl Store {
     pub async fn now_ms(&self) -> Result<i64> {
         self.require_data_dir()?;
         Ok(sqlx::query_scalar(NOW).fetch_one(self.readers()).await?)
-    }
-
-    /// URL of the database server, for the listening connection.
-    pub(super) fn postgres_url(&self) -> Option<&str> {
-        self.inner.postgres_url.as_deref()
     }
 
     /// Version of the schema.

@@ -9,50 +9,60 @@
 //! double, blob. [`all_queries`] lists all SQL texts, so that a test can prepare each of them on both engines. A bound limit is written `limit
 //! cast($1 as bigint)`. With a bare `limit $1`, SQLite plans the query again at each use, because the plan depends on the value.
 
-pub mod api_keys;
-pub mod archive;
-pub mod audit;
-mod audit_chain;
-mod audit_event;
+// The open database, its engines and its schema.
 pub mod backup;
 pub mod copy;
 mod database;
 mod engine;
 mod error;
-pub mod estimates;
-pub mod frames;
+mod migration;
+mod open;
+pub mod stuck;
+mod write_progress;
+
+// Rows, lists and identifiers of every table.
 mod from_row;
 mod hashed;
 mod id_prefix;
+mod listing;
+mod page;
+mod read;
+
+// The audit chain, the promises that are checked, and requests that are made once.
+pub mod audit;
+mod audit_chain;
+mod audit_event;
 mod idempotency;
+pub mod verify;
+
+// Robots, keys and what is measured.
+pub mod api_keys;
+pub mod archive;
+pub mod frames;
+pub mod known_uploads;
+pub mod measurement_sets;
+pub mod named_documents;
+pub mod overview;
+pub mod policies;
+pub mod robot_versions;
+pub mod robots;
+
+// Jobs.
 mod job_sessions;
 pub mod job_sources;
 pub mod jobs;
-pub mod known_uploads;
 pub mod leases;
-mod listing;
-pub mod measurement_sets;
-mod migration;
-pub mod named_documents;
 pub mod networks;
+pub mod report_summaries;
+pub mod statistics;
+
+// Parameter sets and the facts that decide on them.
+pub mod estimates;
 mod newest_set;
-pub mod notices;
-mod open;
-pub mod overview;
-mod page;
 mod parameter_set_row;
 pub mod parameter_sets;
-pub mod policies;
-mod read;
-pub mod report_summaries;
-pub mod robot_versions;
-pub mod robots;
-pub mod statistics;
-pub mod stuck;
 pub mod verifications;
-pub mod verify;
 pub mod withdrawals;
-mod write_progress;
 
 pub use api_keys::{ApiKeyRow, NewApiKey};
 pub use archive::{Archivable, ArchivedRow};
@@ -87,13 +97,11 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         Engine::Sqlite => [
             leases::QUERIES_SQLITE,
             backup::QUERIES_SQLITE,
-            migration::QUERIES_SQLITE,
             verify::QUERIES_SQLITE,
         ]
         .concat(),
         Engine::Postgres => [
             leases::QUERIES_POSTGRES,
-            notices::QUERIES_POSTGRES,
             stuck::QUERIES_POSTGRES,
             audit_chain::QUERIES_POSTGRES,
             verify::QUERIES_POSTGRES,

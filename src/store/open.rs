@@ -179,7 +179,6 @@ async fn connect_postgres(url: &str) -> Result<Store> {
         engine: Engine::Postgres,
         data_dir: None,
         is_served: true,
-        postgres_url: Some(url.to_owned()),
         lock_file: None,
     };
     Ok(Store {
@@ -254,7 +253,6 @@ async fn connect_sqlite(
         engine: Engine::Sqlite,
         data_dir: Some(data_dir.to_owned()),
         is_served,
-        postgres_url: None,
         lock_file,
     };
     Ok(Store {

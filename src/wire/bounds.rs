@@ -23,6 +23,7 @@ use crate::wire::robot::{
     GRAVITY_TOLERANCE, MAX_ANGLE_DEG, MAX_COUPLING, MAX_JOINT_DEG, MAX_LENGTH_MM,
 };
 use crate::wire::tool::ROTATION_TOLERANCE;
+use std::ops::RangeInclusive;
 use utoipa::Number;
 use utoipa::openapi::schema::{ArrayItems, KnownFormat, Object, SchemaFormat};
 use utoipa::openapi::{OpenApi, RefOr, Schema};
@@ -49,199 +50,98 @@ fn plus_minus(largest: f64) -> Bound {
     Range(-largest, largest)
 }
 
+fn range(of: &RangeInclusive<f64>) -> Bound {
+    Range(*of.start(), *of.end())
+}
+
+macro_rules! table {
+    ($($name:ident.$field:ident: $($bound:expr),+;)*) => {
+        vec![$((stringify!($name), stringify!($field), vec![$($bound),+])),*]
+    };
+}
+
 fn bounded() -> Vec<Bounded> {
     let joints = || Items(1, MAX_LINKS);
-    let three = |largest| vec![Items(3, 3), plus_minus(largest)];
-    let quaternion = || vec![Items(4, 4), plus_minus(1.0 + MAX_QUATERNION_OFF)];
-    let rotation = || {
-        vec![
-            Items(3, 3),
-            Items(3, 3),
-            plus_minus(1.0 + ROTATION_TOLERANCE),
-        ]
-    };
-    let label = || vec![Text(1, MAX_LABEL_LENGTH)];
-    let id = || vec![Text(1, MAX_ID)];
-    let names = || vec![Items(0, MAX_NAMES), Text(1, MAX_PARAMETER_NAME)];
-    vec![
-        (
-            "LinkBody",
-            "joint_limits_deg",
-            vec![Items(2, 2), plus_minus(MAX_JOINT_DEG)],
-        ),
-        (
-            "GravityDirection",
-            "gravity_in_base",
-            three(1.0 + GRAVITY_TOLERANCE),
-        ),
-        (
-            "RobotPatchBody",
-            "joint_limits_deg",
-            vec![joints(), Items(2, 2), plus_minus(MAX_JOINT_DEG)],
-        ),
-        ("JointMapBody", "sign", vec![joints(), plus_minus(1.0)]),
-        (
-            "JointMapBody",
-            "offset_deg",
-            vec![joints(), plus_minus(MAX_ANGLE_DEG)],
-        ),
-        (
-            "JointMapBody",
-            "coupling",
-            vec![joints(), joints(), plus_minus(MAX_COUPLING)],
-        ),
-        (
-            "PointBody",
-            "q_deg",
-            vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
-        ),
-        ("PointBody", "position_mm", three(MAX_COORDINATE_MM)),
-        ("PointBody", "quaternion", quaternion()),
-        ("PointBody", "configuration", label()),
-        ("PointBody", "target_name", label()),
-        ("PointBody", "station", label()),
-        ("PointBody", "session", label()),
-        ("PointBody", "measured_at", vec![Time]),
-        ("PointBody", "std_mm", vec![Range(MIN_STD_MM, MAX_STD_MM)]),
-        (
-            "PointBody",
-            "std_axes_mm",
-            vec![Items(3, 3), Range(MIN_STD_MM, MAX_STD_MM)],
-        ),
-        (
-            "PointBody",
-            "covariance_mm2",
-            vec![
-                Items(3, 3),
-                Items(3, 3),
-                plus_minus(MAX_STD_MM * MAX_STD_MM),
-            ],
-        ),
-        (
-            "PointBody",
-            "temperature_c",
-            vec![plus_minus(MAX_TEMPERATURE_C)],
-        ),
-        ("JobRequestBody", "measurement_set_id", id()),
-        (
-            "JobRequestBody",
-            "measurement_set_ids",
-            vec![Items(2, MAX_SESSIONS), Text(1, MAX_ID)],
-        ),
-        ("JobRequestBody", "parameter_set_id", id()),
-        ("JobRequestBody", "frames_id", id()),
-        ("JobRequestBody", "network_id", id()),
-        ("JobRequestBody", "residual_network_id", id()),
-        ("VerifyBody", "fraction", vec![Between(0.0, 1.0)]),
-        ("VerifyBody", "measurement_set_id", id()),
-        ("ParametersBody", "hold", names()),
-        ("ParametersBody", "identify", names()),
-        ("ParametersBody", "priors", vec![Items(0, MAX_NAMES)]),
-        ("Prior", "name", vec![Text(1, MAX_PARAMETER_NAME)]),
-        ("Prior", "std", vec![Range(MIN_STD, MAX_VALUE)]),
-        ("Prior", "mean", vec![plus_minus(MAX_VALUE)]),
-        ("Prior", "min", vec![plus_minus(MAX_VALUE)]),
-        ("Prior", "max", vec![plus_minus(MAX_VALUE)]),
-        (
-            "OptionsBody",
-            "stop_at_cost_mm2",
-            vec![Range(0.0, MAX_COST_MM2)],
-        ),
-        ("PayloadBody", "centre_mm", three(MAX_PAYLOAD_OFFSET_MM)),
-        ("PosePlanBody", "target_mm", three(MAX_LENGTH_MM)),
-        ("PosePlanBody", "instrument_mm", three(MAX_LENGTH_MM)),
-        ("SetUpBody", "instrument_mm", three(MAX_LENGTH_MM)),
-        ("PosePlanBody", "target_axis", three(1.0)),
-        (
-            "PosePlanBody",
-            "target_half_angle_deg",
-            vec![Range(HALF_ANGLE_DEG.0, HALF_ANGLE_DEG.1)],
-        ),
-        (
-            "PosePlanBody",
-            "noise_std_rotation_deg",
-            vec![Range(NOISE_ROTATION_DEG.0, NOISE_ROTATION_DEG.1)],
-        ),
-        (
-            "PosePlanBody",
-            "noise_std_mm",
-            vec![Range(NOISE_MM.0, NOISE_MM.1)],
-        ),
-        (
-            "PosePlanBody",
-            "n_repeats",
-            vec![Range(0.0, (MAX_PLANNED / 2) as f64)],
-        ),
-        (
-            "PosePlanBody",
-            "floor_z_mm",
-            vec![plus_minus(MAX_LENGTH_MM)],
-        ),
-        (
-            "PosePlanBody",
-            "measured",
-            vec![Items(0, MAX_MEASURED), Text(1, MAX_ID)],
-        ),
-        ("BoxBody", "min_mm", three(MAX_LENGTH_MM)),
-        ("BoxBody", "max_mm", three(MAX_LENGTH_MM)),
-        (
-            "BaseCylinderBody",
-            "radius_mm",
-            vec![plus_minus(MAX_LENGTH_MM)],
-        ),
-        (
-            "BaseCylinderBody",
-            "height_mm",
-            vec![plus_minus(MAX_LENGTH_MM)],
-        ),
-        (
-            "PredictBody",
-            "q_deg",
-            vec![
-                Items(0, MAX_POSES),
-                joints(),
-                plus_minus(MAX_JOINT_VALUE_DEG),
-            ],
-        ),
-        (
-            "PredictBody",
-            "segment",
-            vec![Range(0.0, f64::from(u32::MAX))],
-        ),
-        (
-            "CompensateBody",
-            "q_deg",
-            vec![
-                Items(0, MAX_TARGETS_PER_REQUEST),
-                joints(),
-                plus_minus(MAX_JOINT_VALUE_DEG),
-            ],
-        ),
-        (
-            "PostureBody",
-            "q_deg",
-            vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
-        ),
-        ("PostureBody", "shown_position_mm", three(MAX_POSITION_MM)),
-        ("ToolBody", "translation_mm", three(MAX_LENGTH_MM)),
-        ("ToolBody", "quaternion", quaternion()),
-        ("ToolBody", "rotation", rotation()),
-        ("CartesianTarget", "position_mm", three(MAX_TARGET_MM)),
-        ("CartesianTarget", "quaternion", quaternion()),
-        ("CartesianTarget", "rotation", rotation()),
-        (
-            "CartesianTarget",
-            "q_near_deg",
-            vec![joints(), plus_minus(MAX_JOINT_VALUE_DEG)],
-        ),
-        ("WorkFrameBody", "measurement_set_id", id()),
-        ("WorkFrameBody", "translation_mm", three(MAX_FIXTURE_MM)),
-        ("WorkFrameBody", "quaternion", quaternion()),
-        ("WorkFrameBody", "rotation", rotation()),
-        ("WorkFrameBody", "std_mm", vec![Range(0.0, MAX_LENGTH_MM)]),
-        ("FixturePointBody", "nominal_mm", three(MAX_FIXTURE_MM)),
-        ("FixturePointBody", "measured_mm", three(MAX_FIXTURE_MM)),
-    ]
+    let joint_value = || plus_minus(MAX_JOINT_VALUE_DEG);
+    let quaternion_part = || plus_minus(1.0 + MAX_QUATERNION_OFF);
+    let rotation_part = || plus_minus(1.0 + ROTATION_TOLERANCE);
+    let length = || plus_minus(MAX_LENGTH_MM);
+    let fixture = || plus_minus(MAX_FIXTURE_MM);
+    let std = || Range(MIN_STD_MM, MAX_STD_MM);
+    let id = || Text(1, MAX_ID);
+    let label = || Text(1, MAX_LABEL_LENGTH);
+    let parameter = || Text(1, MAX_PARAMETER_NAME);
+    table! {
+        LinkBody.joint_limits_deg: Items(2, 2), plus_minus(MAX_JOINT_DEG);
+        GravityDirection.gravity_in_base: Items(3, 3), plus_minus(1.0 + GRAVITY_TOLERANCE);
+        RobotPatchBody.joint_limits_deg: joints(), Items(2, 2), plus_minus(MAX_JOINT_DEG);
+        JointMapBody.sign: joints(), plus_minus(1.0);
+        JointMapBody.offset_deg: joints(), plus_minus(MAX_ANGLE_DEG);
+        JointMapBody.coupling: joints(), joints(), plus_minus(MAX_COUPLING);
+        PointBody.q_deg: joints(), joint_value();
+        PointBody.position_mm: Items(3, 3), plus_minus(MAX_COORDINATE_MM);
+        PointBody.quaternion: Items(4, 4), quaternion_part();
+        PointBody.configuration: label();
+        PointBody.target_name: label();
+        PointBody.station: label();
+        PointBody.session: label();
+        PointBody.measured_at: Time;
+        PointBody.std_mm: std();
+        PointBody.std_axes_mm: Items(3, 3), std();
+        PointBody.covariance_mm2: Items(3, 3), Items(3, 3), plus_minus(MAX_STD_MM * MAX_STD_MM);
+        PointBody.temperature_c: plus_minus(MAX_TEMPERATURE_C);
+        JobRequestBody.measurement_set_id: id();
+        JobRequestBody.measurement_set_ids: Items(2, MAX_SESSIONS), id();
+        JobRequestBody.parameter_set_id: id();
+        JobRequestBody.frames_id: id();
+        JobRequestBody.network_id: id();
+        JobRequestBody.residual_network_id: id();
+        VerifyBody.fraction: Between(0.0, 1.0);
+        VerifyBody.measurement_set_id: id();
+        ParametersBody.hold: Items(0, MAX_NAMES), parameter();
+        ParametersBody.identify: Items(0, MAX_NAMES), parameter();
+        ParametersBody.priors: Items(0, MAX_NAMES);
+        Prior.name: parameter();
+        Prior.std: Range(MIN_STD, MAX_VALUE);
+        Prior.mean: plus_minus(MAX_VALUE);
+        Prior.min: plus_minus(MAX_VALUE);
+        Prior.max: plus_minus(MAX_VALUE);
+        OptionsBody.stop_at_cost_mm2: Range(0.0, MAX_COST_MM2);
+        PayloadBody.centre_mm: Items(3, 3), plus_minus(MAX_PAYLOAD_OFFSET_MM);
+        PosePlanBody.target_mm: Items(3, 3), length();
+        PosePlanBody.instrument_mm: Items(3, 3), length();
+        SetUpBody.instrument_mm: Items(3, 3), length();
+        PosePlanBody.target_axis: Items(3, 3), plus_minus(1.0);
+        PosePlanBody.target_half_angle_deg: range(&HALF_ANGLE_DEG);
+        PosePlanBody.noise_std_rotation_deg: range(&NOISE_ROTATION_DEG);
+        PosePlanBody.noise_std_mm: range(&NOISE_MM);
+        PosePlanBody.n_repeats: Range(0.0, (MAX_PLANNED / 2) as f64);
+        PosePlanBody.floor_z_mm: length();
+        PosePlanBody.measured: Items(0, MAX_MEASURED), id();
+        BoxBody.min_mm: Items(3, 3), length();
+        BoxBody.max_mm: Items(3, 3), length();
+        BaseCylinderBody.radius_mm: length();
+        BaseCylinderBody.height_mm: length();
+        PredictBody.q_deg: Items(0, MAX_POSES), joints(), joint_value();
+        PredictBody.segment: Range(0.0, f64::from(u32::MAX));
+        CompensateBody.q_deg: Items(0, MAX_TARGETS_PER_REQUEST), joints(), joint_value();
+        PostureBody.q_deg: joints(), joint_value();
+        PostureBody.shown_position_mm: Items(3, 3), plus_minus(MAX_POSITION_MM);
+        ToolBody.translation_mm: Items(3, 3), length();
+        ToolBody.quaternion: Items(4, 4), quaternion_part();
+        ToolBody.rotation: Items(3, 3), Items(3, 3), rotation_part();
+        CartesianTarget.position_mm: Items(3, 3), plus_minus(MAX_TARGET_MM);
+        CartesianTarget.quaternion: Items(4, 4), quaternion_part();
+        CartesianTarget.rotation: Items(3, 3), Items(3, 3), rotation_part();
+        CartesianTarget.q_near_deg: joints(), joint_value();
+        WorkFrameBody.measurement_set_id: id();
+        WorkFrameBody.translation_mm: Items(3, 3), fixture();
+        WorkFrameBody.quaternion: Items(4, 4), quaternion_part();
+        WorkFrameBody.rotation: Items(3, 3), Items(3, 3), rotation_part();
+        WorkFrameBody.std_mm: Range(0.0, MAX_LENGTH_MM);
+        FixturePointBody.nominal_mm: Items(3, 3), fixture();
+        FixturePointBody.measured_mm: Items(3, 3), fixture();
+    }
 }
 
 /// Writes the bounds into a document. Returns the fields that are missing in the document; there should be none.

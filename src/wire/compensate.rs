@@ -5,7 +5,7 @@ use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
 use crate::wire::measurement::Warning;
-use crate::wire::predict::{check_joints, check_pose};
+use crate::wire::point::check_joints;
 use crate::wire::robot::MAX_NAME;
 use crate::wire::tool::{ToolBody, check_lengths, check_rotation, quaternion, rotation};
 use nalgebra::{IsometryMatrix3, Translation3, Vector3};
@@ -208,12 +208,8 @@ impl CompensateBody {
             ("/q_deg", self.q_deg.len()),
             ("/targets", self.targets.len()),
         ] {
-            if n > MAX_TARGETS_PER_REQUEST {
-                let detail = format!(
-                    "{n} targets; at most {MAX_TARGETS_PER_REQUEST}: send a long program in parts"
-                );
-                checker.note(pointer, "wrong_length", detail);
-            }
+            let what = "targets (a long program is sent in parts)";
+            checker.count(pointer, n, 0..=MAX_TARGETS_PER_REQUEST, what);
         }
         if !self.q_deg.is_empty() && !self.targets.is_empty() {
             checker.note(
@@ -238,7 +234,7 @@ impl CompensateBody {
             target.check_into(&mut checker, i, n_joints, self.mode);
         }
         for (i, pose) in self.q_deg.iter().take(MAX_TARGETS_PER_REQUEST).enumerate() {
-            check_pose(&mut checker, i, pose, n_joints);
+            check_joints(&mut checker, &format!("/q_deg/{i}"), pose, n_joints);
         }
         if self.tool_name.is_some() && self.tool.is_some() {
             checker.note("/tool", "two_tools", "give tool or tool_name, not both");

@@ -136,21 +136,11 @@ fn radians3(v: &[f64; 3]) -> Vector3<f64> {
 impl PayloadBody {
     /// Reports values that are out of range.
     pub fn check(&self, pointer: &str, checker: &mut Checker) {
-        if !(0.0..=MAX_PAYLOAD_KG).contains(&self.mass_kg) {
-            checker.note(
-                format!("{pointer}/mass_kg"),
-                "out_of_range",
-                format!("{} is outside 0 to {MAX_PAYLOAD_KG} kg", self.mass_kg),
-            );
-        }
-        for (axis, v) in self.centre_mm.iter().enumerate() {
-            checker.magnitude(
-                format!("{pointer}/centre_mm/{axis}"),
-                *v,
-                MAX_PAYLOAD_OFFSET_MM,
-                "the payload's centre, mm from the flange",
-            );
-        }
+        let mass = format!("{pointer}/mass_kg");
+        checker.within(mass, self.mass_kg, 0.0..=MAX_PAYLOAD_KG, "kg");
+        let hint = "the payload's centre, mm from the flange";
+        let centre = format!("{pointer}/centre_mm");
+        checker.magnitudes(&centre, &self.centre_mm, MAX_PAYLOAD_OFFSET_MM, hint);
     }
 }
 

@@ -2,8 +2,12 @@
 
 use crate::wire::joint_map::JointMapBody;
 use serde::{Deserialize, Serialize};
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 use utoipa::ToSchema;
 
+const OUT_OF_RANGE: &str = "out_of_range";
+const WRONG_LENGTH: &str = "wrong_length";
 /// Maximum number of issues in one answer. This is enough to correct a file in one go, and few enough to read.
 pub const MAX_ISSUES: usize = 100;
 
@@ -111,9 +115,61 @@ impl Checker {
         if value.is_nan() || value.abs() > limit {
             self.note(
                 pointer,
-                "out_of_range",
+                OUT_OF_RANGE,
                 format!("{value} is outside ±{limit}: {hint}"),
             );
+        }
+    }
+
+    /// [`Self::magnitude`] of each value of a list.
+    pub fn magnitudes(&mut self, at: &str, values: &[f64], limit: f64, hint: &str) {
+        for (i, value) in values.iter().enumerate() {
+            self.magnitude(format!("{at}/{i}"), *value, limit, hint);
+        }
+    }
+
+    /// Adds an issue unless a value is absent or within `range`; `what` says what it is.
+    pub fn within<T: PartialOrd + Display>(
+        &mut self,
+        pointer: impl Into<String>,
+        value: impl Into<Option<T>>,
+        range: RangeInclusive<T>,
+        what: &str,
+    ) {
+        if let Some(value) = value.into().filter(|value| !range.contains(value)) {
+            let (low, high) = range.into_inner();
+            let detail = format!("{value} is outside {low} to {high}: {what}");
+            self.note(pointer, OUT_OF_RANGE, detail);
+        }
+    }
+
+    /// Adds an issue unless a value is absent, or above zero and at most `max`; `what` says what it is.
+    pub fn above_zero(
+        &mut self,
+        pointer: impl Into<String>,
+        value: impl Into<Option<f64>>,
+        max: f64,
+        what: &str,
+    ) {
+        let is_wrong = |value: &f64| value.is_nan() || *value <= 0.0 || *value > max;
+        if let Some(value) = value.into().filter(is_wrong) {
+            let detail = format!("{value} is not above 0 and at most {max}: {what}");
+            self.note(pointer, OUT_OF_RANGE, detail);
+        }
+    }
+
+    /// Adds an issue unless the number of items of a list is within `range`.
+    pub fn count(
+        &mut self,
+        pointer: impl Into<String>,
+        n: usize,
+        range: RangeInclusive<usize>,
+        items: &str,
+    ) {
+        if !range.contains(&n) {
+            let (low, high) = range.into_inner();
+            let detail = format!("{n} {items}; {low} to {high} are allowed");
+            self.note(pointer, WRONG_LENGTH, detail);
         }
     }
 
@@ -128,7 +184,7 @@ impl Checker {
         if found != expected {
             self.note(
                 pointer,
-                "wrong_length",
+                WRONG_LENGTH,
                 format!("{found} values where {expected} belong: {what}"),
             );
         }
@@ -141,7 +197,7 @@ impl Checker {
         if n == 0 || n > max {
             self.note(
                 pointer,
-                "wrong_length",
+                WRONG_LENGTH,
                 format!("{n} characters; 1 to {max} are allowed"),
             );
         }

@@ -219,13 +219,8 @@ impl JobRequestBody {
         if let Some(payload) = &self.payload {
             payload.check("/payload", &mut checker);
         }
-        if !(-MAX_PRIORITY..=MAX_PRIORITY).contains(&self.priority) {
-            checker.note(
-                "/priority",
-                "out_of_range",
-                format!("{} is outside ±{MAX_PRIORITY}", self.priority),
-            );
-        }
+        let priorities = -MAX_PRIORITY..=MAX_PRIORITY;
+        checker.within("/priority", self.priority, priorities, "a priority");
         if self.holds_parameter_set() && self.parameter_set_id.is_none() {
             let detail =
                 "the rest is held at the values of a parameter set: name it in parameter_set_id";

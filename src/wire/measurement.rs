@@ -326,16 +326,7 @@ impl MeasurementSetBody {
     ) -> Result<MeasurementSet, Invalid> {
         let frame = self.resolve_frame(frame)?.unwrap_or(DEFAULT_FRAME);
         let mut checker = Checker::default();
-        if self.points.is_empty() || self.points.len() > MAX_POINTS {
-            checker.note(
-                "/points",
-                "wrong_length",
-                format!(
-                    "{} points; 1 to {MAX_POINTS} are allowed",
-                    self.points.len()
-                ),
-            );
-        }
+        checker.count("/points", self.points.len(), 1..=MAX_POINTS, "points");
         if let Some(name) = &self.name {
             checker.text("/name", name, MAX_NAME);
         }

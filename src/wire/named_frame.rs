@@ -283,10 +283,7 @@ impl WorkFrameBody {
         }
         check_rotation(&mut checker, "", self.quaternion, self.rotation);
         let points = self.points.as_deref().unwrap_or_default();
-        if points.len() > MAX_FIXTURE_POINTS {
-            let detail = format!("{} points; at most {MAX_FIXTURE_POINTS}", points.len());
-            checker.note("/points", "wrong_length", detail);
-        }
+        checker.count("/points", points.len(), 0..=MAX_FIXTURE_POINTS, "points");
         for (i, point) in points.iter().take(MAX_FIXTURE_POINTS).enumerate() {
             let at = format!("/points/{i}");
             let mut lengths = |field: &str, lengths_mm: &[f64; 3]| {

@@ -66,29 +66,18 @@ pub struct OptionsBody {
 impl OptionsBody {
     /// Reports every option that is out of its range.
     pub fn check(&self, checker: &mut Checker) {
-        let within =
-            |checker: &mut Checker, name: &str, value: Option<usize>, min: usize, max: usize| {
-                if let Some(value) = value.filter(|value| !(min..=max).contains(value)) {
-                    checker.note(
-                        format!("/options/{name}"),
-                        "out_of_range",
-                        format!("{value} is outside {min} to {max}"),
-                    );
-                }
-            };
-        within(
-            checker,
-            "n_particles",
+        let number = "a number of the search";
+        checker.within(
+            "/options/n_particles",
             self.n_particles,
-            MIN_PARTICLES,
-            MAX_PARTICLES,
+            MIN_PARTICLES..=MAX_PARTICLES,
+            number,
         );
-        within(
-            checker,
-            "n_iterations",
+        checker.within(
+            "/options/n_iterations",
             self.n_iterations,
-            0,
-            MAX_ITERATIONS,
+            0..=MAX_ITERATIONS,
+            number,
         );
         let evaluations = self
             .n_particles
@@ -100,31 +89,21 @@ impl OptionsBody {
             );
             checker.note("/options/n_iterations", "too_much_work", detail);
         }
-        for (name, value) in [
-            ("inertia_weight", self.inertia_weight),
-            ("cognitive", self.cognitive),
-            ("social", self.social),
+        for (name, value, max) in [
+            ("inertia_weight", self.inertia_weight, MAX_COEFFICIENT),
+            ("cognitive", self.cognitive, MAX_COEFFICIENT),
+            ("social", self.social, MAX_COEFFICIENT),
+            ("stop_at_cost_mm2", self.stop_at_cost_mm2, MAX_COST_MM2),
         ] {
-            at_least_zero(checker, name, value, MAX_COEFFICIENT);
+            checker.within(format!("/options/{name}"), value, 0.0..=max, number);
         }
-        at_least_zero(
-            checker,
-            "stop_at_cost_mm2",
-            self.stop_at_cost_mm2,
-            MAX_COST_MM2,
-        );
-        above_zero(
-            checker,
-            "search_half_width_mm",
-            self.search_half_width_mm,
-            MAX_HALF_WIDTH_MM,
-        );
-        above_zero(
-            checker,
-            "search_half_width_deg",
-            self.search_half_width_deg,
-            MAX_HALF_WIDTH_DEG,
-        );
+        for (name, value, max) in [
+            ("mm", self.search_half_width_mm, MAX_HALF_WIDTH_MM),
+            ("deg", self.search_half_width_deg, MAX_HALF_WIDTH_DEG),
+        ] {
+            let pointer = format!("/options/search_half_width_{name}");
+            checker.above_zero(pointer, value, max, "half the width of the search box");
+        }
     }
 }
 
@@ -141,25 +120,5 @@ impl From<OptionsBody> for SearchOptions {
             stop_at_cost_mm2: body.stop_at_cost_mm2,
             loss: body.loss,
         }
-    }
-}
-
-fn at_least_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
-    if let Some(value) = value.filter(|value| !(0.0..=max).contains(value)) {
-        checker.note(
-            format!("/options/{name}"),
-            "out_of_range",
-            format!("{value} is outside 0 to {max}"),
-        );
-    }
-}
-
-fn above_zero(checker: &mut Checker, name: &str, value: Option<f64>, max: f64) {
-    if let Some(value) = value.filter(|value| !(*value > 0.0 && *value <= max)) {
-        checker.note(
-            format!("/options/{name}"),
-            "out_of_range",
-            format!("{value}: must be above 0 and at most {max}"),
-        );
     }
 }

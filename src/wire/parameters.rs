@@ -53,13 +53,8 @@ impl ParametersBody {
         }
         for (at, names) in [("hold", &self.hold), ("identify", &self.identify)] {
             let names = names.as_deref().unwrap_or_default();
-            if names.len() > MAX_NAMES {
-                checker.note(
-                    format!("/parameters/{at}"),
-                    "wrong_length",
-                    format!("{} names; at most {MAX_NAMES}", names.len()),
-                );
-            }
+            let pointer = format!("/parameters/{at}");
+            checker.count(pointer, names.len(), 0..=MAX_NAMES, "names");
             for (i, name) in names.iter().take(MAX_NAMES).enumerate() {
                 checker.text(&format!("/parameters/{at}/{i}"), name, MAX_PARAMETER_NAME);
             }

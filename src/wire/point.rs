@@ -10,6 +10,7 @@ use crate::wire::instrument;
 use crate::wire::issue::Checker;
 use crate::wire::json;
 use crate::wire::robot::MAX_NAME;
+use crate::wire::tool::check_lengths;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -81,72 +82,65 @@ pub struct PointBody {
     pub measured_at: Option<String>,
 }
 
+/// Checks the joint values `q_deg` at the JSON pointer `at`.
+pub(super) fn check_joints(checker: &mut Checker, at: &str, q_deg: &[f64], n_joints: usize) {
+    let what = "one joint value per link of the robot";
+    checker.length(at, q_deg.len(), n_joints, what);
+    checker.magnitudes(
+        at,
+        q_deg,
+        MAX_JOINT_VALUE_DEG,
+        "joint values are in degrees",
+    );
+}
+
 impl PointBody {
     /// Adds an issue to `checker` for each invalid value.
     pub fn check(&self, at: &str, n_joints: usize, is_time: TimeCheck, checker: &mut Checker) {
-        checker.length(
-            format!("{at}/q_deg"),
-            self.q_deg.len(),
-            n_joints,
-            "one joint value per link of the robot",
+        check_joints(checker, &format!("{at}/q_deg"), &self.q_deg, n_joints);
+        let position = format!("{at}/position_mm");
+        check_lengths(checker, &position, &self.position_mm, MAX_COORDINATE_MM);
+        let what = "targets are numbered from 0";
+        checker.within(
+            format!("{at}/target"),
+            self.target,
+            0..=MAX_TARGETS - 1,
+            what,
         );
-        for (j, q) in self.q_deg.iter().enumerate() {
-            checker.magnitude(
-                format!("{at}/q_deg/{j}"),
-                *q,
-                MAX_JOINT_VALUE_DEG,
-                "joint values are in degrees",
-            );
-        }
-        for (j, x) in self.position_mm.iter().enumerate() {
-            checker.magnitude(
-                format!("{at}/position_mm/{j}"),
-                *x,
-                MAX_COORDINATE_MM,
-                "positions are in millimetres",
-            );
-        }
-        if let Some(target) = self.target.filter(|target| *target >= MAX_TARGETS) {
-            checker.note(
-                format!("{at}/target"),
-                "out_of_range",
-                format!("{target}: targets are numbered from 0, at most {MAX_TARGETS}"),
-            );
-        }
         if self.target.is_some() && self.target_name.is_some() {
             let detail = "target and target_name both say the reflector: leave one of them out";
             checker.note(format!("{at}/target_name"), "duplicate_target", detail);
         }
-        if let Some(std) = self
-            .std_mm
-            .filter(|std| !(MIN_STD_MM..=MAX_STD_MM).contains(std))
-        {
-            let detail =
-                format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
-            checker.note(format!("{at}/std_mm"), "out_of_range", detail);
-        }
+        let std = "a standard uncertainty, mm";
+        checker.within(
+            format!("{at}/std_mm"),
+            self.std_mm,
+            MIN_STD_MM..=MAX_STD_MM,
+            std,
+        );
         self.check_directions(at, checker);
         if let Some(Err((code, detail))) = self.quaternion.map(unit_quaternion) {
             checker.note(format!("{at}/quaternion"), code, detail);
         }
         let range_deg = MIN_STD_ROTATION_RAD.to_degrees()..=MAX_STD_ROTATION_RAD.to_degrees();
-        if let Some(std) = self.std_rotation_deg.filter(|std| !range_deg.contains(std)) {
-            let detail =
-                format!("{std}: a standard uncertainty of a rotation is above 0 and at most 90°");
-            checker.note(format!("{at}/std_rotation_deg"), "out_of_range", detail);
-        }
+        checker.within(
+            format!("{at}/std_rotation_deg"),
+            self.std_rotation_deg,
+            range_deg,
+            "a standard uncertainty of a rotation, degrees",
+        );
         if self.std_rotation_deg.is_some() && self.quaternion.is_none() {
             let detail = "only a pose has std_rotation_deg: add a quaternion, or remove it";
             checker.note(format!("{at}/std_rotation_deg"), "mixed_kinds", detail);
         }
-        if let Some(temperature_c) = self.temperature_c {
-            checker.magnitude(
-                format!("{at}/temperature_c"),
-                temperature_c,
-                MAX_TEMPERATURE_C,
-                "temperatures are in °C",
-            );
-        }
+        let temperature_c = self.temperature_c.unwrap_or(0.0);
+        let hint = "temperatures are in °C";
+        checker.magnitude(
+            format!("{at}/temperature_c"),
+            temperature_c,
+            MAX_TEMPERATURE_C,
+            hint,
+        );
         for (label, name) in [
             (&self.configuration, "configuration"),
             (&self.target_name, "target_name"),
@@ -167,13 +161,10 @@ impl PointBody {
 
     /// Checks the noise that is stated per axis or as a covariance, and that the noise is stated only once.
     fn check_directions(&self, at: &str, checker: &mut Checker) {
-        let range = MIN_STD_MM..=MAX_STD_MM;
         for (k, std) in self.std_axes_mm.iter().flatten().enumerate() {
-            if !range.contains(std) {
-                let detail =
-                    format!("{std}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm");
-                checker.note(format!("{at}/std_axes_mm/{k}"), "out_of_range", detail);
-            }
+            let pointer = format!("{at}/std_axes_mm/{k}");
+            let what = "a standard uncertainty, mm";
+            checker.within(pointer, *std, MIN_STD_MM..=MAX_STD_MM, what);
         }
         if let Some(covariance) = self.covariance_mm2 {
             let noise = PositionNoise::of_stated_covariance(&matrix(covariance));

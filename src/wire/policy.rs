@@ -55,16 +55,7 @@ impl PolicyBody {
     /// [`Invalid`] if the tolerance is out of range.
     pub fn check(&self) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        if let Some(tolerance) = self
-            .tolerance_mm
-            .filter(|tolerance| !(*tolerance > 0.0 && *tolerance <= MAX_TOLERANCE_MM))
-        {
-            checker.note(
-                "/tolerance_mm",
-                "out_of_range",
-                format!("{tolerance} is not above 0 and at most {MAX_TOLERANCE_MM} mm"),
-            );
-        }
+        checker.above_zero("/tolerance_mm", self.tolerance_mm, MAX_TOLERANCE_MM, "mm");
         checker.finish("invalid_policy")
     }
 }

@@ -10,6 +10,7 @@ use crate::wire::robot::{MAX_LENGTH_MM, MAX_NAME};
 use crate::wire::warning::Warning;
 use nalgebra::{Unit, Vector3};
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 use utoipa::ToSchema;
 
 /// Maximum number of configurations of a plan. This is more than can be measured in a day.
@@ -27,11 +28,12 @@ pub const MAX_BOXES: usize = 32;
 /// Maximum number of measurement sets in `measured`.
 pub const MAX_MEASURED: usize = 20;
 /// Allowed range of the noise, mm.
-pub(super) const NOISE_MM: (f64, f64) = (1e-4, 10.0);
+pub(super) const NOISE_MM: RangeInclusive<f64> = 1e-4..=10.0;
 /// Allowed range of the noise of rotations, degrees.
-pub(super) const NOISE_ROTATION_DEG: (f64, f64) = (1e-5, 5.0);
+pub(super) const NOISE_ROTATION_DEG: RangeInclusive<f64> = 1e-5..=5.0;
 /// Allowed range of an acceptance cone's half angle, degrees.
-pub(super) const HALF_ANGLE_DEG: (f64, f64) = (1.0, 180.0);
+pub(super) const HALF_ANGLE_DEG: RangeInclusive<f64> = 1.0..=180.0;
+const LENGTHS: &str = "lengths are in millimetres";
 /// Minimum length of a direction.
 const SHORTEST_AXIS: f64 = 1e-6;
 /// Half angle of the acceptance cone, if only its axis is stated: that of most reflectors, degrees.
@@ -268,24 +270,24 @@ impl PosePlanBody {
         check_boxes("/boxes", &self.boxes, &mut checker);
         check_boxes("/keep_out", &self.keep_out, &mut checker);
         if let Some(cylinder) = &self.base_cylinder {
-            check_lengths(
+            let BaseCylinderBody {
+                radius_mm,
+                height_mm,
+            } = *cylinder;
+            checker.magnitude(
                 "/base_cylinder/radius_mm",
-                &[cylinder.radius_mm],
-                &mut checker,
+                radius_mm,
+                MAX_LENGTH_MM,
+                LENGTHS,
             );
-            check_lengths(
+            checker.magnitude(
                 "/base_cylinder/height_mm",
-                &[cylinder.height_mm],
-                &mut checker,
+                height_mm,
+                MAX_LENGTH_MM,
+                LENGTHS,
             );
         }
-        if self.measured.len() > MAX_MEASURED {
-            checker.note(
-                "/measured",
-                "wrong_length",
-                format!("{} sets; at most {MAX_MEASURED}", self.measured.len()),
-            );
-        }
+        checker.count("/measured", self.measured.len(), 0..=MAX_MEASURED, "sets");
         checker.finish("invalid_plan")?;
         self.measured
             .iter()
@@ -295,20 +297,17 @@ impl PosePlanBody {
 
     fn check_numbers(&self, checker: &mut Checker) {
         let is_pose = self.kind.unwrap_or_default() == PlanKind::Pose;
-        let mut within = |at: &str, value: usize, most: usize| {
-            if value == 0 || value > most {
-                checker.note(
-                    at,
-                    "out_of_range",
-                    format!("{value}; 1 to {most} are allowed"),
-                );
-            }
-        };
-        within("/n_configurations", self.n_configurations, MAX_PLANNED);
-        within(
+        checker.within(
+            "/n_configurations",
+            self.n_configurations,
+            1..=MAX_PLANNED,
+            "configurations of a plan",
+        );
+        checker.within(
             "/n_candidates",
-            self.n_candidates.unwrap_or(DEFAULT_CANDIDATES),
-            MAX_CANDIDATES / if is_pose { 2 } else { 1 },
+            self.n_candidates,
+            1..=MAX_CANDIDATES / if is_pose { 2 } else { 1 },
+            "candidates of a plan",
         );
         let fewest = self.shares().into_iter().min().unwrap_or(0);
         if self.n_repeats.is_some_and(|repeats| repeats > fewest / 2) {
@@ -318,40 +317,25 @@ impl PosePlanBody {
                 "at most half of the configurations can be repeats of the others",
             );
         }
-        let mut noise = |at: &str, value: Option<f64>, (low, high): (f64, f64), unit: &str| {
-            if value.is_some_and(|std| !(low..=high).contains(&std)) {
-                checker.note(
-                    at,
-                    "out_of_range",
-                    format!("{low} to {high} {unit} are allowed"),
-                );
-            }
-        };
-        noise("/noise_std_mm", self.noise_std_mm, NOISE_MM, "mm");
-        noise(
+        let noise = "the standard deviation of the noise";
+        checker.within("/noise_std_mm", self.noise_std_mm, NOISE_MM, noise);
+        checker.within(
             "/noise_std_rotation_deg",
             self.noise_std_rotation_deg,
             NOISE_ROTATION_DEG,
-            "degrees",
+            noise,
         );
         if is_pose && self.model == Some(Model::Paper) {
             let detail = "the paper's model is identified from positions: remove the model, or plan positions";
             checker.note("/kind", "mixed_kinds", detail);
         }
-        check_lengths(
-            "/target_mm",
-            self.target_mm.as_slice().as_flattened(),
-            checker,
-        );
-        check_lengths("/floor_z_mm", self.floor_z_mm.as_slice(), checker);
+        check_place("/target_mm", self.target_mm, checker);
+        let floor_z_mm = self.floor_z_mm.unwrap_or(0.0);
+        checker.magnitude("/floor_z_mm", floor_z_mm, MAX_LENGTH_MM, LENGTHS);
     }
 
     fn check_sight(&self, checker: &mut Checker) {
-        check_lengths(
-            "/instrument_mm",
-            self.instrument_mm.as_slice().as_flattened(),
-            checker,
-        );
+        check_place("/instrument_mm", self.instrument_mm, checker);
         let has_instrument = self.instrument_mm.is_some()
             || self
                 .set_ups
@@ -360,9 +344,7 @@ impl PosePlanBody {
         if let Some(axis) = self.target_axis {
             let hint =
                 "a direction has components from -1 to 1: [0, 0, 1] is along the flange's z axis";
-            for (k, value) in axis.iter().enumerate() {
-                checker.magnitude(format!("/target_axis/{k}"), *value, 1.0, hint);
-            }
+            checker.magnitudes("/target_axis", &axis, 1.0, hint);
             if Vector3::from(axis).norm() < SHORTEST_AXIS {
                 checker.note("/target_axis", "out_of_range", format!("zero: {hint}"));
             }
@@ -371,15 +353,13 @@ impl PosePlanBody {
                 checker.note("/target_axis", "missing", detail);
             }
         }
-        let Some(half_angle_deg) = self.target_half_angle_deg else {
-            return;
-        };
-        let (low, high) = HALF_ANGLE_DEG;
-        if !(low..=high).contains(&half_angle_deg) {
-            let detail = format!("{low} to {high} degrees are allowed");
-            checker.note("/target_half_angle_deg", "out_of_range", detail);
-        }
-        if self.target_axis.is_none() {
+        checker.within(
+            "/target_half_angle_deg",
+            self.target_half_angle_deg,
+            HALF_ANGLE_DEG,
+            "half the opening of the cone",
+        );
+        if self.target_half_angle_deg.is_some() && self.target_axis.is_none() {
             let detail = "the cone needs its axis: add target_axis, or remove the angle";
             checker.note("/target_half_angle_deg", "missing", detail);
         }
@@ -387,9 +367,9 @@ impl PosePlanBody {
 
     fn check_set_ups(&self, checker: &mut Checker) {
         let n = self.set_ups.len();
+        checker.count("/set_ups", n, 0..=MAX_SET_UPS, "set-ups");
         if n > MAX_SET_UPS {
-            let detail = format!("{n} set-ups; at most {MAX_SET_UPS}");
-            return checker.note("/set_ups", "wrong_length", detail);
+            return;
         }
         let fewest = self.shares().into_iter().min().unwrap_or(0);
         if n > 0 && fewest < FEWEST_PER_SET_UP {
@@ -414,33 +394,30 @@ impl PosePlanBody {
                 let detail = format!("{:?} is the name of two set-ups", set_up.name);
                 checker.note(format!("{at}/name"), "duplicate", detail);
             }
-            let instrument_mm = set_up.instrument_mm.as_slice().as_flattened();
-            check_lengths(&format!("{at}/instrument_mm"), instrument_mm, checker);
+            check_place(
+                &format!("{at}/instrument_mm"),
+                set_up.instrument_mm,
+                checker,
+            );
             check_boxes(&format!("{at}/boxes"), &set_up.boxes, checker);
         }
     }
 }
 
-/// Checks one length, or each of several.
-fn check_lengths(at: &str, values: &[f64], checker: &mut Checker) {
-    for (k, value) in values.iter().enumerate() {
-        let at = if values.len() > 1 {
-            format!("{at}/{k}")
-        } else {
-            at.to_owned()
-        };
-        checker.magnitude(at, *value, MAX_LENGTH_MM, "lengths are in millimetres");
-    }
+fn check_place(at: &str, place_mm: Option<[f64; 3]>, checker: &mut Checker) {
+    checker.magnitudes(
+        at,
+        place_mm.as_slice().as_flattened(),
+        MAX_LENGTH_MM,
+        LENGTHS,
+    );
 }
 
 fn check_boxes(at: &str, boxes: &[BoxBody], checker: &mut Checker) {
-    if boxes.len() > MAX_BOXES {
-        let detail = format!("{} boxes; at most {MAX_BOXES}", boxes.len());
-        checker.note(at, "wrong_length", detail);
-    }
+    checker.count(at, boxes.len(), 0..=MAX_BOXES, "boxes");
     for (i, b) in boxes.iter().take(MAX_BOXES).enumerate() {
-        check_lengths(&format!("{at}/{i}/min_mm"), &b.min_mm, checker);
-        check_lengths(&format!("{at}/{i}/max_mm"), &b.max_mm, checker);
+        check_place(&format!("{at}/{i}/min_mm"), Some(b.min_mm), checker);
+        check_place(&format!("{at}/{i}/max_mm"), Some(b.max_mm), checker);
         if (0..3).any(|k| b.min_mm[k] >= b.max_mm[k]) {
             let detail = "min_mm is the lowest corner and max_mm the highest";
             checker.note(format!("{at}/{i}"), "corners_reversed", detail);

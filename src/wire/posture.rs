@@ -1,9 +1,8 @@
 //! The nominal tool pose for given joint values, for comparison with the display of the teach pendant.
 
-use crate::kinematics::model::MAX_LINKS;
 use crate::wire::issue::{Checker, Invalid};
-use crate::wire::measurement::MAX_JOINT_VALUE_DEG;
-use crate::wire::tool::ToolBody;
+use crate::wire::point::check_joints;
+use crate::wire::tool::{ToolBody, check_lengths};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -56,25 +55,12 @@ impl PostureBody {
     /// Makes all checks that need only the request and the number of joints.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        checker.length(
-            "/q_deg",
-            self.q_deg.len(),
-            n_joints,
-            "one joint value per link of the robot",
-        );
-        for (i, q) in self.q_deg.iter().take(MAX_LINKS).enumerate() {
-            let hint = "joint values are in degrees";
-            checker.magnitude(format!("/q_deg/{i}"), *q, MAX_JOINT_VALUE_DEG, hint);
-        }
+        check_joints(&mut checker, "/q_deg", &self.q_deg, n_joints);
         if let Some(tool) = &self.tool {
             tool.check_into("/tool", &mut checker);
         }
         if let Some(shown) = &self.shown_position_mm {
-            for (i, mm) in shown.iter().enumerate() {
-                let hint = "positions are in millimetres";
-                let pointer = format!("/shown_position_mm/{i}");
-                checker.magnitude(pointer, *mm, MAX_POSITION_MM, hint);
-            }
+            check_lengths(&mut checker, "/shown_position_mm", shown, MAX_POSITION_MM);
         }
         checker.finish("invalid_posture")
     }

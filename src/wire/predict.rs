@@ -4,7 +4,8 @@ use crate::measurement::csv::MAX_TARGETS;
 use crate::wire::corrections::PayloadBody;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;
-use crate::wire::measurement::{MAX_JOINT_VALUE_DEG, Warning};
+use crate::wire::measurement::Warning;
+use crate::wire::point::check_joints;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -53,45 +54,16 @@ impl PredictBody {
     /// Makes all checks that need only the request and the number of joints.
     pub fn check(&self, n_joints: usize) -> Result<(), Invalid> {
         let mut checker = Checker::default();
-        if self.q_deg.len() > MAX_POSES {
-            checker.note(
-                "/q_deg",
-                "wrong_length",
-                format!("{} poses; at most {MAX_POSES}", self.q_deg.len()),
-            );
-        }
+        checker.count("/q_deg", self.q_deg.len(), 0..=MAX_POSES, "poses");
         for (i, pose) in self.q_deg.iter().take(MAX_POSES).enumerate() {
-            check_pose(&mut checker, i, pose, n_joints);
+            check_joints(&mut checker, &format!("/q_deg/{i}"), pose, n_joints);
         }
-        if self.target >= MAX_TARGETS {
-            checker.note(
-                "/target",
-                "out_of_range",
-                format!(
-                    "{}: targets are numbered from 0, at most {MAX_TARGETS}",
-                    self.target
-                ),
-            );
-        }
+        let what = "targets are numbered from 0";
+        checker.within("/target", self.target, 0..=MAX_TARGETS - 1, what);
         if let Some(payload) = &self.payload {
             payload.check("/payload", &mut checker);
         }
         checker.finish("invalid_poses")
-    }
-}
-
-/// Checks the joint values of pose `i` of `q_deg`.
-pub fn check_pose(checker: &mut Checker, i: usize, pose: &[f64], n_joints: usize) {
-    check_joints(checker, &format!("/q_deg/{i}"), pose, n_joints);
-}
-
-/// Checks the joint values `q_deg` at the JSON pointer `at`.
-pub fn check_joints(checker: &mut Checker, at: &str, q_deg: &[f64], n_joints: usize) {
-    let what = "one joint value per link of the robot";
-    checker.length(at, q_deg.len(), n_joints, what);
-    for (j, q) in q_deg.iter().enumerate() {
-        let hint = "joint values are in degrees";
-        checker.magnitude(format!("{at}/{j}"), *q, MAX_JOINT_VALUE_DEG, hint);
     }
 }
 

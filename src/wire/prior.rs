@@ -56,24 +56,12 @@ impl From<&Prior> for ParameterPrior {
 
 /// Makes the checks of each prior that do not need the robot and the model.
 pub fn check(priors: &[Prior], checker: &mut Checker) {
-    if priors.len() > MAX_NAMES {
-        checker.note(
-            "/parameters/priors",
-            "wrong_length",
-            format!("{} priors; at most {MAX_NAMES}", priors.len()),
-        );
-    }
+    checker.count("/parameters/priors", priors.len(), 0..=MAX_NAMES, "priors");
     for (i, prior) in priors.iter().take(MAX_NAMES).enumerate() {
         let at = |field: &str| format!("/parameters/priors/{i}/{field}");
         checker.text(&at("name"), &prior.name, MAX_PARAMETER_NAME);
-        if !(MIN_STD..=MAX_VALUE).contains(&prior.std) {
-            let hint = "a standard deviation is above 0; hold the parameter to keep it exactly";
-            checker.note(
-                at("std"),
-                "out_of_range",
-                format!("{} is outside {MIN_STD} to {MAX_VALUE}: {hint}", prior.std),
-            );
-        }
+        let hint = "a standard deviation is above 0; hold the parameter to keep it exactly";
+        checker.within(at("std"), prior.std, MIN_STD..=MAX_VALUE, hint);
         for (field, value) in [("mean", prior.mean), ("min", prior.min), ("max", prior.max)] {
             checker.magnitude(at(field), value.unwrap_or(0.0), MAX_VALUE, "mm or degrees");
         }

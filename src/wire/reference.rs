@@ -90,36 +90,28 @@ impl ReferenceBody {
         if let Some(instrument) = &self.instrument {
             checker.text("/instrument", instrument, MAX_INSTRUMENT);
         }
-        if self.items.is_empty() || self.items.len() > MAX_LENGTHS {
-            let detail = format!(
-                "{} lengths: a reference has 1 to {MAX_LENGTHS}",
-                self.items.len()
-            );
-            checker.note("/items", "out_of_range", detail);
-        }
+        let n = self.items.len();
+        checker.within("/items", n, 1..=MAX_LENGTHS, "the number of lengths");
         for (i, item) in self.items.iter().enumerate().take(MAX_LENGTHS) {
             let at = format!("/items/{i}");
             checker.text(&format!("{at}/name"), &item.name, MAX_NAME);
-            if !(item.nominal_mm > 0.0 && item.nominal_mm <= MAX_LENGTH_MM) {
-                let detail = format!(
-                    "{}: a length is above 0 and at most {MAX_LENGTH_MM} mm",
-                    item.nominal_mm
-                );
-                checker.note(format!("{at}/nominal_mm"), "out_of_range", detail);
-            } else if (item.measured_mm / item.nominal_mm - 1.0).abs() > MOST_OFF {
+            checker.above_zero(
+                format!("{at}/nominal_mm"),
+                item.nominal_mm,
+                MAX_LENGTH_MM,
+                "a length, mm",
+            );
+            let is_off = (item.measured_mm / item.nominal_mm - 1.0).abs() > MOST_OFF;
+            if item.nominal_mm > 0.0 && is_off {
                 let detail = format!(
                     "{} mm were measured of {} mm: more than 1 % off. Check the unit, and that both are of the same length",
                     item.measured_mm, item.nominal_mm
                 );
                 checker.note(format!("{at}/measured_mm"), "implausible_length", detail);
             }
-            if !(MIN_STD_MM..=MAX_STD_MM).contains(&item.std_mm) {
-                let detail = format!(
-                    "{}: a standard uncertainty is {MIN_STD_MM} to {MAX_STD_MM} mm",
-                    item.std_mm
-                );
-                checker.note(format!("{at}/std_mm"), "out_of_range", detail);
-            }
+            let std = format!("{at}/std_mm");
+            let what = "a standard uncertainty, mm";
+            checker.within(std, item.std_mm, MIN_STD_MM..=MAX_STD_MM, what);
         }
         checker.finish("invalid_reference")?;
         self.check_agreement()

@@ -149,19 +149,13 @@ pub struct RobotAnswer {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checked: Option<CheckedAnswer>,
     /// Version: 1 for a new robot; each edit adds 1.
-    #[serde(default = "first_version")]
-    #[schema(minimum = 1, required)]
+    #[schema(minimum = 1)]
     pub version: i64,
     /// When it was archived: RFC 3339, UTC. An archived robot accepts no uploads, jobs and releases.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub archived_at: Option<String>,
     /// RFC 3339, UTC.
     pub created_at: String,
-}
-
-/// Version of a robot in the answer of an older server, which has no edits and no `version`.
-fn first_version() -> i64 {
-    1
 }
 
 /// Whether parameter sets of a robot can be released.
@@ -267,12 +261,9 @@ impl RobotBody {
             checker.text("/description", description, MAX_DESCRIPTION);
         }
         let n = self.links.len();
-        if n == 0 || n > MAX_LINKS {
-            checker.note(
-                "/links",
-                "wrong_length",
-                format!("{n} links; 1 to {MAX_LINKS} are allowed, base to flange"),
-            );
+        let links = "links, from base to flange";
+        checker.count("/links", n, 1..=MAX_LINKS, links);
+        if !(1..=MAX_LINKS).contains(&n) {
             return;
         }
         self.links
@@ -302,43 +293,41 @@ impl From<&LinkBody> for Link {
 
 impl LinkBody {
     fn check(&self, at: &str, checker: &mut Checker) {
-        let millimetres = "lengths are in millimetres";
         let degrees = "angles are in degrees";
-        checker.magnitude(format!("{at}/a_mm"), self.a_mm, MAX_LENGTH_MM, millimetres);
-        checker.magnitude(format!("{at}/d_mm"), self.d_mm, MAX_LENGTH_MM, millimetres);
-        checker.magnitude(
-            format!("{at}/alpha_deg"),
-            self.alpha_deg,
-            MAX_ANGLE_DEG,
-            degrees,
-        );
-        checker.magnitude(
-            format!("{at}/theta_offset_deg"),
-            self.theta_offset_deg,
-            MAX_ANGLE_DEG,
-            degrees,
-        );
-        checker.magnitude(
-            format!("{at}/beta_deg"),
-            self.beta_deg.unwrap_or(0.0),
-            MAX_BETA_DEG,
-            "beta is a small misalignment",
-        );
+        for (name, value, limit, hint) in [
+            (
+                "a_mm",
+                self.a_mm,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            ),
+            (
+                "d_mm",
+                self.d_mm,
+                MAX_LENGTH_MM,
+                "lengths are in millimetres",
+            ),
+            ("alpha_deg", self.alpha_deg, MAX_ANGLE_DEG, degrees),
+            (
+                "theta_offset_deg",
+                self.theta_offset_deg,
+                MAX_ANGLE_DEG,
+                degrees,
+            ),
+            (
+                "beta_deg",
+                self.beta_deg.unwrap_or(0.0),
+                MAX_BETA_DEG,
+                "beta is a small misalignment",
+            ),
+        ] {
+            checker.magnitude(format!("{at}/{name}"), value, limit, hint);
+        }
         let Some([lo, hi]) = self.joint_limits_deg else {
             return;
         };
-        checker.magnitude(
-            format!("{at}/joint_limits_deg/0"),
-            lo,
-            MAX_JOINT_DEG,
-            degrees,
-        );
-        checker.magnitude(
-            format!("{at}/joint_limits_deg/1"),
-            hi,
-            MAX_JOINT_DEG,
-            degrees,
-        );
+        let limits = format!("{at}/joint_limits_deg");
+        checker.magnitudes(&limits, &[lo, hi], MAX_JOINT_DEG, degrees);
         if lo >= hi {
             checker.note(
                 format!("{at}/joint_limits_deg"),
@@ -368,14 +357,8 @@ impl JointMapBody {
                 n,
                 "one offset per link",
             );
-            for (i, offset) in offsets.iter().enumerate() {
-                checker.magnitude(
-                    format!("/joint_map/offset_deg/{i}"),
-                    *offset,
-                    MAX_ANGLE_DEG,
-                    "angles are in degrees",
-                );
-            }
+            let hint = "angles are in degrees";
+            checker.magnitudes("/joint_map/offset_deg", offsets, MAX_ANGLE_DEG, hint);
         }
         if let Some(coupling) = &self.coupling {
             check_coupling(coupling, n, checker);
@@ -390,15 +373,10 @@ fn check_coupling(rows: &[Vec<f64>], n: usize, checker: &mut Checker) {
     }
     let mut square = true;
     for (i, row) in rows.iter().enumerate() {
-        square &= checker.length(format!("{at}/{i}"), row.len(), n, "one column per link");
-        for (j, value) in row.iter().enumerate() {
-            checker.magnitude(
-                format!("{at}/{i}/{j}"),
-                *value,
-                MAX_COUPLING,
-                "couplings are ratios of joint angles",
-            );
-        }
+        let at = format!("{at}/{i}");
+        square &= checker.length(&at, row.len(), n, "one column per link");
+        let hint = "couplings are ratios of joint angles";
+        checker.magnitudes(&at, row, MAX_COUPLING, hint);
     }
     if square && matrix(rows).determinant().abs() < MIN_COUPLING_DETERMINANT {
         checker.note(
@@ -418,13 +396,7 @@ impl GravityDirection {
             );
             checker.note("/mounting/gravity_in_base", "not_a_direction", detail);
         }
-        if !(0.0..=90.0).contains(&self.std_deg) {
-            checker.note(
-                "/mounting/std_deg",
-                "out_of_range",
-                format!("{} is outside 0 to 90 degrees", self.std_deg),
-            );
-        }
+        checker.within("/mounting/std_deg", self.std_deg, 0.0..=90.0, "degrees");
     }
 }
 

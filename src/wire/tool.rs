@@ -77,19 +77,13 @@ pub(super) fn check_rotation(
 
 /// Checks that lengths are not too large. `at` is the JSON pointer of the list.
 pub(super) fn check_lengths(checker: &mut Checker, at: &str, lengths_mm: &[f64; 3], largest: f64) {
-    for (i, value) in lengths_mm.iter().enumerate() {
-        let hint = "lengths are in millimetres";
-        checker.magnitude(format!("{at}/{i}"), *value, largest, hint);
-    }
+    checker.magnitudes(at, lengths_mm, largest, "lengths are in millimetres");
 }
 
 /// Checks a standard uncertainty of lengths. `at` is the JSON pointer of the object that contains it.
 pub(super) fn check_std(checker: &mut Checker, at: &str, std_mm: Option<f64>) {
-    if std_mm.is_some_and(|std_mm| !(0.0..=MAX_LENGTH_MM).contains(&std_mm)) {
-        let detail =
-            format!("the standard uncertainty of one coordinate is from 0 to {MAX_LENGTH_MM} mm");
-        checker.note(format!("{at}/std_mm"), "out_of_range", detail);
-    }
+    let what = "the standard uncertainty of one coordinate, mm";
+    checker.within(format!("{at}/std_mm"), std_mm, 0.0..=MAX_LENGTH_MM, what);
 }
 
 impl ToolBody {

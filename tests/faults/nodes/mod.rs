@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 const NO_AUTH: &[&str] = &["--no-auth"];
-/// Longest time until every node knows of an event: PostgreSQL's notification takes milliseconds, the poll behind it half a second.
+/// Longest time until every node knows of an event: nodes poll twice a second.
 const A_SECOND: Duration = Duration::from_secs(1);
 /// Longest time to serve again after PostgreSQL is back.
 const SERVING_AGAIN: Duration = Duration::from_secs(2);

@@ -2,15 +2,15 @@
 
 use crate::config::LimitsConfig;
 use crate::http::app::shutdown_begun;
+use crate::http::connection::lingering::Lingering;
+use crate::http::connection::peer::Peer;
+use crate::http::connection::tls::Tls;
+use crate::http::connection::unreadable::{self, WithProblems};
 use crate::http::counters::Metrics;
 use crate::http::limits::Limits;
-use crate::http::lingering::Lingering;
-use crate::http::peer::Peer;
 use crate::http::route::class_of;
 use crate::http::router::router;
 use crate::http::routes::ROUTES;
-use crate::http::tls::Tls;
-use crate::http::unreadable::{self, WithProblems};
 use crate::http::{App, layers};
 use axum::Router;
 use axum::body::Body;

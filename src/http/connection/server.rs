@@ -1,8 +1,9 @@
 //! Starts and stops the service, for `kincal serve`, `kincal demo` and the tests.
 
 use crate::config::{self, STOP_WITHIN, ServeConfig, n_workers};
-use crate::http::accept::{self, ConnectionContext};
-use crate::http::{App, tls};
+use crate::http::App;
+use crate::http::connection::accept::{self, ConnectionContext};
+use crate::http::connection::tls;
 use crate::jobs::{AttemptLimits, Compute, JobSignals, WorkerPool, backfill, execution};
 use crate::store::{self, Store, StoreLocation};
 use std::net::SocketAddr;

@@ -1,0 +1,10 @@
+//! What happens below a request: connections are accepted, encrypted, read, and closed without losing an answer.
+
+mod accept;
+mod lingering;
+mod peer;
+pub mod server;
+pub mod tls;
+mod unreadable;
+
+pub use peer::Peer;
