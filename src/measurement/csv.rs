@@ -304,7 +304,13 @@ fn fill_pose(
 fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Result<(), CellError> {
     let number = |cell, factor, limit| number(cell, reading.decimal, factor, limit);
     match column {
-        Column::Joint(joint, factor) => point.q_rad[joint] = number(cell, factor, MAX_JOINT_RAD)?,
+        Column::Joint(joint, factor) => {
+            let value = number(cell, factor, MAX_JOINT_RAD);
+            point.q_rad[joint] = value.map_err(|(code, detail)| match code {
+                "out_of_range" => (code, format!("{detail}; {PULSES}")),
+                _ => (code, detail),
+            })?;
+        }
         Column::Position(axis, factor) => {
             point.position_mm[axis] = number(cell, factor, MAX_COORDINATE_MM)?
         }
@@ -353,6 +359,9 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
 
 /// Texts in cells that mean that nothing was measured.
 const NOTHING: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
+/// What joint values may be that no joint has.
+pub(super) const PULSES: &str =
+    "if these are pulses of motors or counts of encoders, convert them to degrees";
 /// What to do with a row that has no number.
 const REMOVE: &str = "remove the row, or put # before it";
 

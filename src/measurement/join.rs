@@ -10,6 +10,7 @@ use crate::measurement::join_options::{Pairs, error};
 use crate::measurement::join_time::{Clock, MAX_APART, by_time, extent_mm, times};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use crate::measurement::table_points::Content;
+use crate::measurement::table_repeats::rows_again;
 use std::collections::{BTreeMap, BTreeSet};
 
 pub use crate::measurement::join_options::{JoinBy, JoinError, JoinOptions};
@@ -139,10 +140,34 @@ pub fn join(
     if options.refuse_apart && matches!(best.by, JoinBy::Name | JoinBy::Number) {
         refuse_apart(instrument, best)?;
     }
-    Ok((
-        points(robot, instrument, &best.pairs),
-        summary(robot, instrument, best),
-    ))
+    let joined = points(robot, instrument, &best.pairs);
+    if options.refuse_apart {
+        refuse_again(&joined, instrument, best)?;
+    }
+    Ok((joined, summary(robot, instrument, best)))
+}
+
+/// Refuses an instrument's file in which a table stands twice.
+fn refuse_again(
+    joined: &[Point],
+    instrument: &Content,
+    pairing: &Pairing,
+) -> Result<(), JoinError> {
+    let again = rows_again(joined);
+    let Some((row, first)) = again.first() else {
+        return Ok(());
+    };
+    let paired = instrument.lines.iter().zip(&pairing.pairs);
+    let paired = paired.filter(|(_, pair)| pair.is_some());
+    let lines: Vec<usize> = paired.map(|(line, _)| *line).collect();
+    let detail = format!(
+        "line {} of the instrument's file agrees with line {} in every digit, as {} lines in all do with earlier ones: repeated measurements differ by their noise, so a table \
+         stands there twice; remove these lines",
+        lines[*row],
+        lines[*first],
+        again.len()
+    );
+    Err(error("rows_twice", detail))
 }
 
 fn points(robot: &Content, instrument: &Content, pairs: &Pairs) -> Vec<Point> {

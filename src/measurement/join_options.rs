@@ -42,7 +42,7 @@ pub struct JoinOptions {
     /// By time: whether the instrument's file is a continuous log, of which only the standstills are used. `None`: detected from the time between its
     /// rows.
     pub instrument_log: Option<bool>,
-    /// Whether positions with the same name that are too far apart are refused. False for stored uploads, which were accepted once.
+    /// Whether positions with the same name that are too far apart, and tables that stand twice in a file, are refused. False for stored uploads, which were accepted once.
     pub refuse_apart: bool,
 }
 

@@ -37,6 +37,7 @@ mod table_plain;
 pub mod table_points;
 mod table_quotes;
 mod table_reflectors;
+mod table_repeats;
 mod table_resolution;
 mod table_row_ends;
 mod table_rows;

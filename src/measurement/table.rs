@@ -403,6 +403,16 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// A column as a mapping refers to it: its name in quotes, or its number.
+    pub(super) fn reference(&self, place: usize) -> String {
+        let name = self.header.get(place).filter(|name| !name.is_empty());
+        let is_unique = |name: &&String| self.header.iter().filter(|own| own == name).count() == 1;
+        match name.filter(is_unique) {
+            Some(name) => format!("{name:?}"),
+            None => (place + 1).to_string(),
+        }
+    }
+
     /// The name of a column for messages.
     pub fn name(&self, place: usize) -> String {
         match self.header.get(place).map(String::as_str) {

@@ -45,6 +45,19 @@ const NAMES: [&str; 38] = [
     "ausreißer",
     "aktiv",
 ];
+/// Words beside them in the name of a column that counts: "Valid samples".
+const COUNTED: [&str; 10] = [
+    "samples",
+    "points",
+    "shots",
+    "readings",
+    "measurements",
+    "observations",
+    "count",
+    "number",
+    "n",
+    "anzahl",
+];
 /// Maximum number of words of such a name.
 const MAX_WORDS: usize = 3;
 /// Cells that say in any column that a row does not count.
@@ -110,8 +123,8 @@ impl Flags {
             let name = table.header[place].to_lowercase();
             let words = name.split(|c: char| !c.is_alphanumeric());
             let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
-            let is_named =
-                !is_log && words.len() <= MAX_WORDS && words.iter().any(|w| NAMES.contains(w));
+            let has = |known: &[&str]| words.iter().any(|word| known.contains(word));
+            let is_named = !is_log && words.len() <= MAX_WORDS && has(&NAMES) && !has(&COUNTED);
             Flag {
                 place,
                 is_named,
@@ -159,10 +172,7 @@ impl Flags {
 fn issue(table: &Table, flag: &Flag, marked: &Marked) -> (Issue, Option<usize>) {
     let Marked { row, line, cell } = marked;
     let name = table.name(flag.place);
-    let reference = match table.header[flag.place].as_str() {
-        "" => format!("{}", flag.place + 1),
-        header => format!("{header:?}"),
-    };
+    let reference = table.reference(flag.place);
     let detail = format!(
         "row {row} has {cell:?} in column {name}, and others have not: if it says that such rows do not count, remove them, or put # before them; if all rows are \
          measurements, leave the column aside in the column mapping: {{\"ignore\": [{reference}]}}"

@@ -248,11 +248,16 @@ impl<'t> Parts<'t> {
             .iter()
             .filter(|used| key(&used.means).is_some());
         let keyed = keys.clone().map(|used| used.place + 1).max().unwrap_or(0);
-        let named = table
-            .header
-            .iter()
-            .rposition(|name| !name.is_empty())
-            .map_or(0, |at| at + 1);
+        let ignored: Vec<usize> = (options.mapping.ignore.iter())
+            .filter_map(|column| table.place(column).ok())
+            .collect();
+        let is_wanted = |place: &usize| {
+            // of a file that was accepted once, only the columns that are read count
+            let is_named = !table.header[*place].is_empty() && !options.mapping.is_complete;
+            is_named && !ignored.contains(place)
+        };
+        let named = (0..table.header.len()).rev().find(is_wanted);
+        let named = named.map_or(0, |place| place + 1);
         let last = read.iter().map(|(place, ..)| place + 1).max();
         let last = last.unwrap_or(0).max(keyed);
         let layout = Layout {
@@ -268,14 +273,17 @@ impl<'t> Parts<'t> {
                     .iter()
                     .any(|(place, column, _)| place + 1 == last && is_number(column)),
                 has_places: matches!(table.encoding, Encoding::Xlsx | Encoding::Ods),
+                positions: read
+                    .iter()
+                    .filter(|(_, column, _)| matches!(column, Column::Position(..)))
+                    .map(|(place, ..)| *place)
+                    .collect(),
                 first_joint: (columns.used.iter())
                     .find(|used| is_joint(&used.means))
                     .filter(|used| !used.is_mapped && !options.are_targets)
                     .map(|used| (used.place, used.means.clone())),
             },
-            ignored: (options.mapping.ignore.iter())
-                .filter_map(|column| table.place(column).ok())
-                .collect(),
+            ignored,
             units: read.iter().map(|(.., unit)| *unit).collect(),
             is_read_again: options.mapping.is_complete,
             has_positions: options.needs != Needs::Joints,

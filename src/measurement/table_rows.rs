@@ -1,6 +1,6 @@
 //! The rows of a table: reads them one by one to points and join keys, and refuses those that hold no measurement.
 
-use crate::measurement::csv::{MAX_ROWS, Reading, parse_row};
+use crate::measurement::csv::{MAX_ROWS, PULSES, Reading, parse_row};
 use crate::measurement::csv_columns::Column;
 use crate::measurement::csv_issue::{Issue, MAX_ISSUES};
 use crate::measurement::number_text::without_unit;
@@ -10,9 +10,13 @@ use crate::measurement::table_flags::Flags;
 use crate::measurement::table_groups::rows_of_groups;
 use crate::measurement::table_lines::is_numeric;
 use crate::measurement::table_reflectors::reflectors;
+use crate::measurement::table_repeats::rows_again;
 use crate::measurement::table_resolution::Used;
 use crate::measurement::table_row_ends::{Ends, RowEnds};
 use crate::measurement::table_statistics::{is_statistic, rows_not_measured, rows_of_statistics};
+
+/// Joint values beyond this, rad, are usual of one joint at most: two turns.
+const SEVERAL_TURNS_RAD: f64 = 4.0 * std::f64::consts::PI;
 
 /// Cells of a column with and without a unit behind the number: how many, and row and line of the first one.
 #[derive(Clone, Copy, Debug, Default)]
@@ -177,6 +181,11 @@ impl Rows {
         if layout.has_positions && self.issues.is_empty() {
             self.refuse_not_measured(layout);
         }
+        let has_joints = (layout.columns.iter()).any(|column| matches!(column, Column::Joint(..)));
+        if layout.has_positions && has_joints && self.issues.is_empty() {
+            self.refuse_rows_again();
+            self.refuse_pulses();
+        }
         if layout.has_positions && self.issues.is_empty() {
             self.refuse_statistics();
         }
@@ -295,6 +304,41 @@ impl Rows {
             );
             self.issue(Some(at), Some(self.lines[at]), "not_measured", detail);
         }
+    }
+
+    /// Refuses rows that stand in the file twice.
+    fn refuse_rows_again(&mut self) {
+        let found = rows_again(&self.points);
+        let n = found.len();
+        for (at, first) in found.into_iter().take(MAX_ISSUES) {
+            let detail = format!(
+                "row {at} agrees with row {first} in every digit of joints and position, as {n} rows in all do with earlier ones: repeated measurements differ by their noise, so a table \
+                 stands here twice; remove these rows"
+            );
+            self.issue(Some(at), Some(self.lines[at]), "rows_twice", detail);
+        }
+    }
+
+    /// Refuses joint values that no robot has: no robot turns three joints several times.
+    fn refuse_pulses(&mut self) {
+        let rows = |joint: usize| {
+            let turned = |point: &Point| point.q_rad[joint].abs() > SEVERAL_TURNS_RAD;
+            self.points.iter().position(turned)
+        };
+        let n_joints = self.points.first().map_or(0, |point| point.q_rad.len());
+        let turned: Vec<(usize, usize)> = (0..n_joints)
+            .filter_map(|joint| Some((joint, rows(joint)?)))
+            .collect();
+        let Some((joint, row)) = turned.first().filter(|_| turned.len() >= n_joints.min(3)) else {
+            return;
+        };
+        let detail = format!(
+            "row {row}: joint {} is at {:.0}°, and {} joints turn more than twice: {PULSES}",
+            joint + 1,
+            self.points[*row].q_rad[*joint].to_degrees(),
+            turned.len()
+        );
+        self.issue(Some(*row), Some(self.lines[*row]), "out_of_range", detail);
     }
 
     /// Refuses rows above or below the measurements that are their mean, standard deviation and the like, whatever they are called.

@@ -65,7 +65,7 @@ impl Program {
         let kind = workbook::workbook(bytes);
         let source = match kind {
             Some(kind) => {
-                let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
+                let (source, sheet) = workbook::read(kind, bytes, &mapping)?;
                 mapping.sheet = Some(sheet);
                 source
             }

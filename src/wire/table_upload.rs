@@ -237,7 +237,7 @@ pub fn needs(part: FilePart) -> Needs {
 /// A file as text. For a workbook, the name of the used sheet is written to the mapping.
 fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Invalid> {
     if let Some(kind) = workbook::workbook(bytes) {
-        let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
+        let (source, sheet) = workbook::read(kind, bytes, mapping)?;
         mapping.sheet = Some(sheet);
         return Ok(source);
     }
