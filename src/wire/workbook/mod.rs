@@ -8,8 +8,8 @@ mod sheet;
 mod xlsx;
 mod xml;
 
-use crate::measurement::column_mapping::Mapping;
-use crate::measurement::table_text::{Encoding, Source};
+use crate::measurement::columns::mapping::Mapping;
+use crate::measurement::table::text::{Encoding, Source};
 use crate::wire::Invalid;
 use hidden_rows::refuse_hidden_rows;
 use refusal::{Archive, MAX_UNPACKED_BYTES, broken, refused, too_large};

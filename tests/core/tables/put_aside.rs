@@ -13,7 +13,7 @@ fn with_column(name: &str, back: fn(usize) -> Vec<String>) -> String {
 #[test]
 fn rows_that_somebody_put_aside_are_not_taken_silently() {
     type Cells = fn(usize) -> Vec<String>;
-    let columns: [(&str, &str, Cells); 9] = [
+    let columns: [(&str, &str, Cells); 10] = [
         ("Deleted", "x", |row| {
             vec![if row == 4 { "x" } else { "" }.into()]
         }),
@@ -31,6 +31,9 @@ fn rows_that_somebody_put_aside_are_not_taken_silently() {
         }),
         ("Quality flag", "3", |row| {
             vec![if row == 4 { "3" } else { "0" }.into()]
+        }),
+        ("Valid samples", "0", |row| {
+            vec![if row == 4 { "0" } else { "100" }.into()]
         }),
         ("Bemerkung", "ungültig", |row| {
             vec![if row == 4 { "ungültig" } else { "warm" }.into()]

@@ -663,9 +663,9 @@ fn a_row_without_a_number_is_refused_if_a_label_is_read_last() {
 
 #[test]
 fn a_target_name_of_another_instrument_is_the_name_of_a_point() {
-    use kincal::measurement::column_mapping::{Mapping, Needs};
-    use kincal::measurement::table_points::{TableOptions, read};
-    use kincal::measurement::table_text::Source;
+    use kincal::measurement::columns::mapping::{Mapping, Needs};
+    use kincal::measurement::table::points::{TableOptions, read};
+    use kincal::measurement::table::text::Source;
     for header in [
         "Target_Name,X [mm],Y [mm],Z [mm]",
         "target_name,x_mm,y_mm,z_mm",
