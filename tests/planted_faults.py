@@ -395,13 +395,21 @@ FAULTS = [
     Fault("no finite check", "service", "every_bad_file", [
         ("if !value.is_finite() { let detail = format!(\"{cell:?} is not a finite", "if value.is_nan() && false { let detail = format!(\"{cell:?} is not a finite")]),
     Fault("a short row may lack any cell", "core", "a_short_row_whose_remark_is_a_number", [
-        ("|| !last(moved).is_some_and(|own| column.has(own, own))", "")], "src/measurement"),
+        ("if n_cells < ends.n_named {", "if n_cells < ends.n_read {")], "src/measurement"),
+    Fault("rows that a filter hides are measurements", "core", "hidden_rows_of_a_workbook", [
+        ("refuse_hidden_rows(&sheet)?;", "")], "src/wire"),
+    Fault("a table counts twice", "core", "a_table_that_stands_twice", [
+        ("found = repeats::repeats(points);", "")], "src/measurement"),
+    Fault("thousands are columns", "core", "numbers_that_are_split", [
+        ("found.extend(self.split.take());", "")], "src/measurement"),
+    Fault("pulses are degrees", "core", "pulses_of_motors", [
+        ("found = not_measured::pulses(points);", "")], "src/measurement"),
     Fault("means of each pose are measurements", "core", "statistics_of_each_pose_are_no_measurements", [
         ("(n_hits > 1 && is_rare && evidence <= FALSE_ALARM)", "(n_hits > 1 && is_rare && evidence < f64::MIN)")], "src/measurement"),
     Fault("rows that were put aside are measurements", "core", "rows_that_somebody_put_aside", [
         ("self.issues.extend(self.flags.refused(table));", "")], "src/measurement"),
     Fault("positions under Nominal are measured", "core", "columns_under_a_group_that_was_not_measured", [
-        ("let known = self.without_groups_not_measured(known);", "")], "src/measurement"),
+        ("let known = without_groups_not_measured(self.table, known);", "")], "src/measurement"),
     Fault("shared targets count twice", "core", "what_cannot_be_fitted_together", [
         ("let n_targets = request.set.n_targets(); if n_targets > MAX_TARGETS", "let n_targets: usize = sessions.iter().map(MeasurementSet::n_targets).sum(); if n_targets > MAX_TARGETS")],
         "src/calibration"),

@@ -4,13 +4,13 @@
 use crate::kinematics::Link;
 use crate::kinematics::model::MAX_LINKS;
 use crate::measurement::Decimal;
-use crate::measurement::column_mapping::{ColumnRef, Mapping};
-use crate::measurement::column_names::{LENGTHS, Unit, name_and_unit};
+use crate::measurement::columns::mapping::{ColumnRef, Mapping};
+use crate::measurement::columns::names::{LENGTHS, Unit, name_and_unit};
 use crate::measurement::csv::ParseError;
-use crate::measurement::number_text::value;
+use crate::measurement::csv::number_text::value;
+use crate::measurement::table::decimal_mark::decimal_of;
+use crate::measurement::table::text::Source;
 use crate::measurement::table::{Next, Table as Cells};
-use crate::measurement::table_numbers::decimal_of;
-use crate::measurement::table_text::Source;
 use crate::operations::import_json::{csv_of_json, is_json};
 use crate::wire::issue::{Invalid, Issue};
 

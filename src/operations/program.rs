@@ -2,11 +2,11 @@
 //! byte.
 
 use crate::measurement::Decimal;
-use crate::measurement::column_mapping::Separator;
-use crate::measurement::number_text::value;
+use crate::measurement::columns::mapping::Separator;
+use crate::measurement::csv::number_text::value;
 use crate::measurement::programs;
-use crate::measurement::table_targets::{Targets, read_targets};
-use crate::measurement::table_text::{Encoding, Source, encoded, has_mark};
+use crate::measurement::table::targets::{Targets, read_targets};
+use crate::measurement::table::text::{Encoding, Source, encoded, has_mark};
 use crate::wire::columns::{ColumnsBody, FilePart};
 use crate::wire::compensate::{
     CartesianTarget, CompensateAnswer, CompensateBody, MAX_TARGETS_PER_REQUEST,
@@ -65,7 +65,7 @@ impl Program {
         let kind = workbook::workbook(bytes);
         let source = match kind {
             Some(kind) => {
-                let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
+                let (source, sheet) = workbook::read(kind, bytes, &mapping)?;
                 mapping.sheet = Some(sheet);
                 source
             }

@@ -2,7 +2,7 @@
 
 use crate::calibration::upload_checks::rotations::{OFF_RAD, best_convention};
 use crate::measurement::RotationConvention;
-use crate::measurement::csv_pose::ROTATION_REQUIRED;
+use crate::measurement::columns::pose::ROTATION_REQUIRED;
 use crate::wire::Invalid;
 use crate::wire::measurement::{Upload, from_file};
 use crate::wire::robot::Robot;

@@ -1,6 +1,6 @@
 //! Preview of a table before it is uploaded.
 
-use crate::measurement::table_points::Preview;
+use crate::measurement::table::points::Preview;
 use crate::wire::Invalid;
 use crate::wire::columns::{ColumnsBody, FilePart};
 use crate::wire::measurement::{Decimal, Frame};

@@ -2,10 +2,10 @@
 //! the checks. A test sends values at and beyond every bound of the document.
 
 use crate::kinematics::model::MAX_LINKS;
+use crate::measurement::columns::pose::MAX_QUATERNION_OFF;
 use crate::measurement::csv::{
     MAX_COORDINATE_MM, MAX_LABEL_LENGTH, MAX_STD_MM, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
-use crate::measurement::csv_pose::MAX_QUATERNION_OFF;
 use crate::measurement::sessions::MAX_SESSIONS;
 use crate::wire::compensate::{MAX_TARGET_MM, MAX_TARGETS_PER_REQUEST};
 use crate::wire::corrections::MAX_PAYLOAD_OFFSET_MM;

@@ -1,9 +1,9 @@
 //! The column mapping of a file, as callers write it: `{"q1_deg": "J1 [deg]", "x_mm": "X (mm)"}`.
 
 use crate::measurement::Decimal;
-use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
-use crate::measurement::column_meaning::is_meaning;
-use crate::measurement::column_names::{ANGLES, LENGTHS, PLAIN};
+use crate::measurement::columns::mapping::{ColumnRef, HeaderRow, Mapping, Separator};
+use crate::measurement::columns::meaning::is_meaning;
+use crate::measurement::columns::names::{ANGLES, LENGTHS, PLAIN};
 use crate::measurement::join::{JoinBy, JoinOptions};
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::json;

@@ -1,7 +1,7 @@
 //! Noise model of a measuring instrument at the origin of the measuring frame, as stated in uploads and in the summary of a set.
 
+use crate::measurement::columns::pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD};
 use crate::measurement::csv::{MAX_STD_MM, MIN_STD_MM};
-use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD};
 use crate::measurement::position_noise::InstrumentNoise;
 use crate::measurement::{Frame, MeasurementSet};
 use crate::wire::issue::{Invalid, Issue};

@@ -1,9 +1,11 @@
 //! A measured point in JSON, and its checks.
 
+use crate::measurement::columns::pose::{
+    MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion,
+};
 use crate::measurement::csv::{
     EXAMPLE_OF_A_TIME, MAX_COORDINATE_MM, MAX_STD_MM, MAX_TARGETS, MAX_TEMPERATURE_C, MIN_STD_MM,
 };
-use crate::measurement::csv_pose::{MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, unit_quaternion};
 use crate::measurement::position_noise::{NOT_A_COVARIANCE, PositionNoise};
 use crate::measurement::{Point, Subset};
 use crate::wire::instrument;

@@ -1,10 +1,10 @@
 //! Parses an uploaded table, or two files that belong together, to a measurement set. Also parses stored uploads again.
 
-use crate::measurement::column_mapping::Mapping;
+use crate::measurement::columns::mapping::Mapping;
 use crate::measurement::join::join;
-use crate::measurement::table_columns::Needs;
-use crate::measurement::table_points::{self, Content, Preview, TableError, TableOptions};
-use crate::measurement::table_text::Source;
+use crate::measurement::table::columns::Needs;
+use crate::measurement::table::points::{self, Content, Preview, TableError, TableOptions};
+use crate::measurement::table::text::Source;
 use crate::measurement::{Decimal, Frame, MeasurementSet, RotationConvention};
 use crate::wire::columns::{ColumnsBody, FilePart};
 use crate::wire::instrument;
@@ -237,7 +237,7 @@ pub fn needs(part: FilePart) -> Needs {
 /// A file as text. For a workbook, the name of the used sheet is written to the mapping.
 fn source<'a>(bytes: &'a [u8], mapping: &mut Mapping) -> Result<Source<'a>, Invalid> {
     if let Some(kind) = workbook::workbook(bytes) {
-        let (source, sheet) = workbook::read(kind, bytes, mapping.sheet.as_deref())?;
+        let (source, sheet) = workbook::read(kind, bytes, mapping)?;
         mapping.sheet = Some(sheet);
         return Ok(source);
     }
@@ -251,8 +251,7 @@ fn one(
 ) -> Result<Content, Invalid> {
     let mut mapping = mapping.clone();
     let read = source(bytes, &mut mapping).and_then(|source| {
-        table_points::read(source, &options.of_file(&mapping, part))
-            .map_err(|error| table_error(&error))
+        points::read(source, &options.of_file(&mapping, part)).map_err(|error| table_error(&error))
     });
     read.map_err(|error| of_file(error, part))
 }
@@ -270,7 +269,7 @@ pub fn preview(
     let mut mapping = options.columns.mapping(part)?;
     state_decimal(&mut mapping, options.decimal)?;
     let source = source(bytes, &mut mapping).map_err(|error| of_file(error, part))?;
-    table_points::preview(source, &options.of_file(&mapping, part), n_rows)
+    points::preview(source, &options.of_file(&mapping, part), n_rows)
         .map_err(|error| of_file(table_error(&error), part))
 }
 

@@ -1,6 +1,6 @@
 //! Tools and rotations in requests.
 
-use crate::measurement::csv_pose::unit_quaternion;
+use crate::measurement::columns::pose::unit_quaternion;
 use crate::wire::issue::{Checker, Invalid};
 use crate::wire::robot::MAX_LENGTH_MM;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};

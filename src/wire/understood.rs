@@ -1,9 +1,9 @@
 //! How a table was interpreted. This is part of answers and is stored with the bytes of an upload.
 
-use crate::measurement::column_mapping::{ColumnRef, HeaderRow, Mapping, Separator};
+use crate::measurement::columns::mapping::{ColumnRef, HeaderRow, Mapping, Separator};
 use crate::measurement::join::{Join, JoinBy, JoinOptions, Leftover};
 use crate::measurement::programs::Unread;
-use crate::measurement::table_points::Understood;
+use crate::measurement::table::points::Understood;
 use crate::measurement::{Decimal, MeasurementSet};
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::reference::SetReference;
@@ -214,7 +214,7 @@ impl Reading {
 
 impl From<&Understood> for UnderstoodBody {
     fn from(found: &Understood) -> Self {
-        let column = |(used, name): &(crate::measurement::table_columns::Used, String)| {
+        let column = |(used, name): &(crate::measurement::table::columns::Used, String)| {
             let (means, unit) = split(&used.means);
             UnderstoodColumn {
                 column: shown(name),

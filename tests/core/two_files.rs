@@ -472,3 +472,21 @@ fn names_with_the_same_numbers_pair_if_no_number_is_missing_or_doubled() {
         assert_eq!(code, "join_unclear", "{theirs:?}");
     }
 }
+
+#[test]
+fn an_instruments_table_that_stands_twice_is_refused() {
+    let text = |name: &str| String::from_utf8_lossy(&example(name)).into_owned();
+    let (robot, instrument) = (text("robot_kuka.dat"), text("instrument_leica.csv"));
+    let n_lines = instrument.lines().count();
+    let rows: String = (instrument.lines().skip(n_lines - 16))
+        .map(|row| format!("{row}\n"))
+        .collect();
+    let (code, detail) = refusal(&robot, &format!("{}\n{rows}", instrument.trim_end()), "");
+    assert_eq!(code, "rows_twice", "{detail}");
+    let hint = format!(
+        "line {} of the instrument's file agrees with line {}",
+        n_lines + 1,
+        n_lines - 15
+    );
+    assert!(detail.contains(&hint), "{detail}");
+}

@@ -17,11 +17,11 @@ pub fn zip(files: &[(&str, Vec<u8>)]) -> Vec<u8> {
 type Sheet<'a> = (&'a str, &'a [Vec<String>]);
 
 pub fn xlsx(sheets: &[Sheet]) -> Vec<u8> {
-    xlsx_with_hidden(sheets, "")
+    xlsx_with_hidden(sheets, "", &[])
 }
 
-/// As [`xlsx`], with one sheet hidden.
-pub fn xlsx_with_hidden(sheets: &[Sheet], hidden: &str) -> Vec<u8> {
+/// As [`xlsx`], with one sheet and some rows hidden. Rows are counted from 1.
+pub fn xlsx_with_hidden(sheets: &[Sheet], hidden: &str, hidden_rows: &[usize]) -> Vec<u8> {
     const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
     const DOCUMENT: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
     const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006";
@@ -65,7 +65,7 @@ pub fn xlsx_with_hidden(sheets: &[Sheet], hidden: &str) -> Vec<u8> {
         let rows: String = rows
             .iter()
             .enumerate()
-            .map(|(r, row)| xlsx_row(r + 1, row))
+            .map(|(r, row)| xlsx_row(r + 1, row, hidden_rows.contains(&(r + 1))))
             .collect();
         files.push((
             format!("xl/worksheets/sheet{i}.xml"),
@@ -79,7 +79,7 @@ pub fn xlsx_with_hidden(sheets: &[Sheet], hidden: &str) -> Vec<u8> {
     zip(&files)
 }
 
-fn xlsx_row(number: usize, row: &[String]) -> String {
+fn xlsx_row(number: usize, row: &[String], is_hidden: bool) -> String {
     let cells = row.iter().enumerate().map(|(c, cell)| {
         let place = format!("{}{number}", char::from(b'A' + c as u8));
         match cell.parse::<f64>() {
@@ -87,10 +87,19 @@ fn xlsx_row(number: usize, row: &[String]) -> String {
             Err(_) => format!("<c r=\"{place}\" t=\"inlineStr\"><is><t>{cell}</t></is></c>"),
         }
     });
-    format!("<row r=\"{number}\">{}</row>", cells.collect::<String>())
+    let hidden = if is_hidden { " hidden=\"1\"" } else { "" };
+    format!(
+        "<row r=\"{number}\"{hidden}>{}</row>",
+        cells.collect::<String>()
+    )
 }
 
 pub fn ods(sheets: &[Sheet]) -> Vec<u8> {
+    ods_with_hidden(sheets, "", &[])
+}
+
+/// As [`ods`], with some rows that are not visible, but `filter` or `collapse`. Rows are counted from 1.
+pub fn ods_with_hidden(sheets: &[Sheet], visibility: &str, hidden_rows: &[usize]) -> Vec<u8> {
     let cell = |cell: &String| match cell.parse::<f64>() {
         Ok(value) => format!(
             "<table:table-cell office:value-type=\"float\" office:value=\"{value}\"><text:p>{value:.1}</text:p></table:table-cell>"
@@ -100,16 +109,20 @@ pub fn ods(sheets: &[Sheet]) -> Vec<u8> {
         ),
     };
     let empty = "<table:table-cell table:number-columns-repeated=\"16000\"/>";
-    let row = |row: &Vec<String>| {
+    let row = |(at, row): (usize, &Vec<String>)| {
+        let visibility = match hidden_rows.contains(&(at + 1)) {
+            true => format!(" table:visibility=\"{visibility}\""),
+            false => String::new(),
+        };
         format!(
-            "<table:table-row>{}{empty}</table:table-row>",
+            "<table:table-row{visibility}>{}{empty}</table:table-row>",
             row.iter().map(cell).collect::<String>()
         )
     };
     let table = |(name, rows): &Sheet| {
         format!(
             "<table:table table:name=\"{name}\">{}<table:table-row table:number-rows-repeated=\"1048000\">{empty}</table:table-row></table:table>",
-            rows.iter().map(row).collect::<String>()
+            rows.iter().enumerate().map(row).collect::<String>()
         )
     };
     ods_content(&sheets.iter().map(table).collect::<String>())

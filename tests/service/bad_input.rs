@@ -530,10 +530,16 @@ async fn few_and_repeated_poses_warn_and_are_not_identified_from() {
     let robot = app.paper_robot().await;
     for n in 1..=FILES_PER_CLASS / 2 {
         let few = cells()[..=n].to_vec();
+        // Repeated measurements differ in the last digits.
+        let again = |i: usize| {
+            let mut row = cells()[1 + i % n].clone();
+            row.last_mut().unwrap().push_str(&format!("{i:02}"));
+            row
+        };
         let repeated: Vec<Vec<String>> = cells()[..1]
             .iter()
             .cloned()
-            .chain((0..60).map(|i| cells()[1 + i % n].clone()))
+            .chain((0..60).map(again))
             .collect();
         for (cells, also) in [(few, None), (repeated, Some("duplicate_poses"))] {
             let set = app.upload_csv(&robot, "frame=base", csv(&cells)).await;

@@ -9,7 +9,7 @@ mod text;
 
 pub use point::{Point, Reason};
 
-use crate::measurement::csv_issue::{ParseError, whole};
+use crate::measurement::issue::{ParseError, whole};
 use point::Found;
 
 /// Number of points that a refusal names.

@@ -1,13 +1,17 @@
 //! Workbooks (xlsx, ods) as tables: one sheet becomes text with one line per row. A workbook is a zip archive. The unpacked size of all its files is
 //! checked before anything is parsed.
 
+mod hidden_rows;
 mod ods;
 mod refusal;
 mod sheet;
 mod xlsx;
+mod xml;
 
-use crate::measurement::table_text::{Encoding, Source};
+use crate::measurement::columns::mapping::Mapping;
+use crate::measurement::table::text::{Encoding, Source};
 use crate::wire::Invalid;
+use hidden_rows::refuse_hidden_rows;
 use refusal::{Archive, MAX_UNPACKED_BYTES, broken, refused, too_large};
 use sheet::Sheets;
 use std::io::{Cursor, Read};
@@ -59,17 +63,19 @@ pub fn workbook(bytes: &[u8]) -> Option<Workbook> {
 /// Reads one sheet of a workbook as a table. Also returns the name of the sheet.
 ///
 /// # Errors
-/// [`Invalid`] if the workbook is too large or damaged, or if several sheets have cells and no sheet is chosen.
+/// [`Invalid`] if the workbook is too large or damaged, if several sheets have cells and `mapping` names none, or if rows are hidden. Of a file that was
+/// accepted once, all rows count.
 pub fn read(
     kind: Workbook,
     bytes: &[u8],
-    sheet: Option<&str>,
+    mapping: &Mapping,
 ) -> Result<(Source<'static>, String), Invalid> {
+    let wanted = mapping.sheet.as_deref();
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| broken(&e.to_string()))?;
     refuse_bombs(&mut archive)?;
     let (sheets, encoding) = match kind {
-        Workbook::Xlsx => (xlsx::sheets(bytes, sheet)?, Encoding::Xlsx),
-        Workbook::Ods => (ods::sheets(&mut archive, sheet)?, Encoding::Ods),
+        Workbook::Xlsx => (xlsx::sheets(bytes, &mut archive, wanted)?, Encoding::Xlsx),
+        Workbook::Ods => (ods::sheets(&mut archive, wanted)?, Encoding::Ods),
     };
     let Sheets { names, found } = sheets;
     let listed = |names: &[String]| {
@@ -82,8 +88,13 @@ pub fn read(
     };
     let mut found = found.into_iter();
     match (found.next(), found.next()) {
-        (Some((name, text)), None) => Ok((Source::from_sheet(text, encoding), name)),
-        (None, _) => Err(match sheet {
+        (Some(sheet), None) => {
+            if !mapping.is_complete {
+                refuse_hidden_rows(&sheet)?;
+            }
+            Ok((Source::from_sheet(sheet.text, encoding), sheet.name))
+        }
+        (None, _) => Err(match wanted {
             Some(wanted) => refused(
                 "unknown_sheet",
                 format!(
@@ -93,11 +104,12 @@ pub fn read(
             ),
             None => refused("empty", "no sheet of the workbook has cells".into()),
         }),
-        (Some((first, _)), Some((second, _))) => Err(refused(
+        (Some(first), Some(second)) => Err(refused(
             "two_readings",
             format!(
-                "several sheets of the workbook have cells, {first:?} and {second:?} among them: \
-                 name one in the column mapping: {{\"sheet\": {first:?}}}"
+                "several sheets of the workbook have cells, {0:?} and {1:?} among them: \
+                 name one in the column mapping: {{\"sheet\": {0:?}}}",
+                first.name, second.name
             ),
         )),
     }

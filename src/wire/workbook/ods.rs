@@ -2,6 +2,7 @@
 
 use super::refusal::{Archive, broken, refused};
 use super::sheet::{SheetText, Sheets};
+use super::xml::attribute;
 use crate::measurement::csv::MAX_ROWS;
 use crate::measurement::table::MAX_COLUMNS;
 use crate::wire::Invalid;
@@ -15,6 +16,7 @@ struct Row {
     cells: Vec<(usize, String)>,
     column: usize,
     repeats: usize,
+    is_hidden: bool,
 }
 
 /// The cell that is being read.
@@ -56,8 +58,10 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
                         at_row = 0;
                     }
                     "table-row" => {
+                        let visibility = attribute(start, "table:visibility");
                         row = Row {
                             repeats: repeats(start, "table:number-rows-repeated"),
+                            is_hidden: visibility.is_some_and(|own| own != "visible"),
                             ..Row::default()
                         };
                         if is_empty {
@@ -108,7 +112,7 @@ pub(super) fn sheets(archive: &mut Archive, wanted: Option<&str>) -> Result<Shee
                     }
                     "table" => {
                         let done = sheet.take();
-                        found.extend(done.and_then(|(name, text)| Some((name, text.finish()?))));
+                        found.extend(done.and_then(|(name, text)| text.finish(name)));
                         if found.len() > 1 {
                             break;
                         }
@@ -137,9 +141,9 @@ fn write(text: &mut SheetText, at: usize, row: &Row) -> Result<(), Invalid> {
         );
         return Err(refused("too_many_rows", detail));
     }
-    for repeat in 0..row.repeats {
+    for row_at in at..at + row.repeats {
         for (column, cell) in &row.cells {
-            text.cell(at + repeat, *column, cell)?;
+            text.cell(row_at, *column, cell, row.is_hidden)?;
         }
     }
     Ok(())
@@ -180,14 +184,6 @@ impl Cell {
 fn repeats(start: &BytesStart, name: &str) -> usize {
     let stated = attribute(start, name).and_then(|text| text.parse().ok());
     stated.unwrap_or(1).min(4 * 1024 * 1024)
-}
-
-fn attribute(start: &BytesStart, name: &str) -> Option<String> {
-    let found = start.try_get_attribute(name).ok()??;
-    let value = found
-        .normalized_value(quick_xml::XmlVersion::Implicit1_0)
-        .ok()?;
-    Some(value.into_owned())
 }
 
 fn character(reference: &quick_xml::events::BytesRef) -> Result<char, Invalid> {

@@ -11,8 +11,16 @@ const MAX_TEXT_BYTES: usize = 32 * 1024 * 1024;
 pub(super) struct Sheets {
     /// The names of all sheets.
     pub names: Vec<String>,
-    /// The sheets with cells, at most two: name and text.
-    pub found: Vec<(String, String)>,
+    /// The sheets with cells, at most two.
+    pub found: Vec<Sheet>,
+}
+
+/// A sheet with cells.
+pub(super) struct Sheet {
+    pub name: String,
+    pub text: String,
+    /// The hidden rows that have cells, counted from 0.
+    pub hidden_rows: Vec<usize>,
 }
 
 /// Writes the cells of a sheet in their order.
@@ -23,13 +31,23 @@ pub(super) struct SheetText {
     column: usize,
     /// End of the last line that has a cell.
     end: usize,
+    hidden_rows: Vec<usize>,
 }
 
 impl SheetText {
     /// Adds a cell. Row and column are counted from 0. Empty cells need not be added.
-    pub fn cell(&mut self, row: usize, column: usize, cell: &str) -> Result<(), Invalid> {
+    pub fn cell(
+        &mut self,
+        row: usize,
+        column: usize,
+        cell: &str,
+        is_hidden: bool,
+    ) -> Result<(), Invalid> {
         if cell.is_empty() {
             return Ok(());
+        }
+        if is_hidden && self.hidden_rows.last() != Some(&row) {
+            self.hidden_rows.push(row);
         }
         if row < self.row || row == self.row && column < self.column {
             return Err(broken("its cells are not in order"));
@@ -66,10 +84,14 @@ impl SheetText {
         Ok(())
     }
 
-    /// The text of the sheet; none if the sheet has no cells.
-    pub fn finish(mut self) -> Option<String> {
+    /// The sheet; none if the sheet has no cells.
+    pub fn finish(mut self, name: String) -> Option<Sheet> {
         self.text.truncate(self.end);
         self.text.push('\n');
-        (self.end > 0).then_some(self.text)
+        (self.end > 0).then_some(Sheet {
+            name,
+            text: self.text,
+            hidden_rows: self.hidden_rows,
+        })
     }
 }

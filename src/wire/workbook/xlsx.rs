@@ -1,12 +1,17 @@
 //! Reads the sheets of an xlsx workbook cell by cell. A dense table would not fit into memory if a sheet has cells far apart.
 
-use super::refusal::broken;
+use super::hidden_rows;
+use super::refusal::{Archive, broken};
 use super::sheet::{SheetText, Sheets};
 use crate::wire::Invalid;
 use calamine::{DataRef, ExcelDateTime, Reader, SheetVisible, Xlsx};
 use std::io::Cursor;
 
-pub(super) fn sheets(bytes: &[u8], wanted: Option<&str>) -> Result<Sheets, Invalid> {
+pub(super) fn sheets(
+    bytes: &[u8],
+    archive: &mut Archive,
+    wanted: Option<&str>,
+) -> Result<Sheets, Invalid> {
     let unreadable = |error: calamine::XlsxError| broken(&error.to_string());
     let mut workbook: Xlsx<_> = Xlsx::new(Cursor::new(bytes)).map_err(unreadable)?;
     let names = workbook.sheet_names();
@@ -29,12 +34,15 @@ pub(super) fn sheets(bytes: &[u8], wanted: Option<&str>) -> Result<Sheets, Inval
         let Ok(mut cells) = workbook.worksheet_cells_reader(name) else {
             continue;
         };
+        let hidden = hidden_rows::of_xlsx(archive, name)?;
         let mut text = SheetText::default();
         while let Some(cell) = cells.next_cell().map_err(unreadable)? {
             let (row, column) = cell.get_position();
-            text.cell(row as usize, column as usize, &in_text(cell.get_value()))?;
+            let (row, column) = (row as usize, column as usize);
+            let value = in_text(cell.get_value());
+            text.cell(row, column, &value, hidden.contains(&row))?;
         }
-        found.extend(text.finish().map(|text| (name.clone(), text)));
+        found.extend(text.finish(name.clone()));
         if found.len() > 1 {
             break;
         }

@@ -13,7 +13,7 @@ fn with_column(name: &str, back: fn(usize) -> Vec<String>) -> String {
 #[test]
 fn rows_that_somebody_put_aside_are_not_taken_silently() {
     type Cells = fn(usize) -> Vec<String>;
-    let columns: [(&str, &str, Cells); 9] = [
+    let columns: [(&str, &str, Cells); 10] = [
         ("Deleted", "x", |row| {
             vec![if row == 4 { "x" } else { "" }.into()]
         }),
@@ -31,6 +31,9 @@ fn rows_that_somebody_put_aside_are_not_taken_silently() {
         }),
         ("Quality flag", "3", |row| {
             vec![if row == 4 { "3" } else { "0" }.into()]
+        }),
+        ("Valid samples", "0", |row| {
+            vec![if row == 4 { "0" } else { "100" }.into()]
         }),
         ("Bemerkung", "ungültig", |row| {
             vec![if row == 4 { "ungültig" } else { "warm" }.into()]
@@ -56,7 +59,10 @@ fn rows_that_somebody_put_aside_are_not_taken_silently() {
         is_true(name, &set);
         is_read_again(name, text.as_bytes(), &set, &reading.unwrap());
     }
-    let taken: [(&str, Cells); 4] = [
+    let taken: [(&str, Cells); 5] = [
+        ("Valid samples", |row| {
+            vec![if row == 4 { "99" } else { "100" }.into()]
+        }),
         ("Status", |_| vec!["OK".into()]),
         ("Quality", |row| vec![format!("0.9{row}")]),
         ("Quality", |row| {
@@ -176,7 +182,7 @@ fn a_hidden_sheet_is_read_only_if_it_is_named() {
         .chain(table.rows())
         .collect();
     let sheets: [(&str, &[Vec<String>]); 2] = [("Old", &cells[..4]), ("Data", &cells)];
-    let bytes = workbooks::xlsx_with_hidden(&sheets, "Old");
+    let bytes = workbooks::xlsx_with_hidden(&sheets, "Old", &[]);
     let (set, reading) = read(&bytes, "").unwrap();
     is_true("the shown sheet", &set);
     assert_eq!(
@@ -187,6 +193,39 @@ fn a_hidden_sheet_is_read_only_if_it_is_named() {
         read(&bytes, "\"sheet\": \"Old\"").unwrap().0.points.len(),
         3
     );
-    let bytes = workbooks::xlsx_with_hidden(&sheets[1..], "Data");
+    let bytes = workbooks::xlsx_with_hidden(&sheets[1..], "Data", &[]);
     is_true("hidden alone", &read(&bytes, "").unwrap().0);
+}
+
+#[test]
+fn hidden_rows_of_a_workbook_are_not_taken_silently() {
+    let table = named_rows();
+    let cells: Vec<Vec<String>> = std::iter::once(table.header.clone())
+        .chain(table.rows())
+        .collect();
+    let sheets: [(&str, &[Vec<String>]); 1] = [("Data", &cells)];
+    for bytes in [
+        workbooks::xlsx_with_hidden(&sheets, "", &[3, 7]),
+        workbooks::ods_with_hidden(&sheets, "filter", &[3, 7]),
+        workbooks::ods_with_hidden(&sheets, "collapse", &[3, 7]),
+    ] {
+        let error = read(&bytes, "").unwrap_err();
+        let issue = &error.issues[0];
+        assert_eq!((issue.code.as_str(), issue.line), ("hidden_rows", Some(3)));
+        assert!(issue.detail.contains("by hand: 3, 7."), "{issue:?}");
+        assert!(issue.detail.contains("show all rows, or delete"));
+        // What was stored before is read as it was.
+        let shown = workbooks::xlsx(&sheets);
+        let (set, reading) = read(&shown, "").unwrap();
+        is_read_again("stored", &bytes, &set, &reading.unwrap());
+    }
+    let mut with_empty = cells.clone();
+    with_empty.insert(4, vec![]);
+    let sheets: [(&str, &[Vec<String>]); 1] = [("Data", &with_empty)];
+    for bytes in [
+        workbooks::xlsx_with_hidden(&sheets, "", &[5]),
+        workbooks::ods_with_hidden(&sheets, "collapse", &[5]),
+    ] {
+        is_true("an empty row", &read(&bytes, "").unwrap().0);
+    }
 }

@@ -306,68 +306,172 @@ fn gons_are_gons() {
 }
 
 #[test]
-fn rows_may_end_before_columns_of_texts() {
-    let text = with_remarks(|row| {
-        vec![if row == 4 {
-            "warm".into()
-        } else {
-            String::new()
-        }]
-    })
-    .text();
-    let short = text.replace(",\n", "\n");
-    assert_ne!(text, short);
-    is_read("rows without the remark", &short);
-    // Cut off within the last number.
-    let cut = short.trim_end();
-    refused_as(
-        "cut off",
-        &cut[..cut.len() - 2],
-        "wrong_cell_count",
-        "the end of the row is missing",
-    );
-    // A number behind the position: a cell that is missing in the middle would move it into the position.
-    let numbers = with_remarks(|row| vec![format!("2{row}.5")]).text();
-    let lines: Vec<&str> = numbers.lines().collect();
-    let row = lines[3].rsplit_once(',').unwrap().0;
-    refused_as(
-        "a missing number",
-        &numbers.replace(lines[3], row),
-        "wrong_cell_count",
-        "row 2",
-    );
+fn rows_may_end_before_columns_that_are_left_aside() {
+    let stripped = |value: f64| {
+        let text = four(value);
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    };
+    let remarks = |row: usize| vec![if row == 4 { "warm" } else { "" }.to_owned()];
+    let mut table = with_remarks(remarks);
+    for is_stripped in [false, true] {
+        if is_stripped {
+            table.length = stripped;
+        }
+        let text = table.text();
+        let short = text.replace(",\n", "\n");
+        assert_ne!(text, short);
+        refused_as(
+            "short rows",
+            &short,
+            "wrong_cell_count",
+            "leave their columns aside in the column mapping: {\"ignore\": [\"Remark\"]}",
+        );
+        let (set, reading) = read(short.as_bytes(), "\"ignore\": [\"Remark\"]").unwrap();
+        is_true("short rows", &set);
+        is_read_again("short rows", short.as_bytes(), &set, &reading.unwrap());
+        // Cut off within the last row.
+        let cut = short.trim_end().rsplit_once(',').unwrap().0;
+        let error = read(cut.as_bytes(), "\"ignore\": [\"Remark\"]").unwrap_err();
+        assert!(
+            error.issues[0]
+                .detail
+                .contains("the end of the row is missing")
+        );
+    }
 }
 
 #[test]
 fn a_short_row_whose_remark_is_a_number_is_refused() {
-    let remarks = |row: usize| match row {
-        4 => vec!["warm".to_owned()],
-        _ => vec![String::new()],
-    };
-    let short = with_remarks(remarks).text().replace(",\n", "\n");
-    for text in [short, with_remarks(|_| vec!["ok".into()]).text()] {
-        is_read("whole", &text);
-        let row = text.lines().nth(3).unwrap();
-        let cells: Vec<&str> = row.split(',').collect();
-        for remark in ["5", "21.5", "0.02", "-3.25", "99999.1234"] {
-            let without_y = [&cells[..8], &cells[9..10], &[remark]].concat().join(",");
-            let text = text.replace(row, &without_y);
-            refused_as(remark, &text, "wrong_cell_count", "row 2 has 10 cells");
-            let remedy = "end the row with a separator for each empty cell, or remove the columns behind Z [mm]";
-            refused_as(remark, &text, "wrong_cell_count", remedy);
-            let error = read(text.as_bytes(), "").unwrap_err();
-            assert_eq!(error.issues[0].line, Some(4), "{error:?}");
-        }
-    }
-    // Only one or two rows are short: this is no habit of the file.
     let text = with_remarks(|_| vec!["ok".into()]).text();
+    is_read("whole", &text);
     let row = text.lines().nth(3).unwrap();
     let cells: Vec<&str> = row.split(',').collect();
-    let without_y = [&cells[..8], &cells[9..10], &["12.3456"]]
-        .concat()
-        .join(",");
-    let text = text.replace(row, &without_y);
-    refused_as("one row", &text, "wrong_cell_count", "row 2 has 10 cells");
+    for remark in ["5", "21.5", "0.02", "-3.25", "99999.1234", "12.3456"] {
+        let without_y = [&cells[..8], &cells[9..10], &[remark]].concat().join(",");
+        let text = text.replace(row, &without_y);
+        refused_as(remark, &text, "wrong_cell_count", "row 2 has 10 cells");
+        let error = read(text.as_bytes(), "").unwrap_err();
+        assert_eq!(error.issues[0].line, Some(4), "{error:?}");
+    }
+}
+
+#[test]
+fn numbers_that_are_split_at_a_separator_of_thousands_are_refused() {
+    let thousands = |v: f64| {
+        let text = four(1000.0 + v.abs() % 1000.0);
+        format!("{}1,{}", if v < 0.0 { "-" } else { "" }, &text[1..])
+    };
+    let mut table = Written {
+        length: thousands,
+        ..Written::default()
+    };
+    // Without a header, and with names that the rows fill by chance.
+    let text = table.text();
+    let (_, rows) = text.split_once('\n').unwrap();
+    let hint = "row 0, column column 7: -1 stands in front of 499.8787";
+    for (rows, name) in [
+        (rows.to_owned(), "commas"),
+        (rows.replace(',', " "), "spaces"),
+    ] {
+        let error = read(rows.as_bytes(), &by_number(1, "deg", "mm")).unwrap_err();
+        assert!(error.issues[0].detail.contains(hint), "{name}: {error:?}");
+        assert_eq!(error.issues[0].line, Some(1));
+    }
+    table
+        .header
+        .extend(["RMS", "Temperature", "Remark"].map(str::to_owned));
+    refused_as(
+        "names by chance",
+        &table.text(),
+        "wrong_cell_count",
+        "write the numbers without such separators, or in quotes",
+    );
+    // Whole joint values in front of three digits are usual.
+    let rows: String = (0..9)
+        .map(|row| {
+            format!(
+                "1,2,3,4,{},{},8{row}1.25,9{row}2.5,70{row}.75\n",
+                row * row,
+                40 - row
+            )
+        })
+        .collect();
+    let text = format!("{}\n{rows}", own_header().join(","));
+    assert_eq!(read(text.as_bytes(), "").unwrap().0.points.len(), 9);
+}
+
+#[test]
+fn a_table_that_stands_twice_in_a_file_is_refused() {
+    let text = named_rows().text();
+    let (names, rows) = text.split_once('\n').unwrap();
+    let doubled: String = rows.lines().map(|row| format!("{row}\n{row}\n")).collect();
+    let tail: String = rows.lines().skip(5).map(|row| format!("{row}\n")).collect();
+    for (name, text, row, first) in [
+        ("below", format!("{text}{rows}"), 9, 0),
+        ("three times", format!("{text}{rows}{rows}"), 9, 0),
+        ("row by row", format!("{names}\n{doubled}"), 1, 0),
+        ("the end alone", format!("{text}{tail}"), 9, 5),
+    ] {
+        let hint = format!("row {row} agrees with row {first} in every digit");
+        refused_as(name, &text, "rows_twice", &hint);
+        let error = read(text.as_bytes(), "").unwrap_err();
+        assert_eq!(error.issues[0].line, Some(row + 2), "{name}");
+        assert!(error.issues[0].detail.contains("remove these rows"));
+    }
+    // The same poses, measured again.
+    let again: String = rows.lines().map(|row| format!("{row}5\n")).collect();
+    assert_eq!(
+        read(format!("{text}{again}").as_bytes(), "")
+            .unwrap()
+            .0
+            .points
+            .len(),
+        18
+    );
+    // Two repetitions that agree are chance, and coarse ones are usual.
+    let two: String = rows.lines().take(2).map(|row| format!("{row}\n")).collect();
+    assert!(read(format!("{text}{again}{two}").as_bytes(), "").is_ok());
+    let coarse = Written {
+        length: |v| format!("{v:.0}"),
+        ..Written::default()
+    }
+    .text();
+    let (_, rows) = coarse.split_once('\n').unwrap();
+    assert!(read(format!("{coarse}{rows}").as_bytes(), "").is_ok());
+}
+
+#[test]
+fn pulses_of_motors_are_no_degrees() {
+    let pulses = |per_deg: f64, name: fn(usize) -> String| {
+        let rows: String = truth()
+            .iter()
+            .map(|(q, p)| {
+                let q = q.map(|q| format!("{:.0}", q * per_deg)).join(",");
+                format!("{q},{}\n", p.map(four).join(","))
+            })
+            .collect();
+        format!("{}\n{rows}", header(name, MM).join(","))
+    };
+    let name = |j: usize| format!("J{j} [deg]");
+    let hint = "pulses of motors or counts of encoders, convert them";
+    refused_as("pulses", &pulses(1341.4, name), "out_of_range", hint);
+    let few = pulses(4096.0 / 360.0, name);
+    refused_as(
+        "few pulses",
+        &few,
+        "out_of_range",
+        "6 joints turn more than twice",
+    );
+    refused_as("few pulses", &few, "out_of_range", hint);
+    let unit = pulses(4096.0 / 360.0, |j| format!("J{j}"));
+    let error = read(unit.as_bytes(), "\"joint_unit\": \"deg\"").unwrap_err();
+    assert!(error.issues[0].detail.contains(hint), "{error:?}");
+    // One joint may turn often.
+    let rows: String = (0..9)
+        .map(|row| format!("1,2,3,4,5,{},{row}.25,2.5,3.75\n", 360 * row))
+        .collect();
+    let text = format!("{}\n{rows}", own_header().join(","));
+    assert!(read(text.as_bytes(), "").is_ok());
 }
 
 #[test]
@@ -559,9 +663,9 @@ fn a_row_without_a_number_is_refused_if_a_label_is_read_last() {
 
 #[test]
 fn a_target_name_of_another_instrument_is_the_name_of_a_point() {
-    use kincal::measurement::column_mapping::{Mapping, Needs};
-    use kincal::measurement::table_points::{TableOptions, read};
-    use kincal::measurement::table_text::Source;
+    use kincal::measurement::columns::mapping::{Mapping, Needs};
+    use kincal::measurement::table::points::{TableOptions, read};
+    use kincal::measurement::table::text::Source;
     for header in [
         "Target_Name,X [mm],Y [mm],Z [mm]",
         "target_name,x_mm,y_mm,z_mm",

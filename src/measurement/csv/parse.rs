@@ -1,0 +1,429 @@
+//! Measurement sets as CSV: a header with units, one row per measured point. The parser never corrects anything silently.
+
+use crate::measurement::columns::column::{Column, parse_header};
+use crate::measurement::columns::pose::{
+    MAX_ROTATION_RAD, MAX_STD_ROTATION_RAD, MIN_STD_ROTATION_RAD, PoseCells, PoseColumn,
+};
+use crate::measurement::conventions::{Decimal, Frame, Subset};
+use crate::measurement::csv::number_text;
+use crate::measurement::csv::text::{decode, refuse_endless_rows};
+use crate::measurement::issue::{Issue, MAX_ISSUES, ParseError, whole};
+use crate::measurement::position_noise::{MAX_STD_MM, MIN_STD_MM};
+use crate::measurement::rotation_convention::RotationConvention;
+use crate::measurement::set::{MeasurementSet, Point};
+use std::borrow::Cow;
+
+/// Maximum number of rows of a set: a hundred times the largest data set that we know. An identification from so many rows takes half a minute.
+pub const MAX_ROWS: usize = 100_000;
+/// Largest absolute measured coordinate, mm. Laser trackers reach 80 m.
+pub const MAX_COORDINATE_MM: f64 = 100_000.0;
+/// Largest absolute joint value, rad: ten turns.
+pub const MAX_JOINT_RAD: f64 = 20.0 * std::f64::consts::PI;
+/// Maximum number of reflectors on one tool.
+pub const MAX_TARGETS: usize = 32;
+/// Largest absolute temperature, °C.
+pub const MAX_TEMPERATURE_C: f64 = 1000.0;
+/// Maximum length of a label (configuration, station, session), bytes.
+pub const MAX_LABEL_LENGTH: usize = 200;
+
+/// Examples of a time with its offset from UTC, for messages.
+pub const EXAMPLE_OF_A_TIME: &str = "2026-03-01T08:15:30Z or 2026-03-01T09:15:30+01:00 (RFC 3339)";
+
+/// Parses a CSV file with decimal points. `n_joints` is the robot's number of links.
+///
+/// # Errors
+/// [`ParseError`] with the row, the column and a hint for each error (at most [`MAX_ISSUES`]).
+pub fn parse(bytes: &[u8], frame: Frame, n_joints: usize) -> Result<MeasurementSet, ParseError> {
+    parse_with(Decimal::Point, bytes, frame, n_joints)
+}
+
+/// As [`parse`], with the given decimal mark.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_with(
+    decimal: Decimal,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, ParseError> {
+    let conventions = Conventions {
+        decimal,
+        rotation: None,
+        is_time: |_| true,
+    };
+    parse_as(conventions, bytes, frame, n_joints)
+}
+
+/// Conventions that a file does not state itself.
+#[derive(Clone, Copy)]
+pub struct Conventions {
+    /// The decimal mark.
+    pub decimal: Decimal,
+    /// The rotation convention of rx_deg, ry_deg and rz_deg.
+    pub rotation: Option<RotationConvention>,
+    /// Check of the text in `measured_at`.
+    pub is_time: fn(&str) -> bool,
+}
+
+/// As [`parse_with`], for a file that may contain poses. Times are checked by a function of the caller, because the core itself does not parse them.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_as(
+    conventions: Conventions,
+    bytes: &[u8],
+    frame: Frame,
+    n_joints: usize,
+) -> Result<MeasurementSet, ParseError> {
+    let Conventions {
+        decimal,
+        rotation,
+        is_time,
+    } = conventions;
+    let text = decode(bytes, decimal)?;
+    refuse_endless_rows(text.as_bytes(), decimal.separator())?;
+    let mut reader = csv::ReaderBuilder::new();
+    let mut reader = reader
+        .flexible(true)
+        .trim(csv::Trim::Headers)
+        .delimiter(decimal.separator())
+        .from_reader(text.as_bytes());
+    let header = reader
+        .headers()
+        .map_err(|e| whole("unreadable", format!("the header row cannot be read: {e}")))?
+        .clone();
+    let columns = parse_header(&header, n_joints, rotation)?;
+    let mut issues = Vec::new();
+    let mut points = Vec::new();
+    let mut record = csv::StringRecord::new();
+    for row in 0.. {
+        let read = reader.read_record(&mut record);
+        if matches!(read, Ok(false)) {
+            break;
+        }
+        if row >= MAX_ROWS {
+            return Err(whole(
+                "too_many_rows",
+                format!("more than {MAX_ROWS} rows; split the campaign into several sets"),
+            ));
+        }
+        match read {
+            Ok(_) => {
+                if let Some(point) = parse_row(
+                    row,
+                    &record,
+                    &header,
+                    &columns,
+                    &Reading {
+                        n_joints,
+                        decimal,
+                        rotation,
+                        is_time,
+                    },
+                    &mut issues,
+                ) {
+                    points.push(point);
+                }
+            }
+            Err(e) => issues.push(
+                Issue::new("unreadable", format!("row {row} cannot be read: {e}")).in_row(row),
+            ),
+        }
+        if issues.len() >= MAX_ISSUES {
+            break;
+        }
+    }
+    if points.is_empty() && issues.is_empty() {
+        issues.push(Issue::new(
+            "no_rows",
+            "the file has a header but no data rows",
+        ));
+    }
+    if issues.is_empty() {
+        Ok(MeasurementSet::new(frame, points))
+    } else {
+        Err(ParseError::new(issues))
+    }
+}
+
+pub fn parse_row(
+    row: usize,
+    record: &csv::StringRecord,
+    header: &csv::StringRecord,
+    columns: &[Column],
+    reading: &Reading,
+    issues: &mut Vec<Issue>,
+) -> Option<Point> {
+    if record.len() != columns.len() {
+        let separator = reading.decimal.separator();
+        let detail = wrong_cell_count(row, record, columns.len(), separator);
+        issues.push(Issue::new("wrong_cell_count", detail).in_row(row));
+        return None;
+    }
+    let mut point = Point::empty(reading.n_joints, row);
+    let before = issues.len();
+    let mut of_pose = PoseCells::default();
+    for ((cell, column), name) in record.iter().zip(columns).zip(header) {
+        let filled = match column {
+            Column::OfPose(column) => fill_pose(&mut of_pose, *column, cell.trim(), reading),
+            column => fill(&mut point, *column, cell.trim(), reading),
+        };
+        if let Err((code, detail)) = filled {
+            let is_header = !cell.trim().is_empty() && name.starts_with(cell.trim());
+            let detail = match is_header {
+                true => format!(
+                    "{cell:?} is the name of the column: remove the line if the header stands here again; rows in another unit, or measured in another session, belong into a \
+                     file of their own"
+                ),
+                false => detail,
+            };
+            let detail = format!("row {row}, column {name}: {detail}");
+            issues.push(
+                Issue::new(code, detail)
+                    .in_row(row)
+                    .in_column(name.to_string()),
+            );
+        }
+    }
+    if issues.len() == before
+        && let Err((column, code, detail)) = of_pose.finish(&mut point, reading.rotation)
+    {
+        let detail = format!("row {row}, column {column}: {detail}");
+        issues.push(
+            Issue::new(code, detail)
+                .in_row(row)
+                .in_column(column.to_owned()),
+        );
+    }
+    (issues.len() == before).then_some(point)
+}
+
+/// What a row with too few cells may be.
+const CELL_IS_MISSING: &str = "a cell or the end of the row is missing: was the file cut off or the row written in part? If it is no row, remove it, or put # before it";
+
+/// Message for a row whose number of cells differs from the header, with a possible reason.
+pub fn wrong_cell_count(
+    row: usize,
+    record: &csv::StringRecord,
+    n_columns: usize,
+    separator: u8,
+) -> String {
+    let other = if separator == b',' { ';' } else { ',' };
+    let is_cut = record.len() < n_columns;
+    let hint = match separator {
+        _ if is_cut
+            && record.iter().filter(|cell| cell.contains(other)).count() == record.len() =>
+        {
+            "are its cells separated otherwise than the header's?"
+        }
+        _ if is_cut => CELL_IS_MISSING,
+        b',' => "a decimal comma makes extra cells: write 12.5, not 12,5",
+        b';' => "is there a ';' too many?",
+        _ => "is there a separator too many?",
+    };
+    let more = match record.len() == n_columns + 1 {
+        true => "; or does the header lack a name, for example over the numbers of the rows?",
+        false => "",
+    };
+    format!(
+        "row {row} has {} cells, the header has {n_columns}; {hint}{more}",
+        record.len()
+    )
+}
+
+type CellError = (&'static str, String);
+
+/// Options for reading the cells of a row.
+pub struct Reading {
+    pub n_joints: usize,
+    pub decimal: Decimal,
+    pub rotation: Option<RotationConvention>,
+    pub is_time: fn(&str) -> bool,
+}
+
+/// Reads the cell of a [`PoseColumn`].
+fn fill_pose(
+    cells: &mut PoseCells,
+    column: PoseColumn,
+    cell: &str,
+    reading: &Reading,
+) -> Result<(), CellError> {
+    let degree = std::f64::consts::PI / 180.0;
+    let (factor, least, most) = match column {
+        // the length of the whole quaternion is checked, which says more than a limit of one component
+        PoseColumn::Quaternion(_) => (1.0, f64::NEG_INFINITY, f64::INFINITY),
+        PoseColumn::Angle(_) => (degree, f64::NEG_INFINITY, MAX_ROTATION_RAD),
+        PoseColumn::StdAxis(_) => (1.0, MIN_STD_MM, MAX_STD_MM),
+        PoseColumn::Covariance(_) => (1.0, f64::NEG_INFINITY, MAX_STD_MM * MAX_STD_MM),
+        PoseColumn::StdRotationAxis(_) | PoseColumn::StdRotation => {
+            (degree, MIN_STD_ROTATION_RAD, MAX_STD_ROTATION_RAD)
+        }
+        PoseColumn::Kind => {
+            cells.set_kind(&label(cell)?);
+            return Ok(());
+        }
+    };
+    let value = number(cell, reading.decimal, factor, most)?;
+    if value < least {
+        let detail = format!("{cell} is not a standard uncertainty; it has to be positive");
+        return Err(("out_of_range", detail));
+    }
+    cells.set(column, value);
+    Ok(())
+}
+
+fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Result<(), CellError> {
+    let number = |cell, factor, limit| number(cell, reading.decimal, factor, limit);
+    match column {
+        Column::Joint(joint, factor) => {
+            let value = number(cell, factor, MAX_JOINT_RAD);
+            point.q_rad[joint] = value.map_err(|(code, detail)| match code {
+                "out_of_range" => (code, format!("{detail}; {PULSES}")),
+                _ => (code, detail),
+            })?;
+        }
+        Column::Position(axis, factor) => {
+            point.position_mm[axis] = number(cell, factor, MAX_COORDINATE_MM)?
+        }
+        Column::Configuration => point.configuration = label(cell)?,
+        Column::Target => point.target = index(cell, MAX_TARGETS - 1)?,
+        Column::TargetName => point.target_name = Some(label(cell)?),
+        Column::Subset => point.subset = subset(cell)?,
+        Column::MeasuredAt => {
+            let time = label(cell)?;
+            if !(reading.is_time)(&time) {
+                return Err((
+                    "not_a_time",
+                    format!("{cell:?} is not a time; write it as {EXAMPLE_OF_A_TIME}"),
+                ));
+            }
+            point.measured_at = Some(time);
+        }
+        Column::StdMm => {
+            let std = number(cell, 1.0, MAX_STD_MM)?;
+            if std < MIN_STD_MM {
+                return Err((
+                    "out_of_range",
+                    format!(
+                        "{cell} is not a standard uncertainty; it must be at least {MIN_STD_MM} mm"
+                    ),
+                ));
+            }
+            point.std_mm = Some(std);
+        }
+        Column::Station => point.station = Some(label(cell)?),
+        Column::Session => point.session = Some(label(cell)?),
+        Column::Sequence => point.sequence = number(cell, 1.0, 1.0e12)? as i64,
+        Column::TemperatureC => point.temperature_c = Some(number(cell, 1.0, MAX_TEMPERATURE_C)?),
+        Column::SweepJoint => {
+            let joint = index(cell, reading.n_joints)?;
+            if joint == 0 {
+                return Err(("out_of_range", "joints are counted from 1".into()));
+            }
+            point.sweep_joint = Some(joint);
+        }
+        // `fill_pose` reads these columns.
+        Column::OfPose(_) => {}
+    }
+    Ok(())
+}
+
+/// Texts in cells that mean that nothing was measured.
+const NOTHING: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
+/// What joint values may be that no joint has.
+pub const PULSES: &str =
+    "if these are pulses of motors or counts of encoders, convert them to degrees";
+/// What to do with a row that has no number.
+const REMOVE: &str = "remove the row, or put # before it";
+
+fn not_a_number(cell: &str) -> String {
+    let is_nothing = NOTHING.contains(&cell.to_lowercase().as_str());
+    let condition = match (is_nothing, cell.contains(['\'', '′', '"', '″'])) {
+        (true, _) => "",
+        (false, true) => {
+            "write degrees with decimals in place of minutes and seconds, and no quotes; or "
+        }
+        (false, false) => "if it is no measurement, ",
+    };
+    format!("{cell:?} is not a number; {condition}{REMOVE}")
+}
+
+fn number(cell: &str, decimal: Decimal, factor: f64, limit: f64) -> Result<f64, CellError> {
+    if cell.is_empty() {
+        return Err((
+            "empty_cell",
+            "the cell is empty; remove the row or fill it in".into(),
+        ));
+    }
+    let cell = &*number_text::plain(cell, if decimal == Decimal::Comma { ',' } else { '.' });
+    let with_point = match decimal {
+        Decimal::Point if cell.contains(',') => {
+            return Err((
+                "decimal_comma",
+                format!("{cell:?} has a comma; write the number with a decimal point"),
+            ));
+        }
+        Decimal::Comma if cell.contains('.') => {
+            return Err((
+                "decimal_point",
+                format!(
+                    "{cell:?} has a point, but the numbers of this file have decimal commas; write it with a comma, and without separators of thousands"
+                ),
+            ));
+        }
+        Decimal::Point => Cow::Borrowed(cell),
+        Decimal::Comma => Cow::Owned(cell.replace(',', ".")),
+    };
+    let value: f64 = with_point
+        .parse()
+        .map_err(|_| ("not_a_number", not_a_number(cell)))?;
+    if !value.is_finite() {
+        let detail = format!("{cell:?} is not a finite number; {REMOVE}");
+        return Err(("not_finite", detail));
+    }
+    let scaled = value * factor;
+    if scaled.abs() > limit {
+        return Err((
+            "out_of_range",
+            format!("{cell} is beyond what can be meant; check the column's unit"),
+        ));
+    }
+    Ok(scaled)
+}
+
+fn index(cell: &str, largest: usize) -> Result<usize, CellError> {
+    cell.parse().ok().filter(|i| *i <= largest).ok_or_else(|| {
+        (
+            "not_an_index",
+            format!("{cell:?} is not a whole number from 0 to {largest}"),
+        )
+    })
+}
+
+fn label(cell: &str) -> Result<String, CellError> {
+    if cell.is_empty() {
+        return Err((
+            "empty_cell",
+            "the cell is empty; give every row its label, or leave the column out".into(),
+        ));
+    }
+    if cell.len() > MAX_LABEL_LENGTH {
+        return Err((
+            "label_too_long",
+            format!("the label is longer than {MAX_LABEL_LENGTH} bytes"),
+        ));
+    }
+    Ok(cell.to_string())
+}
+
+fn subset(cell: &str) -> Result<Option<Subset>, CellError> {
+    match cell {
+        "identify" => Ok(Some(Subset::Identify)),
+        "verify" => Ok(Some(Subset::Verify)),
+        _ => Err((
+            "unknown_subset",
+            format!("{cell:?} is neither identify nor verify"),
+        )),
+    }
+}

@@ -1,0 +1,189 @@
+//! The difference between two clocks, from the pattern of the times.
+
+use crate::measurement::join::options::{JoinError, error};
+
+/// Maximum number of positions with which clock differences are tried.
+const MAX_TRIED: usize = 200;
+/// Maximum number of clock differences that an error names.
+const MAX_OFFSETS_NAMED: usize = 20;
+/// Maximum number of clock differences that are kept for an error. With more of them the rows follow each other evenly, and only a stated difference
+/// helps.
+const MAX_TIES: usize = 200;
+/// Minimum number of pairs for finding the clock difference.
+const MIN_PAIRS: usize = 4;
+
+/// A standstill of the robot: its start, its end, and the row in the middle.
+#[derive(Clone, Copy, Debug)]
+pub struct Standstill {
+    pub from_s: f64,
+    pub to_s: f64,
+    pub row: usize,
+}
+
+/// For each time of the instrument, the nearest standstill, if it is within the tolerance.
+pub fn paired(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    offset_s: f64,
+    tolerance_s: f64,
+) -> Vec<Option<usize>> {
+    let nearest = |time_s: &f64| {
+        let at_s = time_s + offset_s;
+        let after = standstills.partition_point(|standstill| standstill.from_s <= at_s);
+        let near = [
+            after.checked_sub(1),
+            Some(after).filter(|at| *at < standstills.len()),
+        ];
+        let gap = |at: usize| gap(&standstills[at], at_s).abs();
+        let best = near
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
+        (gap(best) <= tolerance_s).then_some(best)
+    };
+    instrument_s.iter().map(nearest).collect()
+}
+
+/// Distance of a time from a standstill, s: negative before it, 0 during it, positive after it.
+fn gap(standstill: &Standstill, at_s: f64) -> f64 {
+    (at_s - standstill.from_s).min(0.0) + (at_s - standstill.to_s).max(0.0)
+}
+
+/// The clock difference that pairs most rows.
+///
+/// # Errors
+/// `join_unclear` if none pairs enough of them, `two_readings` if several do.
+pub fn found_offset(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    tolerance_s: f64,
+) -> Result<f64, JoinError> {
+    let step = instrument_s.len().div_ceil(MAX_TRIED).max(1);
+    let tried: Vec<f64> = instrument_s.iter().copied().step_by(step).collect();
+    let anchors = [0, tried.len() / 2, tried.len().saturating_sub(1)];
+    let mut offsets: Vec<f64> = vec![0.0];
+    for anchor in anchors.iter().filter_map(|at| tried.get(*at)) {
+        for standstill in standstills {
+            let middle_s = (standstill.from_s + standstill.to_s) / 2.0;
+            offsets.push(middle_s - anchor);
+        }
+    }
+    let mut ties = Ties::default();
+    for offset_s in offsets {
+        // No difference pairs more rows than all, and one more reading changes nothing. Only a difference of about zero still counts.
+        let is_settled = ties.most == tried.len() && ties.are_many();
+        if is_settled && offset_s.abs() > 2.0 * tolerance_s {
+            continue;
+        }
+        let offset_s = centred(standstills, &tried, offset_s, tolerance_s);
+        let pairs = paired(standstills, &tried, offset_s, tolerance_s);
+        ties.add(offset_s, pairs, tolerance_s);
+    }
+    let possible = tried.len().min(standstills.len());
+    if ties.most < MIN_PAIRS || 2 * ties.most < possible {
+        let detail = format!(
+            "the two clocks cannot be compared: with no difference between them do the times of most rows agree within {tolerance_s:.3} s. State \
+             the robot's clock minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\", \"tolerance_s\": \"SECONDS\"}}}}"
+        );
+        return Err(error("join_unclear", detail));
+    }
+    if let Some(offset_s) = ties.as_they_are_s {
+        return Ok(offset_s);
+    }
+    if !ties.are_contradictory {
+        return Ok(ties.offsets_s[0]);
+    }
+    let n_pairs = |offset_s| count(&paired(standstills, instrument_s, offset_s, tolerance_s));
+    Err(several_offsets(ties.offsets_s, &n_pairs))
+}
+
+fn count(pairs: &[Option<usize>]) -> usize {
+    pairs.iter().flatten().count()
+}
+
+/// The clock differences that pair most rows.
+#[derive(Default)]
+struct Ties {
+    /// Number of rows that each of them pairs.
+    most: usize,
+    /// The first one, and those that differ from all before them by more than the tolerance; at most one more than [`MAX_TIES`].
+    offsets_s: Vec<f64>,
+    /// The pairs of the first one.
+    first: Vec<Option<usize>>,
+    /// True if another one pairs a row otherwise than the first.
+    are_contradictory: bool,
+    /// The first one of about zero. It is preferred to all others.
+    as_they_are_s: Option<f64>,
+}
+
+impl Ties {
+    fn add(&mut self, offset_s: f64, pairs: Vec<Option<usize>>, tolerance_s: f64) {
+        let n = count(&pairs);
+        if n < self.most {
+            return;
+        }
+        let as_it_is = (offset_s.abs() <= tolerance_s).then_some(offset_s);
+        if n > self.most || self.offsets_s.is_empty() {
+            *self = Self {
+                most: n,
+                offsets_s: vec![offset_s],
+                first: pairs,
+                are_contradictory: false,
+                as_they_are_s: as_it_is,
+            };
+            return;
+        }
+        let mut both = self.first.iter().zip(&pairs).filter_map(|(a, b)| a.zip(*b));
+        self.are_contradictory |= both.any(|(a, b)| a != b);
+        self.as_they_are_s = self.as_they_are_s.or(as_it_is);
+        let is_new = |known_s: &f64| (known_s - offset_s).abs() > tolerance_s;
+        if self.offsets_s.len() <= MAX_TIES && self.offsets_s.iter().all(is_new) {
+            self.offsets_s.push(offset_s);
+        }
+    }
+
+    fn are_many(&self) -> bool {
+        self.are_contradictory && self.offsets_s.len() > MAX_TIES
+    }
+}
+
+/// The error for clock differences that fit equally well. None of them is recommended, as nothing in the files tells which is right.
+fn several_offsets(mut offsets_s: Vec<f64>, n_pairs: &dyn Fn(f64) -> usize) -> JoinError {
+    offsets_s.sort_by(f64::total_cmp);
+    let named: Vec<String> = offsets_s
+        .iter()
+        .take(MAX_OFFSETS_NAMED)
+        .map(|offset_s| format!("{offset_s:.3} s ({} pairs)", n_pairs(*offset_s)))
+        .collect();
+    let more = match offsets_s.len() - named.len() {
+        0 => String::new(),
+        n if offsets_s.len() > MAX_TIES => format!(" and at least {n} more"),
+        n => format!(" and {n} more"),
+    };
+    let detail = format!(
+        "the rows follow each other so evenly that several differences of the two clocks fit equally well: {}{more}. Read both clocks at one moment, and state the \
+         robot's minus the instrument's in the column mapping: {{\"join\": {{\"clock_offset_s\": \"SECONDS\"}}}}",
+        named.join(", ")
+    );
+    error("two_readings", detail)
+}
+
+/// Refines a clock difference: subtracts the median gap of the pairs that it gives.
+fn centred(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    offset_s: f64,
+    tolerance_s: f64,
+) -> f64 {
+    let pairs = paired(standstills, instrument_s, offset_s, tolerance_s);
+    let mut gaps: Vec<f64> = instrument_s
+        .iter()
+        .zip(&pairs)
+        .filter_map(|(time_s, pair)| Some(gap(&standstills[(*pair)?], time_s + offset_s)))
+        .collect();
+    if gaps.is_empty() {
+        return offset_s;
+    }
+    gaps.sort_by(f64::total_cmp);
+    offset_s - gaps[gaps.len() / 2]
+}

@@ -1,0 +1,100 @@
+//! Values that no instrument has measured and no robot has had.
+
+use crate::measurement::csv::PULSES;
+use crate::measurement::issue::Issue;
+use crate::measurement::set::Point;
+
+/// Joint values beyond this, rad, are usual of one joint at most: two turns.
+const SEVERAL_TURNS_RAD: f64 = 4.0 * std::f64::consts::PI;
+/// No robot turns so many joints several times.
+const MANY_JOINTS: usize = 3;
+
+/// What a position is if nothing was measured: all coordinates zero, all the same whole number (−1) among numbers with decimals, or one of them such as
+/// −9999 (or 9999.9), farther away than all others are apart. `coordinates` are as written in the file, `others` the least and largest values of each
+/// coordinate that is none of these.
+fn in_its_place(
+    coordinates: &[f64; 3],
+    others: &[(f64, f64); 3],
+    have_decimals: bool,
+) -> Option<String> {
+    let [first, ..] = *coordinates;
+    let are_same = coordinates.iter().all(|value| *value == first);
+    if are_same && (first == 0.0 || have_decimals && first.fract() == 0.0) {
+        return Some(format!("{first}, {first}, {first}"));
+    }
+    let is_outside = |(value, (least, largest)): &(&f64, &(f64, f64))| {
+        let apart = largest - least;
+        no_value(**value) && (**value < least - apart || **value > largest + apart)
+    };
+    let found = coordinates.iter().zip(others).find(is_outside);
+    found.map(|(value, _)| format!("{value}"))
+}
+
+/// Whether instruments and programs write this in place of a number: nines only (−9999, 99999.9), or the limits of 16 bits.
+fn no_value(value: f64) -> bool {
+    let size = value.abs();
+    let is_nines = || format!("{size}").chars().all(|c| matches!(c, '9' | '.'));
+    matches!(size, 32_767.0 | 32_768.0) || size >= 9999.0 && is_nines()
+}
+
+/// Refuses positions that were not measured. `millimetres` is the unit of each coordinate in the file.
+pub fn not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<Issue> {
+    let found = rows_not_measured(points, millimetres);
+    let others = match found.len() {
+        1 => String::new(),
+        n => format!(", as in {n} rows"),
+    };
+    let issue = |(at, position): (usize, String)| {
+        let detail = format!(
+            "row {at}: the position is {position}{others}: so instruments write what they have not measured; remove such rows, or put # before them"
+        );
+        Issue::new("not_measured", detail).in_row(at)
+    };
+    found.into_iter().map(issue).collect()
+}
+
+fn rows_not_measured(points: &[Point], millimetres: [f64; 3]) -> Vec<(usize, String)> {
+    let written = |point: &Point| -> [f64; 3] {
+        // Division and multiplication by a unit may differ in the last bit.
+        std::array::from_fn(|axis| {
+            (point.position_mm[axis] / millimetres[axis] * 1e6).round() / 1e6
+        })
+    };
+    let written: Vec<[f64; 3]> = points.iter().map(written).collect();
+    let others: [(f64, f64); 3] = std::array::from_fn(|axis| {
+        let values = written.iter().map(|row| row[axis]);
+        let values = values.filter(|value| !no_value(*value));
+        values.fold(
+            (f64::INFINITY, f64::NEG_INFINITY),
+            |(least, largest), value| (least.min(value), largest.max(value)),
+        )
+    });
+    let has_decimals = |row: &&[f64; 3]| row.iter().any(|value| value.fract() != 0.0);
+    let have_decimals = 2 * written.iter().filter(has_decimals).count() > written.len();
+    let rows = written.iter().enumerate();
+    rows.filter_map(|(at, row)| Some((at, in_its_place(row, &others, have_decimals)?)))
+        .collect()
+}
+
+/// Refuses joint values that are no angles.
+pub fn pulses(points: &[Point]) -> Vec<Issue> {
+    let n_joints = points.first().map_or(0, |point| point.q_rad.len());
+    let turned = |joint: usize| {
+        let is_turned = |point: &Point| point.q_rad[joint].abs() > SEVERAL_TURNS_RAD;
+        Some((joint, points.iter().position(is_turned)?))
+    };
+    let turned: Vec<(usize, usize)> = (0..n_joints).filter_map(turned).collect();
+    let Some((joint, row)) = turned.first().copied() else {
+        return vec![];
+    };
+    let detail = format!(
+        "row {row}: joint {} is at {:.0}°, and {} joints turn more than twice: {PULSES}",
+        joint + 1,
+        points[row].q_rad[joint].to_degrees(),
+        turned.len()
+    );
+    match turned.len() >= n_joints.min(MANY_JOINTS) {
+        true => vec![Issue::new("out_of_range", detail).in_row(row)],
+        false => vec![],
+    }
+}

@@ -1,0 +1,263 @@
+//! Rows with fewer or more cells than the header: whether a cell that is missing or too many has moved the cells of other columns into those that are read.
+
+use crate::measurement::columns::mapping::Separator;
+use crate::measurement::csv::number_text::without_unit;
+use crate::measurement::csv::wrong_cell_count;
+use crate::measurement::issue::{Issue, MAX_ISSUES};
+use crate::measurement::table::lines::is_numeric;
+use crate::measurement::table::{Table, TableRow};
+
+/// Number of decimals from which on a number looks measured. Remarks are numbers such as 5 or 21.5.
+const MIN_DECIMALS: usize = 3;
+/// Number of texts for each number among them that looks as if it belonged into the column in front.
+const TEXTS_PER_NUMBER: usize = 4;
+/// Number of rows from which on whole numbers one after the other number the rows.
+const MIN_NUMBERED: usize = 4;
+
+/// Number of rows from which on numbers may be split at a separator of thousands, if they are half of all rows or more.
+const MIN_SPLIT: usize = 3;
+
+/// Where the cells that are read stand.
+#[derive(Clone, Debug, Default)]
+pub struct Ends {
+    /// Number of columns up to the last one that a row must have: one with a name or a meaning that the caller does not leave aside.
+    pub n_named: usize,
+    /// Number of columns up to the last one that is read.
+    pub n_read: usize,
+    /// Whether missing cells at the end of a row are empty ones: in workbooks, where each cell has a place of its own.
+    pub has_places: bool,
+    /// Whether the last line has no line end.
+    pub is_open: bool,
+    /// Whether the last column that is read has numbers. A text that moves into another column is not noticed.
+    pub ends_with_number: bool,
+    /// The columns of the position.
+    pub positions: Vec<usize>,
+    /// The first column that is read and its meaning, if it has joint values and was found by its name.
+    pub first_joint: Option<(usize, String)>,
+}
+
+/// A row whose cells may have moved.
+struct Moved {
+    row: usize,
+    line: usize,
+    detail: String,
+}
+
+/// The last number that is read in the row that was read last.
+struct Last {
+    line: usize,
+    n_decimals: usize,
+    /// Whether the row ends behind it.
+    is_at_end: bool,
+}
+
+/// The ends of the rows that were read so far.
+#[derive(Default)]
+pub struct RowEnds {
+    /// The first rows that are longer than the header, and the number of all of them.
+    long: Vec<Moved>,
+    n_long: usize,
+    n_rows: usize,
+    /// The first rows with a number that looks measured behind those that are read, their number, and that of rows with a text there.
+    numbers_behind: Vec<Moved>,
+    n_numbers_behind: usize,
+    n_texts_behind: usize,
+    /// The first row with a coordinate that may be split at a separator of thousands, and the number of such rows.
+    split: Option<Moved>,
+    n_split: usize,
+    last: Option<Last>,
+    /// The number of decimals of the last number that is read, if it is the same in all rows above the last one.
+    n_decimals: Option<usize>,
+    are_decimals_unlike: bool,
+    /// The first joint value, as long as it is a whole number that counts the rows.
+    counted: Option<i64>,
+    is_not_counted: bool,
+    /// Number of rows with decimals in the column behind it.
+    n_with_decimals: usize,
+}
+
+fn n_decimals(cell: &str) -> usize {
+    let behind = cell.split_once(['.', ',']).map_or("", |(_, behind)| behind);
+    behind.bytes().take_while(u8::is_ascii_digit).count()
+}
+
+/// Whether two cells may be one number: one to three digits, and three with decimals.
+fn is_split(whole: &str, rest: &str) -> bool {
+    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    let whole = whole.trim_start_matches(['+', '-', '\u{2212}']);
+    let is_whole = (1..=3).contains(&whole.len()) && digits(whole) && !whole.starts_with('0');
+    let rest = rest.split_once(['.', ',']);
+    is_whole
+        && rest.is_some_and(|(group, behind)| {
+            group.len() == 3 && digits(group) && !behind.is_empty() && digits(behind)
+        })
+}
+
+impl RowEnds {
+    /// Takes the next row. A row that ends early is refused, unless the caller leaves the columns aside whose cells are missing: a remark that is a number
+    /// would be read as a coordinate if another cell is missing.
+    ///
+    /// # Errors
+    /// The detail, if its number of cells alone refuses it.
+    pub fn take(
+        &mut self,
+        index: usize,
+        row: &TableRow,
+        table: &Table,
+        ends: &Ends,
+    ) -> Result<(), String> {
+        let (n_cells, n_columns) = (row.cells.len(), table.header.len());
+        let mut too_many = row.cells.iter().skip(n_columns);
+        let detail = || wrong_cell_count(index, &row.cells, n_columns, table.separator.byte());
+        if too_many.any(|cell| !cell.trim().is_empty()) {
+            return Err(detail());
+        }
+        if ends.has_places {
+            return Ok(());
+        }
+        if n_cells < ends.n_named {
+            return Err(match n_cells < ends.n_read {
+                true => detail(),
+                false => detail() + &if_only_remarks_are_missing(table, ends),
+            });
+        }
+        self.n_rows = index + 1;
+        let cell = |at: usize| row.cells.get(at).unwrap_or("").trim();
+        self.count(cell, ends);
+        let is_split = |place: &&usize| is_split(cell(**place), cell(**place + 1));
+        let is_possible = matches!(table.separator, Separator::Comma | Separator::Spaces);
+        if let Some(place) = ends.positions.iter().find(is_split).filter(|_| is_possible) {
+            self.n_split += 1;
+            let (whole, rest) = (cell(*place), cell(place + 1));
+            self.split.get_or_insert_with(|| Moved {
+                row: index,
+                line: row.line,
+                detail: format!(
+                    "row {index}, column {}: {whole} stands in front of {rest}, as if they were one number with a separator of thousands, and so it is in half of the rows or more: \
+                     write the numbers without such separators, or in quotes; if {whole} is the whole number, write it with decimals",
+                    table.name(*place)
+                ),
+            });
+        }
+        self.take_last(
+            row,
+            without_unit(cell(ends.n_read.saturating_sub(1))).0,
+            ends,
+        );
+        let behind = cell(ends.n_read);
+        let is_number_behind = is_numeric(behind);
+        let moved = |detail: String| Moved {
+            row: index,
+            line: row.line,
+            detail,
+        };
+        self.n_long += usize::from(n_cells > n_columns);
+        if n_cells > n_columns && is_number_behind && self.long.len() < MAX_ISSUES {
+            self.long.push(moved(detail()));
+        }
+        self.n_texts_behind += usize::from(!is_number_behind && !behind.is_empty());
+        self.n_numbers_behind += usize::from(is_number_behind);
+        let looks_measured = is_number_behind && n_decimals(behind) >= MIN_DECIMALS;
+        if looks_measured && self.numbers_behind.len() < MAX_ISSUES {
+            let name = table.name(ends.n_read);
+            self.numbers_behind.push(moved(format!(
+                "row {index}, column {name}: a number that looks like those of the column in front stands among texts: has a cell a separator in it, so that all behind it have \
+                 moved? Put that cell in quotes; if the number is a remark, put it in words, or remove the column"
+            )));
+        }
+        Ok(())
+    }
+
+    fn take_last(&mut self, row: &TableRow, cell: &str, ends: &Ends) {
+        let last = Last {
+            line: row.line,
+            n_decimals: n_decimals(cell),
+            is_at_end: row.cells.len() == ends.n_read && ends.ends_with_number,
+        };
+        if let Some(before) = self.last.replace(last) {
+            let alike = *self.n_decimals.get_or_insert(before.n_decimals);
+            self.are_decimals_unlike |= alike != before.n_decimals;
+        }
+    }
+
+    fn count<'c>(&mut self, cell: impl Fn(usize) -> &'c str, ends: &Ends) {
+        let first = ends.first_joint.as_ref().map(|(first, _)| *first);
+        let Some(first) = first.filter(|_| !self.is_not_counted) else {
+            return;
+        };
+        let number = cell(first).parse::<i64>().ok();
+        let next = self
+            .counted
+            .and_then(|before| before.checked_add(1))
+            .or(number);
+        self.is_not_counted = number.is_none() || number != next;
+        self.counted = number;
+        self.n_with_decimals += usize::from(n_decimals(cell(first + 1)) > 0);
+    }
+
+    /// Refuses rows whose cells may have moved. Each issue has its line.
+    ///
+    /// Rows that are longer than the header all alike have a separator at their end. A longer row among others has a separator within a cell.
+    pub fn refused(&mut self, table: &Table, ends: &Ends) -> Vec<(Issue, Option<usize>)> {
+        let mut found = Vec::new();
+        if self.n_long < self.n_rows {
+            found.append(&mut self.long);
+        }
+        if TEXTS_PER_NUMBER * self.n_numbers_behind <= self.n_texts_behind && ends.ends_with_number
+        {
+            found.append(&mut self.numbers_behind);
+        }
+        found.extend(self.cut_off(table, ends));
+        if self.n_split >= MIN_SPLIT && 2 * self.n_split >= self.n_rows {
+            found.extend(self.split.take());
+        }
+        let issue = |moved: Moved| {
+            let issue = Issue::new("wrong_cell_count", moved.detail).in_row(moved.row);
+            (issue, Some(moved.line))
+        };
+        let found = found.into_iter().take(MAX_ISSUES).map(issue);
+        found.chain(self.row_numbers(table, ends)).collect()
+    }
+
+    /// Refuses joint values that number the rows. The rows have a cell more in front than the header has names, as R writes them.
+    fn row_numbers(&self, table: &Table, ends: &Ends) -> Option<(Issue, Option<usize>)> {
+        let (first, means) = ends.first_joint.as_ref().filter(|_| !self.is_not_counted)?;
+        let are_few = self.n_rows < MIN_NUMBERED || 2 * self.n_with_decimals < self.n_rows;
+        let name = table.name(*first);
+        let detail = format!(
+            "column {name} numbers the rows, and the column behind it has decimals: so each row may have one cell more in front than the header has names. Write a name \
+             for it into the header; if these are joint values, say so in the column mapping: {{{means:?}: {name:?}}}"
+        );
+        let issue = Issue::new("two_readings", detail).in_column(name);
+        (!are_few).then_some((issue, None))
+    }
+
+    /// The last row of a file without a line end, if its last number has fewer decimals than all others.
+    fn cut_off(&self, table: &Table, ends: &Ends) -> Option<Moved> {
+        let last = self.last.as_ref().filter(|last| last.is_at_end)?;
+        let alike = self.n_decimals.filter(|_| !self.are_decimals_unlike)?;
+        let row = self.n_rows - 1;
+        let is_cut = ends.is_open && row >= MIN_NUMBERED && last.n_decimals < alike;
+        is_cut.then(|| Moved {
+            row,
+            line: last.line,
+            detail: format!(
+                "row {row}, column {}: the number has {} decimals and all others have {alike}, and the file has no line break at its end: was it cut off? \
+                 If the row is whole, write a line break behind it",
+                table.name(ends.n_read.saturating_sub(1)),
+                last.n_decimals
+            ),
+        })
+    }
+}
+
+/// What to do with a row whose missing cells may all be of columns that are not read.
+fn if_only_remarks_are_missing(table: &Table, ends: &Ends) -> String {
+    let behind = ends.n_read..ends.n_named;
+    let columns: Vec<String> = behind.map(|place| table.reference(place)).collect();
+    format!(
+        ". If only cells behind {} are missing, leave their columns aside in the column mapping: {{\"ignore\": [{}]}}",
+        table.name(ends.n_read.saturating_sub(1)),
+        columns.join(", ")
+    )
+}

@@ -1,0 +1,264 @@
+//! Finds the meaning of each column of a table: first from the caller's mapping, then from the name of the column.
+
+use crate::measurement::columns::column::{Column, missing_columns, mixed_units};
+use crate::measurement::columns::mapping::Mapping;
+pub use crate::measurement::columns::mapping::Needs;
+use crate::measurement::columns::meaning::{column, key, key_name, thing};
+use crate::measurement::columns::names::{Key, Known, PLAIN, Unit, named_axes, recognise};
+use crate::measurement::columns::pose_names::rotation_columns;
+use crate::measurement::issue::{Issue, MAX_ISSUES};
+use crate::measurement::table::Table;
+use crate::measurement::table::groups::without_groups_not_measured;
+use crate::measurement::table::halves::missing_half;
+use crate::measurement::table::plain::{is_of_target, named_plain};
+use crate::measurement::table::resolution::Resolution;
+pub use crate::measurement::table::resolution::{Columns, Used};
+use std::collections::BTreeSet;
+
+/// Resolves the meanings of the columns of a table. `issues` of the result is empty if the table can be read.
+pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) -> Columns {
+    let mut resolution = Resolution {
+        table,
+        mapping,
+        n_joints,
+        needs,
+        columns: Columns::default(),
+        taken: BTreeSet::new(),
+    };
+    resolution.mapped(mapping);
+    if !mapping.is_complete {
+        resolution.named();
+    }
+    resolution.check();
+    let mut columns = resolution.columns;
+    columns.used.sort_by_key(|used| used.place);
+    columns.issues.truncate(MAX_ISSUES);
+    columns
+}
+
+impl Resolution<'_> {
+    fn mapped(&mut self, mapping: &Mapping) {
+        for (means, reference) in &mapping.columns {
+            let is_known = column(means, self.n_joints).is_some() || key(means).is_some();
+            if !is_known {
+                let detail = format!(
+                    "the mapping has {means:?}, which is no meaning of a column of this robot: q1_deg … q{}_deg (or _rad _gon), x_mm y_mm z_mm (or \
+                     _m _cm _um _in), {}, name, number, time_s",
+                    self.n_joints,
+                    PLAIN.join(", ")
+                );
+                self.issue(Some(means.clone()), "unknown_meaning", detail);
+                continue;
+            }
+            let place = match self.table.place(reference) {
+                Ok(place) => place,
+                Err(detail) => {
+                    let detail = format!("the mapping of {means}: {detail}");
+                    self.issue(Some(means.clone()), "unknown_column", detail);
+                    continue;
+                }
+            };
+            if self.has(thing(means)) || !self.taken.insert(place) {
+                let detail = format!("the mapping names {means} or its column twice");
+                self.issue(Some(means.clone()), "duplicate_column", detail);
+                continue;
+            }
+            self.columns.used.push(Used {
+                place,
+                means: means.clone(),
+                is_mapped: true,
+            });
+        }
+        for reference in &mapping.ignore {
+            // A column to ignore need not exist.
+            if let Ok(place) = self.table.place(reference) {
+                self.taken.insert(place);
+            }
+        }
+    }
+
+    /// Finds the meanings of the columns that are not in the mapping, from their names.
+    fn named(&mut self) {
+        let known: Vec<(usize, Known)> = self
+            .names()
+            .into_iter()
+            .enumerate()
+            .filter(|(place, _)| !self.taken.contains(place))
+            .map(|(place, (name, below))| (place, recognise(name, below)))
+            .collect();
+        let known = without_groups_not_measured(self.table, known);
+        if self.needs_joints() {
+            self.named_joints(&known);
+        }
+        if self.needs_positions() {
+            self.named_positions(&known);
+        }
+        named_plain(self, &known);
+        let has_name = known
+            .iter()
+            .any(|(_, known)| *known == Known::Key(Key::Name));
+        for (place, known) in &known {
+            // In the file of an instrument, a column "Target" contains the names of points.
+            let is_target = matches!(known, Known::Plain(means) if is_of_target(means));
+            if self.needs == Needs::Positions
+                && is_target
+                && !self.taken.contains(place)
+                && !has_name
+                && !self.has("name")
+            {
+                self.take(*place, key_name(Key::Name));
+            }
+            if let Known::Key(key) = known {
+                let means = key_name(*key);
+                if !self.has(thing(&means)) && !self.taken.contains(place) {
+                    self.take(*place, means);
+                }
+            }
+        }
+    }
+
+    fn named_joints(&mut self, known: &[(usize, Known)]) {
+        let mut joints: Vec<(usize, usize, Unit)> = known
+            .iter()
+            .filter_map(|(place, known)| match known {
+                Known::Joint(number, unit) => Some((*place, *number, *unit)),
+                _ => None,
+            })
+            .collect();
+        if (1..=self.n_joints).all(|joint| self.has(&format!("q{joint}"))) {
+            return;
+        }
+        if joints.is_empty() {
+            joints = named_axes(&self.names(), &self.taken, self.n_joints);
+        }
+        let numbers: BTreeSet<usize> = joints.iter().map(|(_, number, _)| *number).collect();
+        // Joints are counted from 0 only if their numbers are exactly 0 to n − 1.
+        if numbers.iter().copied().eq(0..self.n_joints) {
+            joints.iter_mut().for_each(|(_, number, _)| *number += 1);
+        }
+        for (place, number, unit) in joints {
+            let name = self.table.name(place);
+            if number == 0 || number > self.n_joints {
+                let detail = format!(
+                    "column {name} is for joint {number}, but the robot has {} joints; if it is none of them, leave it aside \
+                     in the column mapping: {{\"ignore\": [{name:?}]}}",
+                    self.n_joints
+                );
+                self.issue(Some(name), "wrong_joint_count", detail);
+                continue;
+            }
+            self.offer(place, &format!("q{number}"), unit, ["deg", "rad"]);
+        }
+    }
+
+    fn named_positions(&mut self, known: &[(usize, Known)]) {
+        if ["x", "y", "z"].iter().all(|axis| self.has(axis)) {
+            return;
+        }
+        let pose = self.controllers_pose();
+        for (place, known) in known {
+            match known {
+                Known::Position(axis, _) if pose.is_some() => {
+                    let name = self.table.name(*place);
+                    let axis = ["x", "y", "z"][*axis];
+                    self.columns.proposed.push((format!("{axis}_mm"), *place));
+                    let detail = format!(
+                        "column {name} stands beside joint values and {}, as a controller writes the pose that it computes itself: if it was \
+                         measured all the same, say so in the column mapping: {{\"{axis}_mm\": {name:?}}}",
+                        pose.as_deref().unwrap_or_default()
+                    );
+                    self.issue(Some(name), "two_readings", detail);
+                }
+                Known::Position(axis, unit) => {
+                    self.offer(*place, ["x", "y", "z"][*axis], *unit, ["mm", "m"]);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The names of the columns with a rotation as controllers write it next to X, Y, Z of a pose that they compute. Only for files that need joint values
+    /// and positions, and if the mapping does not say that the rotation was measured.
+    fn controllers_pose(&self) -> Option<String> {
+        let places = rotation_columns(&self.table.header)?;
+        let is_mapped = |place: &usize| self.columns.used.iter().any(|used| used.place == *place);
+        let is_computed = self.needs == Needs::Points && !places.iter().any(is_mapped);
+        let names = places.map(|place| self.table.name(place));
+        is_computed.then(|| names.join(", "))
+    }
+
+    /// Adds issues for missing columns and mixed units.
+    fn check(&mut self) {
+        let mut missing = Vec::new();
+        if self.needs_joints() {
+            let joints = (1..=self.n_joints).map(|joint| format!("q{joint}"));
+            missing.extend(
+                joints
+                    .filter(|joint| !self.has(joint))
+                    .map(|joint| format!("{joint}_deg")),
+            );
+        }
+        if self.needs_positions() {
+            let axes = ["x", "y", "z"].into_iter().filter(|axis| !self.has(axis));
+            missing.extend(axes.map(|axis| format!("{axis}_mm")));
+        }
+        self.columns.missing = missing;
+        if let Some(issue) = missing_half(self) {
+            self.columns.issues = vec![issue];
+        }
+        if !self.columns.issues.is_empty() {
+            return;
+        }
+        let columns: Vec<Column> = self
+            .columns
+            .used
+            .iter()
+            .filter_map(|used| column(&used.means, self.n_joints))
+            .collect();
+        let all = self.table.names();
+        let is_about = |issue: &Issue| {
+            let thing = issue.column.as_deref().map(thing);
+            match (self.needs, thing) {
+                (Needs::Points, _) | (_, None) => true,
+                (Needs::Joints, Some(thing)) => thing.starts_with('q'),
+                (Needs::Positions, Some(thing)) => !thing.starts_with('q'),
+            }
+        };
+        let found: Vec<Issue> = missing_columns(&columns, self.n_joints)
+            .into_iter()
+            .filter(is_about)
+            .collect();
+        let has_none = !self
+            .columns
+            .used
+            .iter()
+            .any(|used| key(&used.means).is_none());
+        let no_header = self.table.header_line.is_none();
+        self.columns.issues = found
+            .into_iter()
+            .map(|mut issue| {
+                if issue.code == "missing_column" || issue.code == "wrong_joint_count" {
+                    issue.detail = match (no_header, &issue.column) {
+                        (true, Some(means)) => format!("{}; no line of the file names its columns: say which it is by its number, in the column mapping: {{\"{means}\": 1}}", issue.detail),
+                        (false, Some(means)) => format!("{}; if another column is it, say so in the column mapping: {{\"{means}\": \"COLUMN\"}}. The table has {all}", issue.detail),
+                        _ => issue.detail,
+                    };
+                }
+                issue
+            })
+            .collect();
+        if has_none && no_header && !self.columns.issues.is_empty() {
+            let detail = "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
+                          from 1, in the column mapping: {\"q1_deg\": 1}";
+            self.columns.issues = vec![Issue::new("no_header", detail)];
+        }
+        if self.columns.issues.is_empty() {
+            let names: Vec<String> = (self.columns.used.iter())
+                .filter(|used| column(&used.means, self.n_joints).is_some())
+                .map(|used| self.table.name(used.place))
+                .collect();
+            let named = columns.into_iter().zip(names.iter().map(String::as_str));
+            self.columns.issues = mixed_units(named).into_iter().collect();
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! The rows of a table: reads them one by one to points and join keys, and refuses those that hold no measurement.
+
+use crate::measurement::columns::column::Column;
+use crate::measurement::csv::number_text::without_unit;
+use crate::measurement::csv::{MAX_ROWS, Reading, parse_row};
+use crate::measurement::issue::{Issue, MAX_ISSUES};
+use crate::measurement::set::Point;
+use crate::measurement::table::checks::flags::Flags;
+use crate::measurement::table::checks::no_measurements;
+use crate::measurement::table::checks::reflectors::reflectors;
+use crate::measurement::table::checks::row_ends::{Ends, RowEnds};
+use crate::measurement::table::checks::statistics::is_statistic;
+use crate::measurement::table::lines::is_numeric;
+use crate::measurement::table::resolution::Used;
+use crate::measurement::table::{Next, Table};
+
+/// Cells of a column with and without a unit behind the number: how many, and row and line of the first one.
+#[derive(Clone, Copy, Debug, Default)]
+struct UnitsOfCells {
+    n_with: usize,
+    first_with: Option<(usize, usize)>,
+    n_without: usize,
+    first_without: Option<(usize, usize)>,
+}
+
+/// The rows that were read so far.
+#[derive(Default)]
+pub struct Rows {
+    pub points: Vec<Point>,
+    pub lines: Vec<usize>,
+    pub keys: Vec<(String, Vec<String>)>,
+    pub issues: Vec<(Issue, Option<usize>)>,
+    pub n_skipped: usize,
+    n_rows: usize,
+    /// Number of other rows that begin with a number.
+    n_numbered: usize,
+    /// For each column, the cells with and without its unit behind the number.
+    with_unit: Vec<UnitsOfCells>,
+    /// Rows that have the name of a statistic in front of their numbers.
+    summaries: Vec<Summary>,
+    /// Rows that end before or behind the last column.
+    ends: RowEnds,
+    /// Columns that may say which rows count.
+    flags: Flags,
+    /// For each point, the cell with its reflector.
+    reflector_cells: Vec<String>,
+    /// The names of the reflectors in the order of their numbers, if the file has names.
+    pub reflectors: Vec<String>,
+}
+
+/// A row that has the name of a statistic in front of its numbers.
+struct Summary {
+    row: usize,
+    line: usize,
+    word: String,
+    /// Whether this cell is read as a label.
+    is_label: bool,
+}
+
+fn is_of_target(column: &Column) -> bool {
+    matches!(column, Column::Target | Column::TargetName)
+}
+
+/// The columns that are read, and their use.
+pub struct Layout {
+    /// Indices of the columns whose cells become points. `columns` and `names` are their types and names.
+    pub places: Vec<usize>,
+    pub columns: Vec<Column>,
+    pub names: csv::StringRecord,
+    /// The unit of each column, for joints and positions.
+    pub units: Vec<Option<&'static str>>,
+    /// The columns of join keys.
+    pub keys: Vec<Used>,
+    /// Where the cells that are read stand.
+    pub ends: Ends,
+    /// The columns that the caller leaves aside.
+    pub ignored: Vec<usize>,
+    /// Whether the file is a stored upload that is read again in the same way.
+    pub is_read_again: bool,
+    /// Whether the rows have positions.
+    pub has_positions: bool,
+    /// Whether the rows are targets of a program.
+    pub are_targets: bool,
+}
+
+impl Layout {
+    /// The unit of each coordinate in the file, mm.
+    fn millimetres(&self) -> [f64; 3] {
+        let factor = |axis: usize| {
+            let of_axis = |column: &Column| match column {
+                Column::Position(of, factor) if *of == axis => Some(*factor),
+                _ => None,
+            };
+            self.columns.iter().find_map(of_axis).unwrap_or(1.0)
+        };
+        std::array::from_fn(factor)
+    }
+
+    /// The cells in front of the first number that is read, and whether each is read as a label. One of them may be the name of a statistic.
+    fn leading_cells<'r>(
+        &self,
+        row: &'r csv::StringRecord,
+    ) -> impl Iterator<Item = (&'r str, bool)> {
+        let is_left_aside = |place: &usize| self.ignored.contains(place);
+        let filled = row
+            .iter()
+            .enumerate()
+            .filter(move |(place, cell)| !cell.trim().is_empty() && !is_left_aside(place));
+        filled.map_while(|(place, cell)| {
+            let read = self.places.iter().position(|read| *read == place);
+            let is_label = match read.map(|at| self.columns[at]) {
+                None => false,
+                Some(Column::Configuration | Column::Station | Column::Session) => true,
+                Some(_) => return None,
+            };
+            Some((cell.trim(), is_label))
+        })
+    }
+}
+
+impl Rows {
+    pub fn new(table: &Table, layout: &Layout) -> Self {
+        let keys = layout.keys.iter();
+        let is_free = |place: &usize| {
+            let is_key = layout.keys.iter().any(|used| used.place == *place);
+            !is_key && !layout.places.contains(place) && !layout.ignored.contains(place)
+        };
+        Self {
+            flags: Flags::new(table, !layout.has_positions, is_free),
+            keys: keys.map(|used| (used.means.clone(), vec![])).collect(),
+            with_unit: vec![UnitsOfCells::default(); layout.places.len()],
+            ..Self::default()
+        }
+    }
+
+    /// Checks the reflectors of the points, and numbers them unless they have a `target_name`: the set numbers these.
+    pub fn number_reflectors(&mut self, layout: &Layout) {
+        let column = layout.columns.iter().position(is_of_target);
+        let Some(column) = column.filter(|_| self.issues.is_empty()) else {
+            return;
+        };
+        let cells = std::mem::take(&mut self.reflector_cells);
+        let are_names = layout.columns[column] == Column::TargetName;
+        let found = reflectors(
+            &cells,
+            &layout.names[column],
+            are_names,
+            layout.is_read_again,
+        );
+        match found {
+            Ok(_) if are_names => {}
+            Ok(found) => {
+                for (point, number) in self.points.iter_mut().zip(found.numbers) {
+                    point.target = number;
+                }
+                self.reflectors = found.names;
+            }
+            Err(issue) => {
+                let line = issue.row.and_then(|row| self.lines.get(row).copied());
+                self.issues.push((issue, line));
+            }
+        }
+    }
+
+    /// Refuses rows that hold no measurement. Of a file that was accepted once, all rows are measurements.
+    pub fn refuse_no_measurements(&mut self, table: &Table, layout: &Layout) {
+        if layout.is_read_again {
+            return;
+        }
+        self.refuse_summaries();
+        let moved = self.ends.refused(table, &layout.ends);
+        self.issues.extend(moved);
+        self.refuse_some_units(layout);
+        if self.issues.is_empty() && !layout.are_targets {
+            self.issues.extend(self.flags.refused(table));
+        }
+        if layout.has_positions && self.issues.is_empty() {
+            let is_joint = |column: &Column| matches!(column, Column::Joint(..));
+            let found = no_measurements(
+                &self.points,
+                &self.reflector_cells,
+                layout.millimetres(),
+                layout.columns.iter().any(is_joint),
+            );
+            // No row was refused, so points and rows are counted alike.
+            let line = |issue: &Issue| issue.row.map(|row| self.lines[row]);
+            let found = found.into_iter().take(MAX_ISSUES);
+            self.issues = found.map(|issue| (issue.clone(), line(&issue))).collect();
+        }
+    }
+
+    /// Refuses rows that have the name of a statistic in front of their numbers, if they are less than a quarter of all rows, or if all others begin with a number. In other
+    /// files the word is part of a normal column.
+    fn refuse_summaries(&mut self) {
+        let is_numbered =
+            self.n_numbered > 0 && self.n_numbered + self.summaries.len() == self.n_rows;
+        let is_rare = 4 * self.summaries.len() < self.n_rows;
+        for found in std::mem::take(&mut self.summaries) {
+            let Summary {
+                row,
+                line,
+                word,
+                is_label,
+            } = found;
+            if is_numbered || is_rare && !is_label {
+                let detail = format!(
+                    "row {row} has the name {word:?}: a row of statistics is no measurement; remove it, or put # before it; if it is a point's name, name it otherwise"
+                );
+                self.issue(Some(row), Some(line), "summary_row", detail);
+            }
+        }
+    }
+
+    /// Refuses columns in which some numbers have a unit behind them and others have none.
+    fn refuse_some_units(&mut self, layout: &Layout) {
+        for (column, units) in std::mem::take(&mut self.with_unit).into_iter().enumerate() {
+            let (Some(with), Some(without)) = (units.first_with, units.first_without) else {
+                continue;
+            };
+            let ((row, line), code, what) = match units.n_with < units.n_without {
+                true => (
+                    with,
+                    "not_a_number",
+                    "the cell is not a number: it has a unit, and others of the column have none",
+                ),
+                false => (
+                    without,
+                    "cell_unit",
+                    "the number has no unit, and others of the column have one",
+                ),
+            };
+            let name = &layout.names[column];
+            let detail = format!(
+                "row {row}, column {name}: {what}: write it behind every number, or only into the column's name"
+            );
+            let issue = Issue::new(code, detail)
+                .in_row(row)
+                .in_column((*name).to_owned());
+            self.issues.push((issue, Some(line)));
+        }
+    }
+
+    /// A cell without the unit of its column behind the number.
+    ///
+    /// # Errors
+    /// If it has another unit.
+    fn bare<'r>(
+        &mut self,
+        (row, line): (usize, usize),
+        cell: &'r str,
+        column: usize,
+        layout: &Layout,
+    ) -> Result<&'r str, Issue> {
+        let Some(own) = layout.units[column] else {
+            return Ok(cell);
+        };
+        let (number, unit) = without_unit(cell);
+        let units = &mut self.with_unit[column];
+        match unit {
+            None => {
+                units.n_without += 1;
+                units.first_without.get_or_insert((row, line));
+            }
+            Some(unit) if unit == own => {
+                units.n_with += 1;
+                units.first_with.get_or_insert((row, line));
+            }
+            Some(unit) => {
+                let name = &layout.names[column];
+                let detail = format!(
+                    "row {row}, column {name}: {cell:?} is not a number of this column: it is in {unit}, and the column in {own}: write the numbers in one unit, and the unit into the column's name"
+                );
+                return Err(Issue::new("not_a_number", detail)
+                    .in_row(row)
+                    .in_column((*name).to_owned()));
+            }
+        }
+        Ok(number)
+    }
+
+    pub fn issue(
+        &mut self,
+        row: Option<usize>,
+        line: Option<usize>,
+        code: &'static str,
+        detail: String,
+    ) {
+        let issue = Issue::new(code, detail).in_row(row);
+        self.issues.push((issue, line));
+    }
+
+    /// Reads the next row. Returns false if no further rows are wanted.
+    pub fn take(&mut self, next: Next, table: &Table, layout: &Layout, reading: &Reading) -> bool {
+        let row = match next {
+            Next::Row(row) => row,
+            Next::Skipped => {
+                self.n_skipped += 1;
+                return true;
+            }
+            Next::Bad(line, code, detail) => {
+                let row = self.n_rows;
+                self.issue(
+                    Some(row),
+                    Some(line),
+                    code,
+                    format!("row {row} cannot be read: {detail}"),
+                );
+                self.n_rows += 1;
+                return self.issues.len() < MAX_ISSUES;
+            }
+        };
+        let index = self.n_rows;
+        if index >= MAX_ROWS {
+            self.issues.clear();
+            let detail = format!("more than {MAX_ROWS} rows; split the campaign into several sets");
+            self.issue(None, None, "too_many_rows", detail);
+            return false;
+        }
+        self.n_rows += 1;
+        if let Err(detail) = self.ends.take(index, &row, table, &layout.ends) {
+            self.issue(Some(index), Some(row.line), "wrong_cell_count", detail);
+            return self.issues.len() < MAX_ISSUES;
+        }
+        self.flags.take(index, &row);
+        let mut reflector = None;
+        let mut cells = csv::StringRecord::new();
+        for (column, place) in layout.places.iter().enumerate() {
+            let cell = row.cells.get(*place).unwrap_or("");
+            match self.bare((index, row.line), cell, column, layout) {
+                Ok(cell) if is_of_target(&layout.columns[column]) && !cell.trim().is_empty() => {
+                    // numbered when all rows are known
+                    reflector = Some(cell.trim().to_owned());
+                    let is_name = layout.columns[column] == Column::TargetName;
+                    cells.push_field(if is_name { cell } else { "0" });
+                }
+                Ok(cell) => cells.push_field(cell),
+                Err(issue) => {
+                    self.issues.push((issue, Some(row.line)));
+                    return self.issues.len() < MAX_ISSUES;
+                }
+            }
+        }
+        let mut issues = Vec::new();
+        let point = parse_row(
+            index,
+            &cells,
+            &layout.names,
+            &layout.columns,
+            reading,
+            &mut issues,
+        );
+        self.issues
+            .extend(issues.into_iter().map(|issue| (issue, Some(row.line))));
+        let leading: Vec<(&str, bool)> = layout.leading_cells(&row.cells).collect();
+        let statistic = leading.iter().find(|(cell, _)| is_statistic(cell));
+        if let Some((word, is_label)) = statistic {
+            self.summaries.push(Summary {
+                row: index,
+                line: row.line,
+                word: (*word).to_owned(),
+                is_label: *is_label,
+            });
+        } else if leading.first().is_some_and(|(cell, _)| is_numeric(cell)) {
+            self.n_numbered += 1;
+        }
+        if let Some(point) = point {
+            self.points.push(point);
+            self.lines.push(row.line);
+            self.reflector_cells.extend(reflector);
+            for (used, (_, cells)) in layout.keys.iter().zip(&mut self.keys) {
+                cells.push(row.cells.get(used.place).unwrap_or("").trim().to_owned());
+            }
+        }
+        self.issues.len() < MAX_ISSUES
+    }
+}
