@@ -1,6 +1,7 @@
 //! Measurement sets: uploads, stored byte for byte.
 
-use crate::calibration::upload_checks;
+use crate::calibration::reference::ScaleAtReach;
+use crate::calibration::{instrument_scale, upload_checks};
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
@@ -167,6 +168,7 @@ pub async fn create(
         Some(name) => Some(references::named(&app, &robot_id, name).await?),
         None => None,
     };
+    let links = Robot::try_from(&robot)?.links;
     let record = query.record().checked()?;
     let serial_number = query.serial_number.clone();
     let mut upload = app
@@ -174,8 +176,10 @@ pub async fn create(
             parse_upload(&robot, &bytes, content_type, &columns, (query, record))
         })
         .await?;
-    if reference.is_some() {
-        upload.reading.get_or_insert_default().reference = reference;
+    if let Some((reference, scale)) = reference {
+        upload.reading.get_or_insert_default().reference = Some(reference);
+        let told = scale.and_then(|scale| instrument_scale(ScaleAtReach::new(scale, &links)));
+        upload.warnings.extend(told.as_ref().map(Warning::from));
     }
     if let Some(misfit) = upload.misfit.take() {
         let unread = upload.reading.as_ref().and_then(Reading::unread_labels);

@@ -1,5 +1,6 @@
 //! References of a robot's instruments: scale bars and other lengths with a certificate.
 
+use crate::calibration::reference::InstrumentScale;
 use crate::http::auth::Caller;
 use crate::http::creation::{Submission, stored_json};
 use crate::http::extract::{Id, Query};
@@ -78,7 +79,11 @@ pub async fn get(
 }
 
 /// The reference that an upload names, in its newest version.
-pub async fn named(app: &App, robot_id: &str, name: &str) -> Result<SetReference, Error> {
+pub async fn named(
+    app: &App,
+    robot_id: &str,
+    name: &str,
+) -> Result<(SetReference, Option<InstrumentScale>), Error> {
     let row = named_documents::newest(app, robot_id, NamedDocumentKind::Reference, name).await;
     let row = row.map_err(|error| match error {
         Error::NotFound(_) => {
@@ -89,10 +94,12 @@ pub async fn named(app: &App, robot_id: &str, name: &str) -> Result<SetReference
         }
         other => other,
     })?;
-    Ok(SetReference {
+    let body: ReferenceBody = serde_json::from_str(&row.content_json)?;
+    let reference = SetReference {
         id: row.id,
         name: row.name,
-    })
+    };
+    Ok((reference, body.scale()))
 }
 
 impl TryFrom<&NamedDocumentRow> for ReferenceAnswer {

@@ -85,6 +85,11 @@ async fn a_reference_states_the_scale_of_the_instrument_and_counts_in_the_budget
         .get(&format!("/v1/jobs/{}", text(&report["job_id"])))
         .await
         .ok(200);
+    // the upload told it already, and no further pose would mend it
+    let uploaded = format!("/v1/measurement-sets/{}", text(&job["measurement_set_id"]));
+    let uploaded = app.get(&uploaded).await.ok(200);
+    assert!(codes(&uploaded).contains(&"instrument_scale"), "{uploaded}");
+    assert!(!codes(&report).contains(&"tool_uncertain"), "{report}");
     let set = format!("/v1/parameter-sets/{}", text(&job["parameter_set_id"]));
     app.post_json(&format!("{set}/release"), &json!({"reason": "it fits"}))
         .await
