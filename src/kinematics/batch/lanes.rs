@@ -50,11 +50,7 @@ impl InstructionSet {
         match self {
             Self::Baseline => true,
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
-            Self::Avx512 => {
-                is_x86_feature_detected!("avx512f")
-                    && is_x86_feature_detected!("avx512vl")
-                    && is_x86_feature_detected!("fma")
-            }
+            Self::Avx512 => has_fast_avx512(),
         }
     }
 
@@ -62,6 +58,32 @@ impl InstructionSet {
     fn is_here(self) -> bool {
         self == Self::Baseline
     }
+}
+
+/// AVX-512 as of Ice Lake. Earlier CPUs run slower with it, and the crate multiversion compiles no version for them: a function for AVX-512 would then be
+/// the one without vectors, in which a multiply-add is a function call.
+#[cfg(target_arch = "x86_64")]
+fn has_fast_avx512() -> bool {
+    macro_rules! all {
+        ($($feature:tt),*) => { true $(&& is_x86_feature_detected!($feature))* };
+    }
+    all!(
+        "fma",
+        "avx512bitalg",
+        "avx512bw",
+        "avx512cd",
+        "avx512dq",
+        "avx512f",
+        "avx512ifma",
+        "avx512vbmi",
+        "avx512vbmi2",
+        "avx512vl",
+        "avx512vnni",
+        "avx512vpopcntdq",
+        "gfni",
+        "vaes",
+        "vpclmulqdq"
+    )
 }
 
 /// W of the eight lanes, one full register. The compiler turns the loops into vector instructions if the calling code is compiled for them. Only
