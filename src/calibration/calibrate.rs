@@ -206,38 +206,23 @@ fn compare(
     monitor: &mut Monitor<'_>,
 ) -> Result<Vec<MethodComparison>, Error> {
     let mut rows = vec![own];
+    let mut add = |method, name, run: &dyn Fn(&mut Monitor<'_>) -> Result<Found, Error>| {
+        let found = stage(monitor, name, |monitor| run(&mut quiet(monitor)))?;
+        rows.push(comparison_row(problem, method, name, &found, layout));
+        Ok(())
+    };
     if choice.method != Method::LeastSquares {
-        let other = stage(monitor, "compare_least_squares", |monitor| {
-            least_squares_from(problem, &problem.nominal, None, &mut quiet(monitor))
+        add("least_squares", "compare_least_squares", &|monitor| {
+            least_squares_from(problem, &problem.nominal, None, monitor)
         })?;
-        rows.push(comparison_row(
-            problem,
-            "least_squares",
-            "compare_least_squares",
-            &other,
-            layout,
-        ));
     }
     if choice.method == Method::BpnnPso {
-        let cold = stage(monitor, "compare_pso", |monitor| {
-            swarm(
-                problem,
-                &choice.cold_start,
-                Start::Cold,
-                &mut quiet(monitor),
-            )
+        add("pso", "compare_pso", &|monitor| {
+            swarm(problem, &choice.cold_start, Start::Cold, monitor)
         })?;
-        rows.push(comparison_row(problem, "pso", "compare_pso", &cold, layout));
-        let warm = stage(monitor, "compare_warm_start", |monitor| {
-            swarm(problem, &choice.start, Start::WarmBall, &mut quiet(monitor))
+        add("warm_start", "compare_warm_start", &|monitor| {
+            swarm(problem, &choice.start, Start::WarmBall, monitor)
         })?;
-        rows.push(comparison_row(
-            problem,
-            "warm_start",
-            "compare_warm_start",
-            &warm,
-            layout,
-        ));
     }
     Ok(rows)
 }

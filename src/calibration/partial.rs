@@ -319,16 +319,9 @@ fn state(
         .zip(&problem.parameters)
         .enumerate()
     {
-        let to_wire = |value: f64| {
-            if parameter.is_angle() {
-                value.to_degrees()
-            } else {
-                value
-            }
-        };
         if outcome.identifiable {
-            let half_width = to_wire(uncertainty.half_width(i, CONFIDENCE));
-            outcome.std_uncertainty = Some(to_wire(uncertainty.std(i)));
+            let half_width = parameter.in_unit(uncertainty.half_width(i, CONFIDENCE));
+            outcome.std_uncertainty = Some(parameter.in_unit(uncertainty.std(i)));
             outcome.interval_95 = Some([
                 outcome.identified - half_width,
                 outcome.identified + half_width,
@@ -353,11 +346,7 @@ fn from_catalogue(report: &mut CalibrationReport, parameters: &[Parameter], nomi
     for (outcome, parameter) in report.parameters.iter_mut().zip(parameters) {
         if let Parameter::Link(link, quantity) = *parameter {
             let value = *quantity_mut(&mut nominal[link].clone(), quantity);
-            outcome.nominal = if parameter.is_angle() {
-                value.to_degrees()
-            } else {
-                value
-            };
+            outcome.nominal = parameter.in_unit(value);
             outcome.delta = outcome.identified - outcome.nominal;
         }
     }

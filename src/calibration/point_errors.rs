@@ -32,6 +32,12 @@ pub struct PointErrors {
 }
 
 impl PointErrors {
+    /// True if corrections change its residual.
+    pub fn is_corrected(&self) -> bool {
+        let corrected = self.corrected_vector_mm;
+        corrected.is_some_and(|vector| vector != self.after_vector_mm)
+    }
+
     /// Errors before, after, and with corrections, mm, as [`crate::calibration::robust_comparison`] takes them.
     pub fn errors_mm(&self) -> [f64; 3] {
         [

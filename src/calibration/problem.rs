@@ -17,6 +17,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeSet;
 
 /// Everything that does not change while methods run on a request.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// The request.
     pub request: &'a CalibrationRequest,
@@ -46,6 +47,7 @@ pub struct Problem<'a> {
 }
 
 /// The stated priors of a problem, and the fit without them.
+#[derive(Clone)]
 pub struct StatedPriors {
     /// The priors, weighed.
     pub priors: Priors,

@@ -230,15 +230,9 @@ fn sentence(kind: ChangeKind) -> &'static str {
 }
 
 fn named(change: &Change) -> NamedChange {
-    let is_angle = change.parameters[0].is_angle();
-    let names: Vec<String> = change.parameters.iter().map(Parameter::name).collect();
     NamedChange {
-        name: names.join(" or "),
-        delta: if is_angle {
-            change.delta.to_degrees()
-        } else {
-            change.delta
-        },
+        name: change.name(),
+        delta: change.parameters[0].in_unit(change.delta),
         sigmas: change.sigmas,
     }
 }

@@ -1,6 +1,7 @@
 //! Rotations and their rotation vectors.
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
+use std::f64::consts::TAU;
 
 /// Rotation for a rotation vector (Rodrigues' formula).
 pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
@@ -15,6 +16,11 @@ pub fn rotation_exp(w: &Vector3<f64>) -> Rotation3<f64> {
         )
     };
     Rotation3::from_matrix_unchecked(Matrix3::identity() + k * a + k * k * b)
+}
+
+/// The same angle without whole turns: at most half a turn to either side.
+pub fn within_half_a_turn(angle_rad: f64) -> f64 {
+    angle_rad - TAU * (angle_rad / TAU).round()
 }
 
 /// Rotation vector of a rotation: the inverse of [`rotation_exp`] below half a turn.

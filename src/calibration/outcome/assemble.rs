@@ -6,7 +6,6 @@ use crate::calibration::outcome::parameters::{identifiability, parameters};
 use crate::calibration::outcome::stated_uncertainty::{
     estimated, nothing_left, stated, why_it_says_nothing, why_not_stated, with_found_misfit,
 };
-use crate::calibration::point_errors::counted_errors_mm;
 use crate::calibration::preparation::equations::model_rank;
 use crate::calibration::preparation::observe::observe_verify_set;
 use crate::calibration::preparation::stated_priors;
@@ -18,7 +17,7 @@ use crate::calibration::solve::final_fit::Final;
 use crate::calibration::solve::most_probable::DETERMINED;
 use crate::calibration::solve::solution::Found;
 use crate::calibration::validation::coverage::shows_little;
-use crate::calibration::validation::errors::{self, corrected_errors, errors, rotation_errors};
+use crate::calibration::validation::errors::{self, errors};
 use crate::calibration::validation::repeatability::repeatability;
 use crate::calibration::validation::session_fit::SessionScatter;
 use crate::calibration::validation::verdict;
@@ -108,7 +107,10 @@ pub fn verify_errors(
     layout: Option<&Layout<'_>>,
 ) -> Option<Errors> {
     match layout {
-        Some(layout) => layout.place(model).ok()?.errors(),
+        Some(layout) => {
+            let placed = layout.place(model).ok()?;
+            errors(&placed.model, &placed.observed.all)
+        }
         None => errors(model, &problem.observed.of(Subset::Verify)),
     }
 }
@@ -167,33 +169,6 @@ pub fn report(
         corrected: c.corrected.clone(),
     });
     let placed = corrections.as_ref().map(|found| found.placed(problem));
-    let both = |points: &[Observation], subset: Subset| {
-        let (before, after) = (&problem.nominal, model);
-        let of_corrected = placed.as_deref().map(|all| of_subset(problem, all, subset));
-        let robot = robot.as_ref().zip(of_corrected.as_deref());
-        let rotation = rotation_errors((before, points), (after, points), robot);
-        let (before, after) = (errors(before, points)?, errors(after, points)?);
-        let corrected = robot.and_then(|(robot, points)| {
-            if robot.corrected.is_some() {
-                corrected_errors(robot, points)
-            } else {
-                Some(after)
-            }
-        });
-        Some(SubsetErrors {
-            n_points: points.len(),
-            before,
-            after,
-            corrected,
-            rotation,
-        })
-    };
-    let Some(identify) = both(&problem.identify, Subset::Identify) else {
-        return Err(crate::calibration::unusable(
-            "under_determined",
-            "the identify subset has no points",
-        ));
-    };
     let robot_at_points = robot.as_ref().zip(placed.as_deref());
     let repeatability = repeatability(problem, model, robot_at_points);
     let mut per_point = errors::per_point(
@@ -204,6 +179,12 @@ pub fn report(
     for row in problem.screening.rows_left_out() {
         per_point[row].is_outlier = true;
     }
+    let Some(identify) = errors::of_subset(&per_point, Subset::Identify) else {
+        return Err(crate::calibration::unusable(
+            "under_determined",
+            "the identify subset has no points",
+        ));
+    };
     // errors are those of the verified fit; everything else describes the delivered fit
     let (delivered_problem, delivered_model) = match final_fit {
         Some(last) => (&last.problem, &last.model),
@@ -236,26 +217,7 @@ pub fn report(
         let robot_there = robot
             .as_ref()
             .map(|robot| layout.place_corrected(robot, &after));
-        let corrected = robot_there
-            .as_ref()
-            .and_then(|there| there.errors().or_else(|| after.errors()));
-        let n_points = after.observed.all.len();
         let robot_there = robot_there.as_ref().map(PlacedCorrected::at_points);
-        let rotation = rotation_errors(
-            (&before.model, &before.observed.all),
-            (&after.model, &after.observed.all),
-            robot_there,
-        );
-        verify = before
-            .errors()
-            .zip(after.errors())
-            .map(|(before, after)| SubsetErrors {
-                n_points,
-                before,
-                after,
-                corrected,
-                rotation,
-            });
         let mut there = errors::per_point(
             (&before.observed, &before.model),
             (&after.observed, &after.model),
@@ -264,26 +226,22 @@ pub fn report(
         for row in layout.screening.rows_left_out() {
             there[row].is_outlier = true;
         }
-        let errors_mm = counted_errors_mm(&there);
+        verify = errors::of_subset(&there, Subset::Verify);
         let fitted = errors::without_outliers(&per_point, Subset::Identify).unwrap_or(identify);
         fit = fit.or_else(|| {
-            let refused_as = request.refused_as.as_deref();
-            let scatter = SessionScatter {
-                model: &after.model,
-                observations: &after.observed.all,
+            let session = verdict::Session {
+                points: &there,
+                order: match &request.verify {
+                    VerifySource::Set(set) => set.measuring_order(),
+                    _ => (0..there.len()).collect(),
+                },
+                scatter: SessionScatter {
+                    model: &after.model,
+                    observations: &after.observed.all,
+                },
+                refused_as: request.refused_as.as_deref(),
             };
-            let order = match &request.verify {
-                VerifySource::Set(set) => set.measuring_order(),
-                _ => (0..there.len()).collect(),
-            };
-            verdict::of_another_session(
-                &errors_mm,
-                (&there, &order),
-                &fitted,
-                &request.robot,
-                refused_as,
-                &scatter,
-            )
+            verdict::of_another_session(&session, &fitted, &request.robot)
         });
         let of_set = layout.screening.outliers.iter();
         outliers.extend(of_set.map(|outlier| per_point.len() + outlier.row));
@@ -306,7 +264,7 @@ pub fn report(
         ))
         .collect();
     } else {
-        verify = both(&problem.observed.of(Subset::Verify), Subset::Verify);
+        verify = errors::of_subset(&per_point, Subset::Verify);
         of_verify_set = vec![];
     }
     let fit = fit

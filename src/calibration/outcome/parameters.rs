@@ -30,13 +30,7 @@ pub fn parameters(
             problem.reported(&problem.nominal, parameter),
             problem.reported(model, parameter),
         );
-        let to_wire = |value: f64| {
-            if parameter.is_angle() {
-                value.to_degrees()
-            } else {
-                value
-            }
-        };
+        let to_wire = |value: f64| parameter.in_unit(value);
         let known = uncertainty.filter(|_| stated[i]);
         let interval = |u: &Uncertainty| {
             let half_width = u.half_width(i, CONFIDENCE);
@@ -52,7 +46,7 @@ pub fn parameters(
             } else {
                 None
             },
-            unit: if parameter.is_angle() { "deg" } else { "mm" }.into(),
+            unit: parameter.unit().into(),
             nominal: to_wire(nominal),
             identified: to_wire(identified),
             delta: to_wire(identified - nominal),

@@ -72,8 +72,6 @@ pub fn estimated(
         None => vec![],
     };
     let rows = problem.rows(&observations, &held);
-    let (observations, configurations, stations) =
-        in_threes(&observations, &configurations, &stations);
     uncertainty(Session {
         model,
         problem: &rows,
@@ -83,27 +81,6 @@ pub fn estimated(
         misfit,
         watch,
     })
-}
-
-/// Splits each pose into two observations of three rows: position and rotation. Positions and rotations of a configuration form separate clusters.
-fn in_threes(
-    observations: &[Observation],
-    configurations: &[usize],
-    stations: &[Option<usize>],
-) -> (Vec<Observation>, Vec<usize>, Vec<Option<usize>>) {
-    let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
-    let (mut all, mut of_all, mut station_of) = (vec![], vec![], vec![]);
-    for (i, o) in observations.iter().enumerate() {
-        all.push(o.position_alone());
-        of_all.push(configurations[i]);
-        station_of.push(stations[i]);
-        if o.rotation.is_some() {
-            all.push(o.clone());
-            of_all.push(configurations[i] + n_configurations);
-            station_of.push(stations[i]);
-        }
-    }
-    (all, of_all, station_of)
 }
 
 /// Why no uncertainty is stated; `None` if one is stated.

@@ -118,14 +118,22 @@ fn weigh_sessions(request: &CalibrationRequest, observed: &mut Observed) {
         .zip(noises_mm)
         .flat_map(of_session)
         .collect();
-    let fitted = all
-        .iter()
-        .zip(&observed.subsets)
-        .filter(|(_, s)| **s == Subset::Identify);
-    let (sum, n) = fitted.fold((0.0, 0.0), |(sum, n), (weight, _)| (sum + weight, n + 1.0));
-    for (observation, weight) in observed.all.iter_mut().zip(all) {
-        observation.weight = weight * n / sum;
+    let is_fitted = |row: usize| observed.subsets[row] == Subset::Identify;
+    let weights = relative_weights(&all, is_fitted);
+    for (observation, weight) in observed.all.iter_mut().zip(weights) {
+        observation.weight = weight;
     }
+}
+
+/// Weights in proportion to precisions (1/variance), with mean 1 over the rows that count; over all rows if none does.
+pub(super) fn relative_weights(precisions: &[f64], counts: impl Fn(usize) -> bool) -> Vec<f64> {
+    let counted = (0..precisions.len()).filter(|row| counts(*row));
+    let mut counted: Vec<f64> = counted.map(|row| precisions[row]).collect();
+    if counted.is_empty() {
+        counted = precisions.to_vec();
+    }
+    let mean = counted.iter().sum::<f64>() / counted.len().max(1) as f64;
+    precisions.iter().map(|w| w / mean).collect()
 }
 
 /// The request's own set, with all points to verify.
@@ -206,19 +214,7 @@ fn weights(set: &MeasurementSet, subsets: &[Subset]) -> Vec<f64> {
     let Some(precisions) = all else {
         return vec![1.0; set.points.len()];
     };
-    let fitted: Vec<f64> = precisions
-        .iter()
-        .zip(subsets)
-        .filter(|(_, s)| **s == Subset::Identify)
-        .map(|(w, _)| *w)
-        .collect();
-    let counted = if fitted.is_empty() {
-        &precisions
-    } else {
-        &fitted
-    };
-    let mean = counted.iter().sum::<f64>() / counted.len().max(1) as f64;
-    precisions.iter().map(|w| w / mean).collect()
+    relative_weights(&precisions, |row| subsets[row] == Subset::Identify)
 }
 
 fn subsets(request: &CalibrationRequest) -> Result<Vec<Subset>, Error> {

@@ -4,13 +4,13 @@
 //! axes of each point's noise, determine s. If a robot is far off, all directions thus count nearly alike in its placement.
 
 use crate::calibration::preparation::arrangement::Arrangement;
-use crate::calibration::preparation::observe::Observed;
+use crate::calibration::preparation::observe::{Observed, relative_weights};
 use crate::calibration::preparation::row_weights::{uneven_noise, variance_over_usual, whiten};
 use crate::calibration::preparation::screening::Outlier;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::problem::usual_length_mm;
 use crate::kinematics::reach_mm;
-use crate::measurement::MeasurementSet;
+use crate::measurement::{MeasurementSet, Point};
 use nalgebra::IsometryMatrix3;
 
 /// Weighs the points of `set` by the residuals of a model that was placed on them with `n_placed` fitted numbers. `observed` has the same points in
@@ -50,21 +50,15 @@ pub fn weigh_placed(
     }
     let freedom = (3 * n_trusted) as f64 - n_placed as f64;
     let beside_mm = variance_over_usual(&terms, freedom).sqrt() * usual_mm;
-    let variances: Vec<f64> = set
-        .points
-        .iter()
-        .map(|point| {
-            let std_mm = point.position_std_mm().unwrap_or(0.0);
-            std_mm * std_mm + beside_mm * beside_mm
-        })
-        .collect();
-    let counting: Vec<usize> = (0..variances.len())
-        .filter(|row| observed.all[*row].weight > 0.0)
-        .collect();
-    let sum: f64 = counting.iter().map(|row| 1.0 / variances[*row]).sum();
-    let mean = sum / counting.len().max(1) as f64;
-    for row in counting {
-        observed.all[row].weight = 1.0 / (variances[row] * mean);
+    let precision = |point: &Point| {
+        let std_mm = point.position_std_mm().unwrap_or(0.0);
+        1.0 / (std_mm * std_mm + beside_mm * beside_mm)
+    };
+    let precisions: Vec<f64> = set.points.iter().map(precision).collect();
+    let weights = relative_weights(&precisions, |row| observed.all[row].weight > 0.0);
+    let counting = observed.all.iter_mut().zip(weights);
+    for (o, weight) in counting.filter(|(o, _)| o.weight > 0.0) {
+        o.weight = weight;
     }
     let to_measuring = IsometryMatrix3::identity();
     whiten(observed, set, beside_mm, &to_measuring, &motion_of);

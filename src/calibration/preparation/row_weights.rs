@@ -7,7 +7,7 @@
 //! The excess is the same in all directions. An instrument that states a covariance C of a position thus has C + s²·1. A distance that is ten times
 //! more accurate than the angles has ten times the influence only if the robot is as accurate.
 
-use crate::calibration::preparation::observe::{Observed, to_base};
+use crate::calibration::preparation::observe::{Observed, relative_weights, to_base};
 use crate::calibration::preparation::placement::placed;
 use crate::calibration::problem::Problem;
 use crate::calibration::request::{CalibrationRequest, Method, Preset};
@@ -168,12 +168,13 @@ fn apply(problem: &mut Problem<'_>, noise: &Noise, is_by_direction: bool) {
     let is_fitted =
         |row: &usize| problem.observed.subsets[*row] == Subset::Identify && all[*row].weight > 0.0;
     let fitted: Vec<usize> = (0..all.len()).filter(is_fitted).collect();
-    let precision = |row: &usize| 1.0 / variances(&set.points[*row], noise).0;
-    let mean = fitted.iter().map(precision).sum::<f64>() / fitted.len().max(1) as f64;
-    for (point, o) in set.points.iter().zip(all.iter_mut()) {
+    let precision = |point: &Point| 1.0 / variances(point, noise).0;
+    let precisions: Vec<f64> = set.points.iter().map(precision).collect();
+    let weights = relative_weights(&precisions, |row| is_fitted(&row));
+    for ((point, o), weight) in set.points.iter().zip(all.iter_mut()).zip(weights) {
         let (position_mm2, rotation_rad2) = variances(point, noise);
         if o.weight > 0.0 {
-            o.weight = 1.0 / (position_mm2 * mean);
+            o.weight = weight;
         }
         if let Some(rotation) = &mut o.rotation {
             rotation.mm_per_rad = (position_mm2 / rotation_rad2).sqrt();

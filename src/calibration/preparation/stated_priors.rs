@@ -129,21 +129,8 @@ fn may_be_known(parameter: &Parameter) -> bool {
 
 /// Nominal value of a link's parameter, mm or degrees.
 fn nominal_of(request: &CalibrationRequest, parameter: &Parameter) -> f64 {
-    in_unit(
-        parameter,
-        value_of(
-            &KinematicModel::nominal(&request.robot.links, request.set.n_targets()),
-            parameter,
-        ),
-    )
-}
-
-fn in_unit(parameter: &Parameter, value: f64) -> f64 {
-    if parameter.is_angle() {
-        value.to_degrees()
-    } else {
-        value
-    }
+    let nominal = KinematicModel::nominal(&request.robot.links, request.set.n_targets());
+    parameter.in_unit(value_of(&nominal, parameter))
 }
 
 fn from_unit(parameter: &Parameter, value: f64) -> f64 {
@@ -238,7 +225,7 @@ pub fn outcome_of(
     let bound = |bound: f64| {
         bound
             .is_finite()
-            .then(|| in_unit(parameter, nominal + bound))
+            .then(|| parameter.in_unit(nominal + bound))
     };
     let at_bound = known
         .priors
@@ -251,8 +238,8 @@ pub fn outcome_of(
         (ratio * ratio).min(1.0)
     };
     Some(PriorOutcome {
-        mean: in_unit(parameter, nominal + prior.mean),
-        std: in_unit(parameter, prior.std),
+        mean: parameter.in_unit(nominal + prior.mean),
+        std: parameter.in_unit(prior.std),
         min: bound(prior.min),
         max: bound(prior.max),
         share: uncertainty.filter(|_| at_bound.is_none()).map(share),
@@ -294,15 +281,13 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
         let says = |prior: &Prior| {
             let parameter = &problem.parameters[prior.parameter];
             let unit = if parameter.is_angle() { "°" } else { " mm" };
-            let of_points = in_unit(parameter, problem.reported(&known.alone, parameter));
-            let expected = in_unit(
-                parameter,
-                problem.reported(&problem.nominal, parameter) + prior.mean,
-            );
+            let of_points = parameter.in_unit(problem.reported(&known.alone, parameter));
+            let expected = problem.reported(&problem.nominal, parameter) + prior.mean;
+            let expected = parameter.in_unit(expected);
             format!(
                 "{} is expected at {expected:.4} ± {:.4}{unit}, the points alone have it at {of_points:.4}",
                 name(prior.parameter),
-                in_unit(parameter, prior.std)
+                parameter.in_unit(prior.std)
             )
         };
         let all: Vec<String> = known.priors.all.iter().map(says).collect();

@@ -166,18 +166,11 @@ impl<'a> Problem<'a> {
             arrangement.apply(&mut observed);
         }
         let mut problem = Self {
-            request: self.request,
-            settings: self.settings.clone(),
-            screening: self.screening.clone(),
             arrangement,
-            loss: self.loss,
             identify: observed.all.clone(),
             observed,
-            parameters: self.parameters.clone(),
-            nominal: self.nominal.clone(),
-            decomposition: self.decomposition.clone(),
             priors: None,
-            least_sigma_mm: self.least_sigma_mm,
+            ..self.clone()
         };
         problem.priors = stated_priors(&problem, watch)?;
         Ok(problem.decomposed_with_tool_of(model))

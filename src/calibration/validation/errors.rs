@@ -21,14 +21,14 @@ pub fn errors(model: &KinematicModel, observations: &[Observation]) -> Option<Er
     )
 }
 
-/// As [`errors`], for a robot with corrections.
-pub fn corrected_errors(robot: &IdentifiedRobot, observations: &[Observation]) -> Option<Errors> {
-    let size = |o: &Observation| (o.position_mm - robot.position(&o.q_rad, o.target)).norm();
-    statistics(&observations.iter().map(size).collect::<Vec<f64>>())
-}
-
 /// A robot with corrections, and the points as they are placed for it.
 pub type RobotAtPoints<'a> = (&'a IdentifiedRobot, &'a [Observation]);
+
+/// Errors of a subset's points; `None` for no points.
+pub fn of_subset(per_point: &[PointErrors], subset: Subset) -> Option<SubsetErrors> {
+    let is_of_subset = |point: &&PointErrors| point.subset == subset;
+    of_points(&per_point.iter().filter(is_of_subset).collect::<Vec<_>>())
+}
 
 /// Errors of the verify points without the named outliers (indices into `per_point`); `None` if none or all of them are outliers.
 pub fn verify_without(
@@ -62,7 +62,7 @@ fn of_points(points: &[&PointErrors]) -> Option<SubsetErrors> {
 }
 
 /// Angle between the measured and the predicted target of each observation, rad; `None` for positions.
-pub fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<f64>> {
+fn angles_rad(model: &KinematicModel, observations: &[Observation]) -> Vec<Option<f64>> {
     let angle = |o: &Observation| {
         let predicted = model.rotation(&o.q_rad, o.target)?;
         Some(rotation_residual_rad(&predicted, o.rotation.as_ref()?).norm())
@@ -79,35 +79,11 @@ fn corrected_angles_rad(robot: &IdentifiedRobot, observations: &[Observation]) -
     observations.iter().map(angle).collect()
 }
 
-/// Rotation errors of two robots, and of the second robot with corrections, each with its points as they are placed for it. `None` if no pose was
-/// measured.
-pub fn rotation_errors(
-    before: (&KinematicModel, &[Observation]),
-    after: (&KinematicModel, &[Observation]),
-    robot: Option<RobotAtPoints<'_>>,
-) -> Option<RotationErrorsOfBoth> {
-    let of = |(model, points)| angles_rad(model, points).into_iter().flatten().collect();
-    let corrected = robot.filter(|(robot, _)| robot.corrected.is_some());
-    let corrected = corrected.map(|(robot, points)| corrected_angles_rad(robot, points));
-    let corrected = corrected.map(|angles| angles.into_iter().flatten().collect());
-    of_angles(of(before), of(after), corrected)
-}
-
+/// `None` if no pose was measured.
 fn rotations_of_points(points: &[&PointErrors]) -> Option<RotationErrorsOfBoth> {
-    let of = |which: usize| -> Vec<f64> {
+    let statistics = |which: usize| {
         let angles = points.iter().filter_map(|point| point.rotation_rad);
-        angles.map(|all| all[which]).collect()
-    };
-    let is_corrected = points.iter().any(|p| p.corrected_vector_mm.is_some());
-    of_angles(of(0), of(1), is_corrected.then(|| of(2)))
-}
-
-fn of_angles(
-    before: Vec<f64>,
-    after: Vec<f64>,
-    corrected: Option<Vec<f64>>,
-) -> Option<RotationErrorsOfBoth> {
-    let statistics = |angles: &[f64]| {
+        let angles: Vec<f64> = angles.map(|all| all[which]).collect();
         let n = angles.len() as f64;
         (!angles.is_empty()).then(|| RotationErrors {
             mean_deg: (angles.iter().sum::<f64>() / n).to_degrees(),
@@ -117,11 +93,12 @@ fn of_angles(
             max_deg: angles.iter().fold(0.0f64, |m, a| m.max(*a)).to_degrees(),
         })
     };
+    let is_corrected = points.iter().any(|point| point.is_corrected());
     Some(RotationErrorsOfBoth {
-        n_poses: after.len(),
-        before: statistics(&before)?,
-        after: statistics(&after)?,
-        corrected: corrected.and_then(|angles| statistics(&angles)),
+        n_poses: points.iter().filter(|p| p.rotation_rad.is_some()).count(),
+        before: statistics(0)?,
+        after: statistics(1)?,
+        corrected: is_corrected.then(|| statistics(2)).flatten(),
     })
 }
 

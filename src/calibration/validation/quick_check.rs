@@ -366,16 +366,11 @@ fn likeliest(checked: &Checked, after: Option<After>) -> Vec<LikeliestCause> {
 }
 
 fn named(change: &Change) -> LikeliestCause {
-    let is_angle = change.parameters[0].is_angle();
-    let names: Vec<String> = change.parameters.iter().map(Parameter::name).collect();
+    let first = &change.parameters[0];
     LikeliestCause {
-        name: names.join(" or "),
-        unit: if is_angle { "deg" } else { "mm" }.into(),
-        delta: if is_angle {
-            change.delta.to_degrees()
-        } else {
-            change.delta
-        },
+        name: change.name(),
+        unit: first.unit().into(),
+        delta: first.in_unit(change.delta),
         sigmas: change.sigmas,
     }
 }

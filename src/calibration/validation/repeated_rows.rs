@@ -18,10 +18,11 @@
 //! If nothing of this shows, a new measurement cannot be told from a copy, and the rows count as repeated.
 
 use crate::calibration::validation::same_poses::{
-    Pair, PlacedRows, constant_offset, observations, position, rigid_motion,
+    Pair, PlacedRows, constant_offset, observations, position,
 };
 use crate::calibration::validation::session_fit::fitted_as_well_as_can_be;
 use crate::identification::KinematicModel;
+use crate::identification::least_squares::start::rigid_motion;
 use crate::kinematics::{Robot, reach_mm};
 use crate::measurement::{MeasurementSet, Point};
 use crate::solvers::median::median;
@@ -195,9 +196,9 @@ impl<'a> Later<'a> {
                 let before = earlier.points[pair.earlier_row].position_mm;
                 (before, self.set.points[pair.row].position_mm)
             };
-            let positions: Vec<_> = pairs.iter().map(of_pair).collect();
-            let t_later_earlier = rigid_motion(&positions);
-            for (pair, (before, after)) in pairs.iter_mut().zip(positions) {
+            let (before, after): (Vec<_>, Vec<_>) = pairs.iter().map(of_pair).unzip();
+            let t_later_earlier = rigid_motion(&before, &after);
+            for (pair, (before, after)) in pairs.iter_mut().zip(before.into_iter().zip(after)) {
                 pair.difference_mm = after - (t_later_earlier * Point3::from(before)).coords;
             }
             placed.remove_placement(&mut pairs, &self.set.points);

@@ -4,12 +4,10 @@
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::start::align_in_closed_form;
 use crate::identification::model::objective::Observation;
+use crate::kinematics::rotation::within_half_a_turn;
 use crate::kinematics::{Robot, reach_mm, t_base_flange};
 use crate::measurement::{Frame, MeasurementSet, Point};
-use nalgebra::{
-    DMatrix, DVector, IsometryMatrix3, Matrix3, Matrix3xX, Rotation3, Translation3, Vector3,
-};
-use std::f64::consts::TAU;
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Vector3};
 
 /// Joint values that differ by less than this in every joint are the same pose, rad (0.02°): controllers return to a pose and read it to 0.01°. A
 /// joint near the reflector may differ by more, as long as it moves the reflector no further than this angle turns the whole arm.
@@ -221,10 +219,6 @@ fn most_frequent(values: impl Iterator<Item = f64>) -> Option<f64> {
     most.get(most.len() / 2).copied()
 }
 
-fn within_half_a_turn(rad: f64) -> f64 {
-    rad - TAU * (rad / TAU).round()
-}
-
 /// A row, and the earlier row whose pose it repeats.
 pub struct Pair {
     /// The row.
@@ -260,24 +254,4 @@ pub fn observations(robot: &Robot, set: &MeasurementSet) -> Vec<Observation> {
 fn apart_rad(a: &[f64], b: &[f64]) -> Vec<f64> {
     let apart = |(a, b): (&f64, &f64)| within_half_a_turn(a - b).abs();
     a.iter().zip(b).map(apart).collect()
-}
-
-/// The rotation and shift that bring the first positions nearest to the second, with the smallest sum of squares [Arun 1987; Kabsch 1978].
-pub fn rigid_motion(positions: &[(Vector3<f64>, Vector3<f64>)]) -> IsometryMatrix3<f64> {
-    let n = positions.len() as f64;
-    let from = positions.iter().map(|(from, _)| from).sum::<Vector3<f64>>() / n;
-    let to = positions.iter().map(|(_, to)| to).sum::<Vector3<f64>>() / n;
-    let correlation: Matrix3<f64> = positions
-        .iter()
-        .map(|(a, b)| (b - to) * (a - from).transpose())
-        .sum();
-    let svd = correlation.svd(true, true);
-    let rotation = match (svd.u, svd.v_t) {
-        (Some(u), Some(v_t)) => {
-            let signs = Vector3::new(1.0, 1.0, (u * v_t).determinant().signum());
-            Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&signs) * v_t)
-        }
-        _ => Rotation3::identity(),
-    };
-    IsometryMatrix3::from_parts(Translation3::from(to - rotation * from), rotation)
 }

@@ -10,12 +10,11 @@ use crate::calibration::validation::fit::Fit;
 use crate::identification::KinematicModel;
 use crate::identification::least_squares::estimate::estimate;
 use crate::identification::least_squares::problem::Problem;
-use crate::identification::least_squares::start::fit_base_and_targets;
+use crate::identification::least_squares::start::{fit_base_and_targets, fit_targets};
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::complete_parameters;
-use crate::kinematics::{Link, Robot, reach_mm, t_base_flange};
+use crate::kinematics::{Link, Robot, reach_mm};
 use crate::solvers::median::median;
-use nalgebra::Vector3;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
@@ -149,26 +148,15 @@ pub fn nominal_fit(
     observations: &[Observation],
     n_refitted: usize,
 ) -> Fit {
-    let (mut model, mut n_fitted) = (nominal.clone(), n_refitted);
-    if n_refitted == 0 {
-        for (target, position_mm) in model.targets_mm.iter_mut().enumerate() {
-            let of_target = observations.iter().filter(|o| o.target == target);
-            let in_flange: Vec<Vector3<f64>> = of_target
-                .map(|o| {
-                    let t_measuring_flange =
-                        nominal.t_instrument_base * t_base_flange(&nominal.links, &o.q_rad);
-                    let t = t_measuring_flange.translation.vector;
-                    t_measuring_flange
-                        .rotation
-                        .inverse_transform_vector(&(o.position_mm - t))
-                })
-                .collect();
-            if !in_flange.is_empty() {
-                *position_mm = in_flange.iter().sum::<Vector3<f64>>() / in_flange.len() as f64;
-                n_fitted += 3;
-            }
+    let (model, n_fitted) = match n_refitted {
+        0 => {
+            let targets: BTreeSet<usize> = observations.iter().map(|o| o.target).collect();
+            let n_targets = nominal.targets_mm.len();
+            let placed = fit_targets(&nominal.links, observations, n_targets);
+            (placed, 3 * targets.len())
         }
-    }
+        n => (nominal.clone(), n),
+    };
     let n_equations = 3 * observations.len();
     // with few points, the fitted numbers absorb a large part of the errors
     let shrunk = (n_equations as f64 / n_equations.saturating_sub(n_fitted).max(1) as f64).sqrt();

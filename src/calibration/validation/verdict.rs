@@ -1,6 +1,6 @@
 //! Verdict of the points on an identified or scored robot: whether it fits them, and whether it is better than the nominal one.
 
-use crate::calibration::point_errors::PointErrors;
+use crate::calibration::point_errors::{PointErrors, counted_errors_mm};
 use crate::calibration::report::{CalibrationReport, DOES_NOT_FIT, SubsetErrors, Warning};
 use crate::calibration::request::Method;
 use crate::calibration::upload_checks::alignment::FITS;
@@ -44,7 +44,56 @@ pub struct Verdict {
     pub refused_as: Option<String>,
 }
 
+/// A session that a parameter set was scored on.
+pub struct Session<'a> {
+    /// Errors of all its points.
+    pub points: &'a [PointErrors],
+    /// The points in measuring order.
+    pub order: Vec<usize>,
+    /// Its scatter about a robot that is fitted to it alone.
+    pub scatter: SessionScatter<'a>,
+    /// Code with which it was refused, if the uploader insisted.
+    pub refused_as: Option<&'a str>,
+}
+
 impl Verdict {
+    /// The verdict of a session on a parameter set with these errors at its identification.
+    pub fn of_set(session: &Session<'_>, held_out: Option<HeldOut>, robot: &Robot) -> Self {
+        let (links, scatter) = (&robot.links, &session.scatter);
+        let errors_mm = counted_errors_mm(session.points);
+        let comparison = robust_comparison(&errors_mm);
+        let fit = session_fit(&errors_mm, held_out.as_ref(), robot, || scatter.own_mm());
+        let of_run = held_out.as_ref().filter(|_| fit == Fit::Fits);
+        let far_run =
+            of_run.and_then(|known| far_run(session.points, &session.order, known, links));
+        let after_mm = comparison.after_rms_mm;
+        Self {
+            is_identified: true,
+            fit: fit.with_run(far_run.is_some()),
+            far_run,
+            times_worse: held_out
+                .and_then(|known| times_worse(after_mm, known.identified_rms_mm, links)),
+            times_its_scatter: scatter.times(after_mm, links),
+            comparison,
+            held_out,
+            refused_as: session.refused_as.map(str::to_owned),
+        }
+    }
+
+    /// The verdict on a nominal robot with this fit.
+    pub fn of_nominal(session: &Session<'_>, fit: Fit) -> Self {
+        Self {
+            is_identified: false,
+            comparison: robust_comparison(&counted_errors_mm(session.points)),
+            fit,
+            held_out: None,
+            far_run: None,
+            times_worse: None,
+            times_its_scatter: None,
+            refused_as: session.refused_as.map(str::to_owned),
+        }
+    }
+
     /// The verdict in one sentence.
     pub fn in_words(&self) -> String {
         let (before, after) = (self.comparison.before_rms_mm, self.comparison.after_rms_mm);
@@ -200,41 +249,18 @@ pub fn no_fit(
     Some(Warning::new("no_fit", detail))
 }
 
-/// Judges the identified robot by another session. `errors_mm` are as in [`session_fit`], `fitted` are the errors of the points that it was
-/// identified from, `points` all points of the session and `order` their measuring order. Warns if the session does not fit the robot, or if it fits and
-/// the set misses it by far.
+/// Warning of a job that identifies, by another session: if the session does not fit the robot, or if it fits and the set misses it by far. `fitted` are
+/// the errors of the points that the robot was identified from.
 pub fn of_another_session(
-    errors_mm: &[[f64; 3]],
-    (points, order): (&[PointErrors], &[usize]),
+    session: &Session<'_>,
     fitted: &SubsetErrors,
     robot: &Robot,
-    refused_as: Option<&str>,
-    scatter: &SessionScatter<'_>,
 ) -> Option<Warning> {
     let held_out = HeldOut {
         nominal_rms_mm: fitted.before.rms_mm,
         identified_rms_mm: fitted.after.rms_mm,
     };
-    let comparison = robust_comparison(errors_mm);
-    let fit = session_fit(errors_mm, Some(&held_out), robot, || scatter.own_mm());
-    let far_run = match fit {
-        Fit::Fits => far_run(points, order, &held_out, &robot.links),
-        _ => None,
-    };
-    let verdict = Verdict {
-        is_identified: true,
-        fit: fit.with_run(far_run.is_some()),
-        far_run,
-        times_worse: times_worse(
-            comparison.after_rms_mm,
-            held_out.identified_rms_mm,
-            &robot.links,
-        ),
-        times_its_scatter: scatter.times(comparison.after_rms_mm, &robot.links),
-        comparison,
-        held_out: Some(held_out),
-        refused_as: refused_as.map(str::to_owned),
-    };
+    let verdict = Verdict::of_set(session, Some(held_out), robot);
     verdict.warning().filter(|told| told.code != NO_BETTER)
 }
 

@@ -10,10 +10,9 @@ use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::placed_weights::weigh_placed;
 use crate::calibration::preparation::row_weights::is_by_direction;
 use crate::calibration::preparation::screening::{Screening, screen};
-use crate::calibration::report::Errors;
 use crate::calibration::request::{CalibrationRequest, Model, ParameterChoice};
 use crate::calibration::solve::corrections::placed_anew;
-use crate::calibration::validation::errors::{RobotAtPoints, corrected_errors, errors};
+use crate::calibration::validation::errors::RobotAtPoints;
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::least_squares::start::{fit_base_and_targets, rigid_motion};
@@ -52,11 +51,6 @@ pub struct Placed {
 }
 
 impl Placed {
-    /// Its errors on all points; `None` if there are none.
-    pub fn errors(&self) -> Option<Errors> {
-        errors(&self.model, &self.observed.all)
-    }
-
     /// The points that base and targets are placed by.
     fn counting(&self) -> Vec<Observation> {
         counting(&self.observed.all)
@@ -81,12 +75,6 @@ impl PlacedCorrected {
     /// The robot at its points.
     pub fn at_points(&self) -> RobotAtPoints<'_> {
         (&self.robot, &self.points)
-    }
-
-    /// Errors of the robot with corrections; `None` without corrections, or without points.
-    pub fn errors(&self) -> Option<Errors> {
-        self.robot.corrected.as_ref()?;
-        corrected_errors(&self.robot, &self.points)
     }
 }
 

@@ -1,7 +1,7 @@
 //! `kind: "verify"`: how well a parameter set predicts points that it was not identified from. No robot parameter is fitted. If the points are not in
 //! the base frame, base and targets are fitted, separately for the nominal and for the identified robot.
 
-use crate::calibration::point_errors::counted_errors_mm;
+use crate::calibration::point_errors::PointErrors;
 use crate::calibration::preparation::observe::observe_to_verify;
 use crate::calibration::report::{
     BASE_NOT_CHECKED, CalibrationReport, Identifiability, SubsetErrors, Warning,
@@ -12,13 +12,9 @@ use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::enough_points::{
     base_is_known, check_verify, few_verify_points, n_refitted,
 };
-use crate::calibration::validation::errors::{per_point, rotation_errors, verify_without};
-use crate::calibration::validation::fit::Fit;
-use crate::calibration::validation::robust_comparison::robust_comparison;
-use crate::calibration::validation::session_fit::{
-    SessionScatter, far_run, nominal_fit, session_fit, times_worse,
-};
-use crate::calibration::validation::verdict::{NO_BETTER, Verdict};
+use crate::calibration::validation::errors::{of_subset, per_point, verify_without};
+use crate::calibration::validation::session_fit::{SessionScatter, nominal_fit};
+use crate::calibration::validation::verdict::{NO_BETTER, Session, Verdict};
 use crate::calibration::validation::verification_set::{Layout, Placed, PlacedCorrected};
 use crate::calibration::warnings::plausibility::instrument_scale;
 use crate::calibration::warnings::screening::screening_warnings;
@@ -26,7 +22,7 @@ use crate::calibration::{Error, Monitor, unusable};
 use crate::identification::KinematicModel;
 use crate::identification::corrections::corrected::IdentifiedRobot;
 use crate::identification::model::objective::cost;
-use crate::measurement::Frame;
+use crate::measurement::{Frame, Subset};
 use crate::solvers::watch::Watch;
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
@@ -71,23 +67,24 @@ pub fn verify(
     let scored = stage(monitor, "verify", |monitor| {
         watched(monitor, |watch| score(request, identified, watch)).flatten()
     })?;
-    let (Some(before), Some(after)) = (scored.before.errors(), scored.after.errors()) else {
+    let mut per_point = per_point(
+        (&scored.before.observed, &scored.before.model),
+        (&scored.after.observed, &scored.after.model),
+        scored.corrected.as_ref().map(PlacedCorrected::at_points),
+    );
+    for row in &scored.left_out {
+        per_point[*row].is_outlier = true;
+    }
+    let Some(errors) = of_subset(&per_point, Subset::Verify) else {
         return Err(unusable("under_determined", "the set has no points"));
     };
-    let placed = scored.corrected.as_ref();
-    let corrected = placed.and_then(|placed| placed.errors().or(Some(after)));
-    let errors = SubsetErrors {
-        n_points: request.set.points.len(),
-        before,
-        after,
-        corrected,
-        rotation: rotation_errors(
-            (&scored.before.model, &scored.before.observed.all),
-            (&scored.after.model, &scored.after.observed.all),
-            scored.corrected.as_ref().map(PlacedCorrected::at_points),
-        ),
-    };
-    Ok(report(request, identified.is_some(), scored, errors))
+    Ok(report(
+        request,
+        identified.is_some(),
+        scored,
+        per_point,
+        errors,
+    ))
 }
 
 /// Why a base that is placed anew hides an error of the base of `identified`; `None` if that set has no base of its own.
@@ -161,57 +158,25 @@ fn report(
     request: &CalibrationRequest,
     is_identified: bool,
     scored: Scored,
+    per_point: Vec<PointErrors>,
     verify: SubsetErrors,
 ) -> CalibrationReport {
-    let mut per_point = per_point(
-        (&scored.before.observed, &scored.before.model),
-        (&scored.after.observed, &scored.after.model),
-        scored.corrected.as_ref().map(PlacedCorrected::at_points),
-    );
-    for row in &scored.left_out {
-        per_point[*row].is_outlier = true;
-    }
-    let errors_mm = counted_errors_mm(&per_point);
-    let comparison = robust_comparison(&errors_mm);
-    let scatter = SessionScatter {
-        model: &scored.after.model,
-        observations: &scored.after.observed.all,
+    let session = Session {
+        points: &per_point,
+        order: request.set.measuring_order(),
+        scatter: SessionScatter {
+            model: &scored.after.model,
+            observations: &scored.after.observed.all,
+        },
+        refused_as: request.refused_as.as_deref(),
     };
-    let fit = match is_identified {
-        true => session_fit(
-            &errors_mm,
-            request.held_out.as_ref(),
-            &request.robot,
-            || scatter.own_mm(),
-        ),
-        false => nominal_fit(
-            &request.robot,
-            &scored.after.model,
-            &scored.after.observed.all,
-            scored.n_refitted,
-        ),
-    };
-    let far_run = match &request.held_out {
-        Some(held_out) if is_identified && fit == Fit::Fits => {
-            let order = request.set.measuring_order();
-            far_run(&per_point, &order, held_out, &request.robot.links)
+    let verdict = match is_identified {
+        true => Verdict::of_set(&session, request.held_out, &request.robot),
+        false => {
+            let (model, points) = (&scored.after.model, &scored.after.observed.all);
+            let fit = nominal_fit(&request.robot, model, points, scored.n_refitted);
+            Verdict::of_nominal(&session, fit)
         }
-        _ => None,
-    };
-    let verdict = Verdict {
-        is_identified,
-        times_its_scatter: is_identified
-            .then(|| scatter.times(comparison.after_rms_mm, &request.robot.links))
-            .flatten(),
-        times_worse: request.held_out.and_then(|held_out| {
-            let identified_mm = held_out.identified_rms_mm;
-            times_worse(comparison.after_rms_mm, identified_mm, &request.robot.links)
-        }),
-        comparison,
-        fit: fit.with_run(far_run.is_some()),
-        far_run,
-        held_out: request.held_out,
-        refused_as: request.refused_as.clone(),
     };
     CalibrationReport {
         method: request.method,

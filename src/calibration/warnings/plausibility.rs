@@ -6,11 +6,12 @@ use crate::calibration::upload_checks::alignment::UNMASTERED_RAD;
 use crate::calibration::validation::errors::without_outliers;
 use crate::identification::least_squares::problem::{BASE_MM, BASE_RAD};
 use crate::identification::statistics::distributions::t_half_width;
+use crate::kinematics::rotation::within_half_a_turn;
 use crate::kinematics::{Link, reach_mm};
 use crate::measurement::Subset;
 use nalgebra::IsometryMatrix3;
 use std::collections::BTreeSet;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// Limit for a length's deviation. Makers hold lengths to some tenths of a millimetre, and a hard collision bends by a few millimetres. More
 /// indicates a wrong tool, another robot, or a wrong model: 5 mm on an arm of 1.7 m, as a share of the reach.
@@ -53,10 +54,6 @@ pub fn implausible_changes(links: &[Link], reference: &[Link]) -> Vec<String> {
         ));
     }
     changes
-}
-
-fn within_half_a_turn(angle_rad: f64) -> f64 {
-    angle_rad - TAU * (angle_rad / TAU).round()
 }
 
 /// Warning code: the base is not where its frame says.
@@ -269,6 +266,7 @@ fn shared_errors(report: &CalibrationReport) -> Option<Warning> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     const LINK: Link = Link {
         a_mm: 100.0,

@@ -125,9 +125,11 @@ pub fn place(
             .min_by(|a, b| a.0.total_cmp(&b.0))
     };
     let (few, few_flanges) = thinned(observations, flanges, n_targets);
+    let origins: Vec<_> = flanges.iter().map(|f| f.translation.vector).collect();
+    let measured: Vec<_> = observations.iter().map(|o| o.position_mm).collect();
     let direct = [
         linear_rotation(&few, &few_flanges, n_targets),
-        Some(kabsch_rotation(observations, flanges)),
+        Some(rigid_motion(&origins, &measured).rotation),
     ];
     let of_poses = base_rotation_of_poses(flanges, observations);
     let first = best(
@@ -346,30 +348,6 @@ fn thinned(
         .flat_map(evenly)
         .map(|i| (observations[i].clone(), flanges[i]))
         .unzip()
-}
-
-/// Kabsch's rotation (1976) between flange origins and measured positions.
-fn kabsch_rotation(
-    observations: &[Observation],
-    flanges: &[IsometryMatrix3<f64>],
-) -> Rotation3<f64> {
-    let n = observations.len() as f64;
-    let measured = observations
-        .iter()
-        .map(|o| o.position_mm)
-        .sum::<Vector3<f64>>()
-        / n;
-    let nominal = flanges
-        .iter()
-        .map(|f| f.translation.vector)
-        .sum::<Vector3<f64>>()
-        / n;
-    let covariance: Matrix3<f64> = observations
-        .iter()
-        .zip(flanges)
-        .map(|(o, f)| (o.position_mm - measured) * (f.translation.vector - nominal).transpose())
-        .sum();
-    nearest_rotation(&covariance).unwrap_or_else(Rotation3::identity)
 }
 
 /// The rigid motion that best maps `from` to `to` (Kabsch 1976).

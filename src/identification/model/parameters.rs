@@ -72,6 +72,22 @@ impl Parameter {
         )
     }
 
+    /// Its unit in requests and reports: `deg` or `mm`.
+    pub fn unit(&self) -> &'static str {
+        match self.is_angle() {
+            true => "deg",
+            false => "mm",
+        }
+    }
+
+    /// A value of the parameter, mm or rad, in its unit in reports.
+    pub fn in_unit(&self, value: f64) -> f64 {
+        match self.is_angle() {
+            true => value.to_degrees(),
+            false => value,
+        }
+    }
+
     /// True for parameters of the robot itself; false for those of base and targets.
     pub fn is_link(&self) -> bool {
         matches!(self, Self::Link(..))

@@ -9,6 +9,7 @@
 use crate::identification::model::parameters::{Parameter, deviation_from};
 use crate::identification::model::search_space::SearchSpace;
 use crate::identification::{KinematicModel, Model, Preset, TrainedNetwork};
+use crate::kinematics::rotation::within_half_a_turn;
 use crate::solvers::bpnn::{self, Network};
 use crate::solvers::pso::{self, Positions};
 
@@ -121,10 +122,8 @@ pub fn move_particles(
 
 /// Deviation of the links at the middle of the box from nominal, mm or rad, with angles within half a turn; zero for base and targets.
 pub fn links_from_nominal(space: &SearchSpace, nominal: &KinematicModel) -> Vec<f64> {
-    let short =
-        |angle: f64| angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round();
     let from_nominal = |p: &Parameter| match (p.is_link(), p.is_angle()) {
-        (true, true) => short(deviation_from(nominal, &space.reference, p)),
+        (true, true) => within_half_a_turn(deviation_from(nominal, &space.reference, p)),
         (true, false) => deviation_from(nominal, &space.reference, p),
         (false, _) => 0.0,
     };

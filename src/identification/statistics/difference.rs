@@ -29,6 +29,14 @@ pub struct Change {
     pub sigmas: f64,
 }
 
+impl Change {
+    /// The names of its parameters, joined by "or".
+    pub fn name(&self) -> String {
+        let names: Vec<String> = self.parameters.iter().map(Parameter::name).collect();
+        names.join(" or ")
+    }
+}
+
 /// A parameter that both sessions identify, with its index in each.
 pub(super) struct Common {
     pub(super) parameter: Parameter,

@@ -7,15 +7,13 @@ use crate::identification::model::objective::Observation;
 use crate::identification::statistics::distributions::f_tail;
 use crate::identification::statistics::misfit::Misfit;
 use crate::solvers::watch::Watch;
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, MatrixXx3, Vector3};
 use std::ops::Range;
 
 /// Significance level for errors that configurations share.
 const CHANCE: f64 = 0.05;
 /// Maximum of σc²/σ², for points of a configuration that agree to the last bit.
 const MOST_SHARED: f64 = 1e6;
-/// Iteration limit of an eigenvalue decomposition.
-const EIGEN_ITERATIONS: usize = 1000;
 /// Number of points that are reduced to a triangle at once, so that memory does not grow with the points.
 const POINTS_AT_ONCE: usize = 200;
 
@@ -25,8 +23,7 @@ pub struct Session<'a> {
     pub model: &'a KinematicModel,
     /// Its problem, with the priors of its parameters.
     pub problem: &'a Problem<'a>,
-    /// The problem's observations, all with nonzero weight. A pose is two observations with three rows each: its position without the rotation, then
-    /// the same with the rotation.
+    /// The problem's observations, all with nonzero weight.
     pub observations: &'a [Observation],
     /// Configuration number of each observation.
     pub configurations: &'a [usize],
@@ -68,10 +65,11 @@ impl Columns {
     }
 }
 
-/// Place of the three rows of an observation: the block of its measurement, and the first of the rows there.
-struct Place {
-    block: usize,
-    first: usize,
+/// Three rows of an observation: its position, or the rotation of a pose.
+#[derive(Clone, Copy)]
+struct Point {
+    observation: usize,
+    is_rotation: bool,
 }
 
 /// The rows of a session, with the identified robot's coordinates and the points of each configuration.
@@ -79,9 +77,8 @@ pub(super) struct Rows<'a> {
     pub(super) session: &'a Session<'a>,
     pub(super) columns: Columns,
     pub(super) x: Vec<f64>,
-    points_of: Vec<Vec<usize>>,
-    /// Place of each observation's rows.
-    places: Vec<Place>,
+    /// The points of each configuration; positions and rotations form configurations of their own.
+    points_of: Vec<Vec<Point>>,
 }
 
 /// Effect of a station's rotation on the rotation rows of a pose that was measured from it; `None` for positions.
@@ -91,40 +88,13 @@ fn turned_by_station(model: &KinematicModel, o: &Observation) -> Option<Matrix3<
     Some(predicted.matrix().transpose() * (o.weight.sqrt() * measured.mm_per_rad))
 }
 
-/// Effect of the error that the points of a configuration share on their rows: rows = A·c, with one 3 × 3 block of A per point.
-enum Common {
-    /// Isotropic noise: a block is the square root of the point's weight times 1.
-    Alike { roots: Vec<f64>, weight: f64 },
-    /// Noise that differs between directions: a block is in addition multiplied by the point's whitening matrix. Columns of `along`, 3·N × 3, are
-    /// orthonormal and span those of A; `weights` are the eigenvalues of AᵀA.
-    Uneven {
-        along: DMatrix<f64>,
-        weights: Vector3<f64>,
-    },
-}
-
-impl Common {
-    /// Weight of the mean, per axis.
-    fn weight(&self) -> f64 {
-        match self {
-            Self::Alike { weight, .. } => *weight,
-            Self::Uneven { weights, .. } => weights.sum() / 3.0,
-        }
-    }
-
-    /// Rows that form the three means of some rows: 3 × 3·N, orthonormal.
-    fn means(&self, n_rows: usize) -> DMatrix<f64> {
-        match self {
-            Self::Alike { roots, weight } => {
-                let mut along = DMatrix::zeros(3, n_rows);
-                for (k, root) in roots.iter().enumerate() {
-                    (0..3).for_each(|axis| along[(axis, 3 * k + axis)] = root / weight.sqrt());
-                }
-                along
-            }
-            Self::Uneven { along, .. } => along.transpose(),
-        }
-    }
+/// Effect of the error that the points of a configuration share on their rows: rows = A·c, with one 3 × 3 block of A per point, the square root of its
+/// weight times its whitening matrix.
+struct Common {
+    /// Orthonormal columns that span those of A, 3·N × 3.
+    along: MatrixXx3<f64>,
+    /// The eigenvalues of AᵀA.
+    weights: Vector3<f64>,
 }
 
 /// Error that the points of configurations share.
@@ -147,9 +117,16 @@ impl<'a> Rows<'a> {
             ..
         } = session;
         let n_configurations = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
-        let mut points_of = vec![vec![]; n_configurations];
-        for (point, configuration) in configurations.iter().enumerate() {
-            points_of[*configuration].push(point);
+        let mut points_of = vec![vec![]; 2 * n_configurations];
+        for (observation, configuration) in configurations.iter().enumerate() {
+            let is_pose = session.observations[observation].rotation.is_some();
+            for is_rotation in [false, true].into_iter().take(1 + usize::from(is_pose)) {
+                let first = usize::from(is_rotation) * n_configurations;
+                points_of[first + configuration].push(Point {
+                    observation,
+                    is_rotation,
+                });
+            }
         }
         points_of.retain(|points| !points.is_empty());
         let n_features = misfit.features(model, [].into_iter()).ncols();
@@ -161,25 +138,21 @@ impl<'a> Rows<'a> {
             n_higher,
             n_usual: n_features - misfit.followings.len() - n_higher,
         };
-        let mut n_blocks = 0;
-        let place = |o: &Observation| {
-            n_blocks += usize::from(o.rotation.is_none());
-            Place {
-                block: n_blocks - 1,
-                first: if o.rotation.is_some() { 3 } else { 0 },
-            }
-        };
         Self {
             session,
             columns,
             x: problem.coordinates(model),
-            places: session.observations.iter().map(place).collect(),
             points_of,
         }
     }
 
+    /// Number of all points.
+    pub(super) fn n_points(&self) -> usize {
+        self.points_of.iter().map(Vec::len).sum()
+    }
+
     /// Derivatives of some points' residuals by all columns, and the residuals.
-    fn of(&self, points: &[usize]) -> (DMatrix<f64>, Vec<f64>) {
+    fn of(&self, points: &[Point]) -> (DMatrix<f64>, Vec<f64>) {
         let Session {
             model,
             problem,
@@ -190,12 +163,12 @@ impl<'a> Rows<'a> {
         } = self.session;
         let mut matrix = DMatrix::zeros(3 * points.len(), self.columns.all());
         let poses = points.iter().map(|point| {
-            let o = &observations[*point];
+            let o = &observations[point.observation];
             (o.q_rad.as_slice(), o.target, o.weight)
         });
         let mut features = -misfit.features(model, poses);
         for (k, point) in points.iter().enumerate() {
-            if let Some(w) = observations[*point].whitening {
+            if let Some(w) = observations[point.observation].whitening {
                 let mut rows = features.rows_mut(3 * k, 3);
                 rows.copy_from(&(w * &rows));
             }
@@ -203,33 +176,29 @@ impl<'a> Rows<'a> {
         matrix
             .columns_mut(self.columns.without_features(), features.ncols())
             .copy_from(&features);
-        let mut blocks: Vec<usize> = points.iter().map(|p| self.places[*p].block).collect();
-        blocks.dedup();
-        let part = problem.part(blocks.iter().copied());
+        let part = problem.part(points.iter().map(|point| point.observation));
         let mut of_blocks = DMatrix::zeros(part.n_rows(), self.columns.n_parameters);
         let mut left = vec![0.0; part.n_rows()];
         part.evaluate(&self.x, &mut left, Some(&mut of_blocks));
         let mut residuals = Vec::with_capacity(matrix.nrows());
-        let mut at = 0;
         for (k, point) in points.iter().enumerate() {
-            let o = &observations[*point];
-            let place = &self.places[*point];
-            at += usize::from(blocks[at] != place.block);
-            let first = part.rows_of(at).start + place.first;
+            let o = &observations[point.observation];
+            let first = part.rows_of(k).start + 3 * usize::from(point.is_rotation);
             residuals.extend_from_slice(&left[first..first + 3]);
             matrix
                 .view_mut((3 * k, 0), (3, self.columns.n_parameters))
                 .copy_from(&of_blocks.rows(first, 3));
-            if o.rotation.is_some() {
+            if point.is_rotation {
                 let turns = -misfit.turns(model, o);
                 matrix
                     .view_mut((3 * k, self.columns.without_features()), turns.shape())
                     .copy_from(&turns);
             }
             // a displaced station moves what was measured from it
-            if let Some(station) = stations[*point] {
+            if let Some(station) = stations[point.observation] {
                 let first = self.columns.n_parameters + 6 * station;
-                if let Some(turned) = turned_by_station(model, o) {
+                let turned = turned_by_station(model, o).filter(|_| point.is_rotation);
+                if let Some(turned) = turned {
                     matrix
                         .fixed_view_mut::<3, 3>(3 * k, first + 3)
                         .copy_from(&turned);
@@ -250,70 +219,38 @@ impl<'a> Rows<'a> {
         (matrix, residuals)
     }
 
-    /// As [`Self::of`] for the points of a configuration, with their shared error whitened: along their mean, rows are divided by sqrt(1 + ρ·L), with
-    /// L the sum of their weights.
-    fn whitened(&self, points: &[usize], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
+    /// As [`Self::of`] for the points of a configuration, with their shared error whitened: V = 1 + ρ·A·Aᵀ has the eigenvectors [`Common::along`], and
+    /// all other eigenvalues are 1.
+    fn whitened(&self, points: &[Point], ratio: f64) -> (DMatrix<f64>, Vec<f64>) {
         let (mut matrix, mut residuals) = self.of(points);
         if ratio == 0.0 {
             return (matrix, residuals);
         }
+        let Common { along, weights } = self.common(points);
+        let less = weights.map(|weight| 1.0 - 1.0 / (1.0 + ratio * weight).sqrt());
         let columns = matrix.as_mut_slice().chunks_exact_mut(3 * points.len());
-        let columns = columns.chain([residuals.as_mut_slice()]);
-        match self.common(points) {
-            Common::Alike { roots, weight } => {
-                let less = (1.0 - 1.0 / (1.0 + ratio * weight).sqrt()) / weight;
-                for column in columns {
-                    for axis in 0..3 {
-                        let along: f64 = (0..roots.len())
-                            .map(|k| roots[k] * column[3 * k + axis])
-                            .sum();
-                        (0..roots.len())
-                            .for_each(|k| column[3 * k + axis] -= roots[k] * along * less);
-                    }
-                }
-            }
-            // V = 1 + ρ·A·Aᵀ has the eigenvectors `along`; all other eigenvalues are 1
-            Common::Uneven { along, weights } => {
-                let less = weights.map(|weight| 1.0 - 1.0 / (1.0 + ratio * weight).sqrt());
-                for column in columns {
-                    let rows = DVector::from_column_slice(column);
-                    let mut means = along.tr_mul(&rows);
-                    means.component_mul_assign(&less);
-                    column.copy_from_slice((rows - &along * means).as_slice());
-                }
-            }
+        for column in columns.chain([residuals.as_mut_slice()]) {
+            let rows = DVector::from_column_slice(column);
+            let means = along.tr_mul(&rows).component_mul(&less);
+            column.copy_from_slice((rows - &along * means).as_slice());
         }
         (matrix, residuals)
     }
 
     /// Effect of the error that some points share on their rows.
-    fn common(&self, points: &[usize]) -> Common {
-        let all = self.session.observations;
-        let root = |point: &usize| all[*point].weight.sqrt();
-        let roots: Vec<f64> = points.iter().map(root).collect();
-        let whitening = |point: &usize| match &all[*point] {
-            o if o.rotation.is_some() => None,
-            o => o.whitening,
-        };
-        if points.iter().all(|point| whitening(point).is_none()) {
-            let weight: f64 = roots.iter().map(|root| root * root).sum();
-            return Common::Alike { roots, weight };
-        }
-        let mut a = DMatrix::zeros(3 * points.len(), 3);
+    fn common(&self, points: &[Point]) -> Common {
+        let mut a = MatrixXx3::zeros(3 * points.len());
         for (k, point) in points.iter().enumerate() {
-            let block = whitening(point).unwrap_or_else(Matrix3::identity) * roots[k];
+            let o = &self.session.observations[point.observation];
+            let whitening = o.whitening.filter(|_| !point.is_rotation);
+            let block = whitening.unwrap_or_else(Matrix3::identity) * o.weight.sqrt();
             a.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&block);
         }
-        let square: Matrix3<f64> = a.tr_mul(&a).fixed_view::<3, 3>(0, 0).into();
-        let Some(eigen) = square.try_symmetric_eigen(f64::EPSILON, EIGEN_ITERATIONS) else {
-            let weight = square.trace() / 3.0;
-            return Common::Alike { roots, weight };
-        };
+        let eigen = a.tr_mul(&a).symmetric_eigen();
         // blocks are invertible, so the eigenvalues are positive
         let over = eigen.eigenvalues.map(|weight| 1.0 / weight.sqrt());
-        let along = a * (eigen.eigenvectors * Matrix3::from_diagonal(&over));
-        Common::Uneven {
-            along: DMatrix::from_column_slice(along.nrows(), 3, along.as_slice()),
+        Common {
+            along: a * (eigen.eigenvectors * Matrix3::from_diagonal(&over)),
             weights: eigen.eigenvalues,
         }
     }
@@ -357,7 +294,7 @@ impl<'a> Rows<'a> {
             let left = DVector::from_vec(residuals) + &matrix * &step;
             let taken = matrix * &root;
             let common = self.common(points);
-            let along = common.means(left.len());
+            let along = common.along.transpose();
             let taken_by_means = (&along * &taken).norm_squared();
             n_means += 3.0 - taken_by_means;
             if points.len() < 2 {
@@ -368,10 +305,10 @@ impl<'a> Rows<'a> {
             within_mm2 += left.norm_squared() - means;
             n_between += 3.0 - taken_by_means;
             n_within += left.len() as f64 - 3.0 - (taken.norm_squared() - taken_by_means);
-            weights += common.weight();
+            weights += common.weights.mean();
             n_configurations += 1.0;
         }
-        let n_points = self.session.observations.len() as f64;
+        let n_points = self.n_points() as f64;
         let none = Shared {
             ratio: 0.0,
             freedom: 3.0 * n_points,

@@ -75,13 +75,14 @@ impl Rows<'_> {
             .collect();
         let [usual, higher] = [columns.usual(), columns.higher()];
         // coordinates, noise and widths with the features that have a standard deviation
-        let with = |usual_std_rad: f64, higher_std_rad: f64, sigma_mm: f64| {
+        let with = |stds_rad: [f64; 2], sigma_mm: f64| {
             let mut columns = flat.clone();
             let mut evidence = Evidence {
                 sigma_mm,
                 ..links.clone()
             };
             evidence.widths.resize(flat.len(), Evidence::FLAT);
+            let [usual_std_rad, higher_std_rad] = stds_rad;
             for (features, std_rad) in [(&higher, higher_std_rad), (&usual, usual_std_rad)] {
                 if std_rad > 0.0 {
                     columns.extend(features.clone());
@@ -90,61 +91,57 @@ impl Rows<'_> {
             }
             (columns, evidence)
         };
-        let least_mm = self.session.problem.least_sigma_mm;
-        let noise_mm = |usual_std_rad: f64, higher_std_rad: f64, sigma_mm: f64| {
-            let (columns, evidence) = with(usual_std_rad, higher_std_rad, sigma_mm);
+        let solved = |stds_rad: [f64; 2], sigma_mm: f64| {
+            let (columns, evidence) = with(stds_rad, sigma_mm);
             let triangle = triangle.of_columns(&columns);
-            let posterior = triangle.solve(&self.coordinates(columns.len()), &evidence);
+            Solved {
+                followings: followings.to_vec(),
+                posterior: triangle.solve(&self.coordinates(columns.len()), &evidence),
+                usual_std_rad: stds_rad[0],
+                higher_std_rad: stds_rad[1],
+                columns,
+                triangle,
+                evidence,
+            }
+        };
+        let noise_mm = |stds_rad: [f64; 2], sigma_mm: f64| {
+            let Solved {
+                triangle,
+                posterior,
+                ..
+            } = solved(stds_rad, sigma_mm);
+            let least_mm = self.session.problem.least_sigma_mm;
             triangle.noise_mm(&posterior).max(least_mm)
         };
-        let std_of = |features: &Range<usize>,
-                      (mut columns, evidence): (Vec<usize>, Evidence),
-                      kept_above: f64| {
+        // the standard deviation of some features beside others
+        let std_of = |features: &Range<usize>, others_rad: [f64; 2], sigma_mm: f64, kept_above| {
+            let (mut columns, evidence) = with(others_rad, sigma_mm);
             let first = columns.len();
             columns.extend(features.clone());
             let x = self.coordinates(columns.len());
             let beyond = triangle.of_columns(&columns).beyond(&x, &evidence, first);
-            let spectrum = beyond.spectrum();
-            spectrum.map_or(0.0, |s| {
-                s.most_probable(USUAL_MISFIT_RAD, evidence.sigma_mm, kept_above)
+            beyond.spectrum().map_or(0.0, |s| {
+                s.most_probable(USUAL_MISFIT_RAD, sigma_mm, kept_above)
             })
         };
         // fewer equations than features say nothing of these
-        let n_spare = (3 * self.session.observations.len()).saturating_sub(flat.len());
-        let mut sigma_mm = noise_mm(0.0, 0.0, links.sigma_mm);
-        let mut higher_std_rad = 0.0;
-        let mut usual_std_rad = std_of(&usual, with(0.0, 0.0, sigma_mm), USUAL_KEPT_ABOVE);
-        sigma_mm = noise_mm(usual_std_rad, 0.0, sigma_mm);
-        for search in 0..SEARCHES {
-            if search == 0 && n_spare >= higher.len() || higher_std_rad > 0.0 {
-                higher_std_rad = std_of(
-                    &higher,
-                    with(usual_std_rad, 0.0, sigma_mm),
-                    HIGHER_KEPT_ABOVE,
-                );
-                sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
-            }
-            if usual_std_rad == 0.0 && higher_std_rad == 0.0 {
+        let n_spare = (3 * self.n_points()).saturating_sub(flat.len());
+        let (mut usual_rad, mut higher_rad) = (0.0, 0.0);
+        let mut sigma_mm = noise_mm([0.0, 0.0], links.sigma_mm);
+        for search in 0..=SEARCHES {
+            usual_rad = std_of(&usual, [0.0, higher_rad], sigma_mm, USUAL_KEPT_ABOVE);
+            sigma_mm = noise_mm([usual_rad, higher_rad], sigma_mm);
+            if search == SEARCHES {
                 break;
             }
-            usual_std_rad = std_of(
-                &usual,
-                with(0.0, higher_std_rad, sigma_mm),
-                USUAL_KEPT_ABOVE,
-            );
-            sigma_mm = noise_mm(usual_std_rad, higher_std_rad, sigma_mm);
+            if search == 0 && n_spare >= higher.len() || higher_rad > 0.0 {
+                higher_rad = std_of(&higher, [usual_rad, 0.0], sigma_mm, HIGHER_KEPT_ABOVE);
+                sigma_mm = noise_mm([usual_rad, higher_rad], sigma_mm);
+            }
+            if usual_rad == 0.0 && higher_rad == 0.0 {
+                break;
+            }
         }
-        let (columns, evidence) = with(usual_std_rad, higher_std_rad, sigma_mm);
-        let triangle = triangle.of_columns(&columns);
-        let posterior = triangle.solve(&self.coordinates(columns.len()), &evidence);
-        Solved {
-            columns,
-            followings: followings.to_vec(),
-            triangle,
-            evidence,
-            posterior,
-            usual_std_rad,
-            higher_std_rad,
-        }
+        solved([usual_rad, higher_rad], sigma_mm)
     }
 }

@@ -62,6 +62,18 @@ impl Spectrum {
         })
     }
 
+    /// Spectrum of all residuals of a fit. `basis` spans the changes that the fit can make, with orthonormal columns.
+    fn beyond(
+        residuals: &DVector<f64>,
+        basis: &DMatrix<f64>,
+        features: &DMatrix<f64>,
+    ) -> Option<Self> {
+        let n_free = residuals.len() as f64 - basis.ncols() as f64;
+        let residuals = residuals - basis * basis.tr_mul(residuals);
+        let features = less_product(features, basis, &transposed_times(basis, features));
+        Self::new(&residuals, &features, 0.0, n_free)
+    }
+
     /// Estimate of σ² for a given ratio σm²/σ².
     fn noise_variance(&self, ratio: f64) -> f64 {
         let along: f64 = self
@@ -120,24 +132,6 @@ fn smallest(deviance: impl Fn(f64) -> f64) -> f64 {
     libm::pow(10.0, 0.5 * (low + high))
 }
 
-/// As [`misfit_ratio`], but 0 if it is not significant at the 5 % level. Also returns 2·log of the likelihood ratio.
-pub fn kept_ratio(
-    residuals: &DVector<f64>,
-    basis: &DMatrix<f64>,
-    features: &DMatrix<f64>,
-) -> Option<(f64, f64)> {
-    let n_free = residuals.len() as f64 - basis.ncols() as f64;
-    let residuals = residuals - basis * basis.tr_mul(residuals);
-    let features = less_product(features, basis, &transposed_times(basis, features));
-    let spectrum = Spectrum::new(&residuals, &features, 0.0, n_free)?;
-    let ratio = smallest(|ratio| spectrum.deviance(ratio));
-    let likelier = spectrum.deviance(0.0) - spectrum.deviance(ratio);
-    Some(match likelier > KEPT_ABOVE * KEPT_ABOVE {
-        true => (ratio, likelier),
-        false => (0.0, likelier.max(0.0)),
-    })
-}
-
 /// σm²/σ²: variance of the residuals of a fit along the features of the misfit, relative to white noise. `basis` spans the changes that the fit can
 /// make, with orthonormal columns.
 pub fn misfit_ratio(
@@ -145,9 +139,21 @@ pub fn misfit_ratio(
     basis: &DMatrix<f64>,
     features: &DMatrix<f64>,
 ) -> f64 {
-    let n_free = residuals.len() as f64 - basis.ncols() as f64;
-    let residuals = residuals - basis * basis.tr_mul(residuals);
-    let features = less_product(features, basis, &transposed_times(basis, features));
-    Spectrum::new(&residuals, &features, 0.0, n_free)
+    Spectrum::beyond(residuals, basis, features)
         .map_or(0.0, |spectrum| smallest(|ratio| spectrum.deviance(ratio)))
+}
+
+/// As [`misfit_ratio`], but 0 if it is not significant at the 5 % level. Also returns 2·log of the likelihood ratio.
+pub fn kept_ratio(
+    residuals: &DVector<f64>,
+    basis: &DMatrix<f64>,
+    features: &DMatrix<f64>,
+) -> Option<(f64, f64)> {
+    let spectrum = Spectrum::beyond(residuals, basis, features)?;
+    let ratio = smallest(|ratio| spectrum.deviance(ratio));
+    let likelier = spectrum.deviance(0.0) - spectrum.deviance(ratio);
+    Some(match likelier > KEPT_ABOVE * KEPT_ABOVE {
+        true => (ratio, likelier),
+        false => (0.0, likelier.max(0.0)),
+    })
 }

@@ -11,12 +11,12 @@
 //! the order of evaluation does not matter.
 //!
 //! The paper prints w, c1, c2 and the number of particles. It does not print the bounds, the behaviour at the bounds, a velocity limit, the initial
-//! velocities, how r1 and r2 are drawn, or when to stop. Each is an option here, and its default is the closest reading.
+//! velocities, how r1 and r2 are drawn, or when to stop. [`Options`] has the closest reading of each.
 
 mod options;
 mod swarm;
 
-pub use options::{Cost, Options, Positions, RandomNumbers, SearchBox};
+pub use options::{Cost, Options, Positions, SearchBox};
 
 use super::random::LaneRandom;
 use std::ops::ControlFlow;

@@ -71,17 +71,9 @@ pub struct SearchBox {
     pub half_width: Vec<f64>,
 }
 
-/// How r1 and r2 of [Gao 2018, eq. 9] are drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RandomNumbers {
-    /// Separately for every coordinate of every particle: the usual reading of the formula.
-    PerCoordinate,
-    /// Once per particle and iteration: each attraction is then along a straight line.
-    PerParticle,
-}
-
 /// Options of the search. The default is the closest reading of the paper. The paper prints neither first velocities nor a limit of velocities or
-/// positions: first velocities are zero, and nothing is limited.
+/// positions: first velocities are zero, and nothing is limited. Nor does it print how r1 and r2 are drawn: separately for every coordinate of every
+/// particle, the usual reading of the formula.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Number of particles n: 200 [Gao 2018, section 3.1].
@@ -94,8 +86,6 @@ pub struct Options {
     pub cognitive: f64,
     /// Social factor c2, the attraction to the swarm's best: 1.25 [Gao 2018, eq. 9].
     pub social: f64,
-    /// How r1 and r2 are drawn: per coordinate (not printed in the paper).
-    pub random_numbers: RandomNumbers,
     /// Stops as soon as the best cost is at or below this: never (not printed).
     pub stop_at_cost: Option<f64>,
     /// Seed of all random numbers: 0.
@@ -110,7 +100,6 @@ impl Default for Options {
             inertia_weight: 0.9,
             cognitive: 0.5,
             social: 1.25,
-            random_numbers: RandomNumbers::PerCoordinate,
             stop_at_cost: None,
             seed: 0,
         }

@@ -1,7 +1,7 @@
 //! The moving swarm: update [Gao 2018, eq. 9, 10], evaluation, and storing of the best. Nothing here allocates after `new`, and every inner loop runs
 //! over particles, which are contiguous in memory.
 
-use super::options::{Cost, Options, Positions, RandomNumbers};
+use super::options::{Cost, Options, Positions};
 use crate::solvers::random::{LANES, LaneRandom};
 use multiversion::multiversion;
 
@@ -63,13 +63,8 @@ impl Swarm {
 
     /// Moves all particles once [Gao 2018, eq. 9, 10].
     pub fn update(&mut self, options: &Options, random: &mut LaneRandom) {
-        if options.random_numbers == RandomNumbers::PerParticle {
-            random.fill(&mut self.random_numbers);
-        }
         for j in 0..self.positions.n_coordinates {
-            if options.random_numbers == RandomNumbers::PerCoordinate {
-                random.fill(&mut self.random_numbers);
-            }
+            random.fill(&mut self.random_numbers);
             let (r1, r2) = self.random_numbers.split_at(self.positions.n_particles);
             let coordinate = Coordinate {
                 inertia_weight: options.inertia_weight,

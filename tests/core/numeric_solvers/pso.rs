@@ -1,8 +1,7 @@
 //! The swarm, compared with known minima and with a textbook swarm; and the promises of its summary.
 
 use kincal::solvers::pso::{
-    Iteration, Options, Positions, RandomNumbers, SearchBox, Summary, Termination,
-    initial_positions, minimize,
+    Iteration, Options, Positions, SearchBox, Summary, Termination, initial_positions, minimize,
 };
 use kincal::solvers::random::LaneRandom;
 use std::ops::ControlFlow;
@@ -67,10 +66,7 @@ fn the_defaults_are_the_papers() {
         (options.inertia_weight, options.cognitive, options.social),
         (0.9, 0.5, 1.25)
     );
-    assert_eq!(
-        (options.random_numbers, options.stop_at_cost),
-        (RandomNumbers::PerCoordinate, None)
-    );
+    assert_eq!(options.stop_at_cost, None);
 }
 
 #[test]
@@ -159,13 +155,11 @@ fn textbook(
         if iteration == options.n_iterations {
             break;
         }
-        let per_coordinate = options.random_numbers == RandomNumbers::PerCoordinate;
-        let mut numbers = vec![vec![0.0; 2 * n]; if per_coordinate { d } else { 1 }];
+        let mut numbers = vec![vec![0.0; 2 * n]; d];
         numbers.iter_mut().for_each(|numbers| random.fill(numbers));
         for (i, particle) in swarm.iter_mut().enumerate() {
             for j in 0..d {
-                let drawn = &numbers[if per_coordinate { j } else { 0 }];
-                let (r1, r2) = (drawn[i], drawn[n + i]);
+                let (r1, r2) = (numbers[j][i], numbers[j][n + i]);
                 let inertia = options.inertia_weight * particle.v[j];
                 let social = (options.social * r2).mul_add(best.1[j] - particle.x[j], inertia);
                 particle.v[j] =
@@ -179,21 +173,18 @@ fn textbook(
 
 #[test]
 fn a_textbook_swarm_of_structs_finds_the_same_bits() {
-    for random_numbers in [RandomNumbers::PerCoordinate, RandomNumbers::PerParticle] {
-        for n_particles in [1, 13, 40] {
-            let options = Options {
-                n_particles,
-                n_iterations: 60,
-                random_numbers,
-                seed: 11,
-                ..Options::default()
-            };
-            let search_box = cube(5, 0.25, 1.5);
-            let summary = run(rosenbrock, &search_box, &options);
-            let (convergence, best_position) = textbook(rosenbrock, &search_box, &options);
-            assert_eq!(summary.convergence, convergence);
-            assert_eq!(summary.best_position, best_position);
-        }
+    for n_particles in [1, 13, 40] {
+        let options = Options {
+            n_particles,
+            n_iterations: 60,
+            seed: 11,
+            ..Options::default()
+        };
+        let search_box = cube(5, 0.25, 1.5);
+        let summary = run(rosenbrock, &search_box, &options);
+        let (convergence, best_position) = textbook(rosenbrock, &search_box, &options);
+        assert_eq!(summary.convergence, convergence);
+        assert_eq!(summary.best_position, best_position);
     }
 }
 

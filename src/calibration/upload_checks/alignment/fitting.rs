@@ -10,11 +10,12 @@ use crate::identification::least_squares::start::{
 use crate::identification::model::objective::{Observation, cost};
 use crate::identification::model::parameters::{Parameter, Quantity};
 use crate::identification::search::fit::fit_least_squares;
+use crate::kinematics::rotation::within_half_a_turn;
 use crate::kinematics::{self, Link, t_base_flange};
 use crate::measurement::Frame;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 use std::ops::Range;
 
 /// Minimum redundancy for any conclusion. With it, a wrong robot whose points are off by a tenth of its reach fits to a hundredth by chance in one of
@@ -302,8 +303,7 @@ fn seen_joints(links: &[Link], frame: Frame) -> Range<usize> {
 /// The rms and the zero errors of a fit.
 fn zeroed(fit: &Fitted, links: &[Link]) -> Zeroed {
     let offset = |(found, link): (&Link, &Link)| {
-        let offset = found.theta_offset_rad - link.theta_offset_rad;
-        offset - TAU * (offset / TAU).round()
+        within_half_a_turn(found.theta_offset_rad - link.theta_offset_rad)
     };
     Zeroed {
         rms_mm: fit.rms_mm,
