@@ -4,10 +4,12 @@ use crate::measurement::issue::Issue;
 use crate::measurement::set::Point;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Number of different rows that have to stand in a file again. One or two may agree by chance.
-const MIN_AGAIN: usize = 3;
+/// Number of different rows that have to stand in a file again. Some may agree by chance.
+const MIN_AGAIN: usize = 5;
 /// Positions that are multiples of this are too coarse to tell, mm: the resolution may hide the noise.
 const COARSE_MM: f64 = 0.1;
+/// Positions that are no multiples of this show the noise of any instrument, mm.
+const FINE_MM: f64 = 0.01;
 
 /// Refuses rows that stand in a table twice.
 pub fn repeats(points: &[Point]) -> Vec<Issue> {
@@ -23,7 +25,8 @@ pub fn repeats(points: &[Point]) -> Vec<Issue> {
     found.into_iter().map(issue).collect()
 }
 
-/// The rows that agree with an earlier one in every digit of joints and position, each with that earlier one. None if most repetitions of poses differ.
+/// The rows that agree with an earlier one in every digit of joints and position, each with that earlier one. None if repetitions of poses differ: most of
+/// them, or one where the resolution is not fine.
 pub fn rows_again(points: &[Point]) -> Vec<(usize, usize)> {
     let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect();
     let (mut poses, mut firsts) = (BTreeSet::new(), BTreeMap::new());
@@ -35,18 +38,21 @@ pub fn rows_again(points: &[Point]) -> Vec<(usize, usize)> {
         let first = *firsts
             .entry((q, position, &point.measured_at))
             .or_insert(row);
-        if first != row && is_fine(point) {
+        if first != row && is_finer(point, COARSE_MM) {
             again.push((row, first));
         }
     }
     let different: BTreeSet<usize> = again.iter().map(|(_, first)| *first).collect();
-    match different.len() >= MIN_AGAIN && 2 * again.len() >= n_repetitions {
+    let is_fine = |(row, _): &&(usize, usize)| is_finer(&points[*row], FINE_MM);
+    let n_fine = again.iter().filter(is_fine).count();
+    let are_exact = again.len() == n_repetitions || 2 * n_fine >= n_repetitions;
+    match different.len() >= MIN_AGAIN && are_exact {
         true => again,
         false => vec![],
     }
 }
 
-fn is_fine(point: &Point) -> bool {
-    let is_multiple = |mm: &f64| ((mm / COARSE_MM).round() * COARSE_MM - mm).abs() < 1e-6;
+fn is_finer(point: &Point, step_mm: f64) -> bool {
+    let is_multiple = |mm: &f64| ((mm / step_mm).round() * step_mm - mm).abs() < 1e-6;
     !point.position_mm.iter().all(is_multiple)
 }
