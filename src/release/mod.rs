@@ -25,7 +25,7 @@ mod verdict;
 pub use check_state::{CheckStateChange, check_state_change};
 pub use comparison::Comparison;
 pub use decision::{Decision, decide};
-pub use gate_facts::{ArchivedItem, Facts, LastCheck, StoredFacts, WithdrawnSource};
+pub use gate_facts::{ArchivedItem, Facts, KeyHolder, LastCheck, StoredFacts, WithdrawnSource};
 pub use gates::first_refusal;
 pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use same_values::has_same_values;
