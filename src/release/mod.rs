@@ -31,7 +31,9 @@ pub use provenance::{orientation_unknown, provenance, wrong_robot};
 pub use same_values::has_same_values;
 pub use sessions::{Ages, Session, UnscoredSession, current_since, has_changed};
 pub use suspicions::{AcceptedMisfit, accept_misfit, accept_rotations};
-pub use trend::{ScoredJob, ScoredSession, may_have_trend, scored_sessions, trend};
+pub use trend::{
+    ScoredJob, ScoredSession, may_have_trend, measured_at_ms, scored_sessions, stated_time, trend,
+};
 pub use verdict::{
     UNUSABLE_WARNINGS, headline, insisted_warning, is_usable, refused_as, unusable_because,
     why_no_evidence, why_same_upload,
