@@ -57,6 +57,9 @@ export const fixed = (value, decimals = 4) => signed(value, decimals).replace("+
 /** When a session was measured, and how that is known. */
 export const measuredAt = (record) => `measured ${when(record.measured_at)}${record.measured_at_of_points ? ", by the times of its points" : ""}`;
 
+/** A session of a job, by the time at which it was measured or, where its upload does not say it, computed. */
+export const sessionOf = ({ job, report }) => `session of ${when(report.measured_at ?? job.created_at)}`;
+
 /** A local date and time. */
 export function when(text) {
   if (!text) return "–";

@@ -4,7 +4,7 @@ import { get, list, post } from "./api.js";
 import { checkTables, checkVerdict } from "./check.js";
 import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } from "./figures.js";
 import { el, fill, gateItems, problem, say, table, warning } from "./dom.js";
-import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, signed, span, when } from "./format.js";
+import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, sessionOf, signed, span, when } from "./format.js";
 import { best } from "./history.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
@@ -58,7 +58,7 @@ async function laterSession(id, robot, signal) {
 const MAX_SESSIONS = 30;
 
 /** What a later session found, with a link to it. */
-const laterWords = ({ job, report }) => [el("a", { href: `#/jobs/${job.id}` }, `session of ${when(job.created_at)}`), `, ${mm(best(report).after.mean_mm)} on average on ${best(report).n_points} points`];
+const laterWords = ({ job, report }) => [el("a", { href: `#/jobs/${job.id}` }, sessionOf({ job, report })), `, ${mm(best(report).after.mean_mm)} on average on ${best(report).n_points} points`];
 
 /** A search counts more in F than the points, or is refined afterwards: why the last F of the curve is not that of the result; undefined if it is. */
 function costWords(report, { iteration, best_cost_mm2: cost }) {

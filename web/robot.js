@@ -3,7 +3,7 @@
 import { get, list, post } from "./api.js";
 import { armFigure } from "./arm.js";
 import { brief, el, fill, problem, table } from "./dom.js";
-import { age, capital, count, error, EVIDENCE, gateTitle, measuredAt, method, mm, number, parameter, plain, ran, span, when } from "./format.js";
+import { age, capital, count, error, EVIDENCE, gateTitle, measuredAt, method, mm, number, parameter, plain, ran, sessionOf, span, when } from "./format.js";
 import { best, errorHistory, parameterHistory, past, state } from "./history.js";
 import { manageCard } from "./manage.js";
 import { SOON_JUDGED, verifyPage } from "./next.js";
@@ -115,7 +115,7 @@ function checkRobot(robot, { active, newest, sessions }, may, why) {
     }
   };
   return el("section.card.alarm", {}, el("h2", {}, "Check this robot"),
-    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the session of ${when(misfit.job.created_at)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
+    el("p", {}, "The file of ", el("a", { href: `#/jobs/${robot.check_job_id}` }, misfit ? `the ${sessionOf(misfit)}` : "this verification"), ` does not fit this robot${misfit ? `: it misses by ${mm(best(misfit.report).after.rms_mm)} rms` : ""}. It is in another frame or of another robot, or the robot has changed. No release is made until a new session fits, or somebody says why all is well.`),
     active && el("p", {}, el("strong", {}, "The cell still runs the active set until it is withdrawn.")),
     el("div.actions", {}, may("upload") && el("a.button.primary", { href: active || newest ? verifyPage(robot, active ?? newest) : `${page}/upload` }, "Measure again and upload a session"), may("identify") && el("a.button", { href: `${page}/upload` }, "Calibrate anew"), may("release") && active && el("a.button", { href: `#/jobs/${active.job_id}` }, "Withdraw the set")),
     why("release", "say that all is well"), may("release") && el("form", { submit }, el("label", { for: "checked-reason" }, "Why all is well"),
@@ -140,13 +140,13 @@ function errorFacts({ active, report, lastSession, doubt }, now) {
   const doubted = doubt ? ". A newer session does not fit the robot" : "";
   const evidence = (remark) => {
     const misses = doubt && best(doubt.report);
-    return doubt ? ["Evidence", "a newer session does not fit", `that of ${when(doubt.job.created_at)} misses by ${mm(misses.after.rms_mm)} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
+    return doubt ? ["Evidence", "a newer session does not fit", `the ${sessionOf(doubt)} misses by ${mm(misses.after.rms_mm)} rms; before it: ${words}${remark ? `, ${remark}` : ""}`] : ["Evidence", words, remark];
   };
   if (lastSession) {
     const found = foundAgainst(lastSession.report);
     // of the active set the service decides, by the tolerance if there is one
     const against = active ? now?.need === "drifted" && now.reason : found && `${found}: ${mm(after.rms_mm)} rms`;
-    return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, `session of ${when(lastSession.job.created_at)}`), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
+    return [[`${doubt ? "Error when a session last fitted" : "Error now"} (${which})`, mm(after.rms_mm), ["rms on the ", el("a", { href: `#/jobs/${lastSession.job.id}` }, sessionOf(lastSession)), `; nominal robot ${mm(before.rms_mm)}${doubted}`]],
       ["Largest error", mm(after.max_mm), `on that session; nominal robot ${mm(before.max_mm)}`],
       against && !doubt ? ["Evidence", "a later session speaks against it", capital(against)] : evidence(`${against ? "a later session speaks against it" : "a later session verified it"}: ${count(n)} points`)];
   }

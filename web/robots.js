@@ -30,7 +30,7 @@ function errorOf(robot) {
   const set = measured(robot);
   if (!set) return undefined;
   const doubt = robot.need === "check_robot" && robot.session?.job_id !== robot.need_job_id ? "; a newer session does not fit" : "";
-  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.created_at)}${doubt}` };
+  if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.measured_at ?? robot.session.created_at)}${doubt}` };
   const [words] = EVIDENCE[set.evidence] ?? [];
   return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${error(set.before_rms_mm)}${doubt}` };
 }
@@ -147,7 +147,8 @@ async function checks(page, state, signal, rows) {
   for (const robot of open) state.checks.set(robot.robot_id, null);
   await each(open, async (robot) => {
     const job = await get(`/v1/jobs/${robot.need_job_id}`, signal).catch(() => ({}));
-    state.checks.set(robot.robot_id, job);
+    const set = job.measurement_set_id && await get(`/v1/measurement-sets/${job.measurement_set_id}`, signal).catch(() => undefined);
+    state.checks.set(robot.robot_id, { ...job, measured_at: set?.record?.measured_at });
     const place = rows.querySelector(`[data-reason="${robot.robot_id}"]`);
     if (place) fill(place, reasonOf(robot, state));
   }, 2);
@@ -156,7 +157,7 @@ async function checks(page, state, signal, rows) {
 /** Why a robot is as it is, in one sentence. */
 function reasonOf(robot, { checks: known }) {
   const check = robot.need === "check_robot" && known.get(robot.robot_id);
-  return typeof check?.rms_mm !== "number" ? capital(robot.reason) : `The session of ${when(check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
+  return typeof check?.rms_mm !== "number" ? capital(robot.reason) : `The session of ${when(check.measured_at ?? check.created_at)} misses by ${mm(check.rms_mm)} rms; no release until one fits`;
 }
 
 const isNewer = ({ active, newest }) => active !== undefined && newest !== undefined && newest.id !== active.id && newest.created_at > active.created_at;

@@ -5,7 +5,7 @@ use crate::http::limits::RequestClass;
 use crate::http::route::Route;
 use crate::http::session_cookie;
 use crate::http::{App, Error};
-use crate::store::{ApiKeyRow, api_keys};
+use crate::store::{ApiKeyRow, api_keys, browser_sessions};
 use crate::wire::canonical;
 use crate::wire::key::Scope;
 use axum::extract::{MatchedPath, Request, State};
@@ -15,11 +15,12 @@ use axum::response::{IntoResponse, Response};
 
 /// Prefix of every key, so that secret scanners recognise a leaked one.
 const KEY_PREFIX: &str = "kincal_";
-/// Random bytes of a key: 256 bits.
-const KEY_BYTES: usize = 32;
+/// Random bytes of a key or of a session's token: 256 bits.
+const RANDOM_BYTES: usize = 32;
 
 const UNKNOWN_KEY: &str =
     "this key is not known or was revoked; `kincal key create` makes a new one";
+const SESSION_ENDED: &str = "the session of this browser has ended: sign in again";
 
 /// The authenticated client, and the class of its request.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,12 +33,18 @@ pub struct Caller {
     pub scopes: Vec<Scope>,
     /// The robots that the key is limited to; `None` for all robots.
     pub robots: Option<Vec<String>>,
+    /// Hash of the token of the browser's session; `None` if the request sent a key.
+    pub session_sha256: Option<String>,
     /// The class of this request, which decides the permits that it takes.
     pub class: RequestClass,
 }
 
 impl Caller {
-    fn new(row: ApiKeyRow, class: RequestClass) -> Result<Self, Error> {
+    fn new(
+        row: ApiKeyRow,
+        session_sha256: Option<String>,
+        class: RequestClass,
+    ) -> Result<Self, Error> {
         Ok(Self {
             scopes: known_scopes(&row)?,
             robots: row
@@ -47,6 +54,7 @@ impl Caller {
                 .transpose()?,
             holder: row.id,
             name: Some(row.name),
+            session_sha256,
             class,
         })
     }
@@ -57,6 +65,7 @@ impl Caller {
             name: None,
             scopes: vec![Scope::Admin],
             robots: None,
+            session_sha256: None,
             class,
         }
     }
@@ -117,8 +126,8 @@ pub async fn authorize(
             next.run(request).await
         }
         Err(Refusal::Error(error)) => {
-            let forget =
-                matches!(error, Error::Unauthorized(_)) && session_cookie::is_present(&headers);
+            let forget = matches!(error, Error::Unauthorized(_))
+                && session_cookie::token(&headers).is_some();
             let mut response = error.into_response();
             if forget {
                 let cookie = session_cookie::signing_out(&app, &headers);
@@ -209,33 +218,47 @@ async fn caller_of(
     headers: &HeaderMap,
     peer: Option<Peer>,
 ) -> Result<Caller, Error> {
-    let key = match bearer(headers)? {
-        Some(key) => Some(key),
-        None => session_cookie::key_of(method, headers)?,
+    let (row, session_sha256, refusal) = if let Some(key) = bearer(headers)? {
+        let sha256 = canonical::sha256_hex(key.as_bytes());
+        (
+            api_keys::find(&app.store, &sha256).await?,
+            None,
+            UNKNOWN_KEY,
+        )
+    } else if let Some(token) = session_cookie::token_of(method, headers)? {
+        let sha256 = canonical::sha256_hex(token.as_bytes());
+        let row = browser_sessions::find(&app.store, &sha256).await?;
+        (row, Some(sha256), SESSION_ENDED)
+    } else {
+        return Err(Error::Unauthorized(
+            "a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one",
+        ));
     };
-    let key = key.ok_or(Error::Unauthorized(
-        "a key is needed: send `Authorization: Bearer KEY`; `kincal key create` makes one",
-    ))?;
-    match api_keys::find(&app.store, &canonical::sha256_hex(key.as_bytes())).await? {
-        Some(row) => Caller::new(row, class),
+    match row {
+        Some(row) => Caller::new(row, session_sha256, class),
         None => Err(app
             .limits
             .count_failed_attempt(peer.map(|peer| peer.0))
             .err()
-            .unwrap_or(Error::Unauthorized(UNKNOWN_KEY))),
+            .unwrap_or(Error::Unauthorized(refusal))),
     }
 }
 
-/// Whether the key of a long request is still valid; false if the database cannot be read.
+/// Whether the key, or the session, of a long request is still valid; false if the database cannot be read.
 pub async fn is_still_valid(app: &App, caller: &Caller) -> bool {
-    app.no_auth
-        || api_keys::get(&app.store, &caller.holder)
-            .await
-            .is_ok_and(|row| row.revoked_at_ms.is_none())
+    if app.no_auth {
+        return true;
+    }
+    if let Some(sha256) = &caller.session_sha256 {
+        let found = browser_sessions::find(&app.store, sha256).await;
+        return found.is_ok_and(|row| row.is_some());
+    }
+    let row = api_keys::get(&app.store, &caller.holder).await;
+    row.is_ok_and(|row| row.revoked_at_ms.is_none())
 }
 
-/// A key that was just made.
-pub struct NewKey {
+/// A secret that was just made: a key, or the token of a session.
+pub struct NewSecret {
     /// Its text, which is shown once.
     pub text: String,
     /// Its hash, which is stored.
@@ -243,11 +266,20 @@ pub struct NewKey {
 }
 
 /// Makes a key.
-pub fn new_key() -> Result<NewKey, Error> {
-    let mut random = [0_u8; KEY_BYTES];
+pub fn new_key() -> Result<NewSecret, Error> {
+    new_secret(KEY_PREFIX)
+}
+
+/// Makes the token of a session.
+pub fn new_token() -> Result<NewSecret, Error> {
+    new_secret("")
+}
+
+fn new_secret(prefix: &str) -> Result<NewSecret, Error> {
+    let mut random = [0_u8; RANDOM_BYTES];
     getrandom::fill(&mut random)
         .map_err(|error| Error::Internal(format!("no random numbers: {error}")))?;
-    let text = format!("{KEY_PREFIX}{}", canonical::hex(&random));
+    let text = format!("{prefix}{}", canonical::hex(&random));
     let sha256 = canonical::sha256_hex(text.as_bytes());
-    Ok(NewKey { text, sha256 })
+    Ok(NewSecret { text, sha256 })
 }

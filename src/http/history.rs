@@ -18,6 +18,7 @@ use crate::wire::trend::Trend;
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use utoipa::IntoParams;
 
 /// Query of a comparison.
@@ -86,16 +87,32 @@ pub(super) async fn trend(app: &App, robot_id: &str) -> Result<Trend, Error> {
         .chain(own.verify_set_id.clone())
         .collect();
     let rows = verifications::of_set(&app.store, &active.id).await?;
+    let times = session_times(app, &active.id).await?;
     let scored_jobs: Vec<ScoredJob> = rows
         .into_iter()
         .map(|row| ScoredJob {
-            created_at_ms: row.created_at_ms,
+            measured_at_ms: *times.get(&row.job_id).unwrap_or(&row.created_at_ms),
             measurement_set_id: row.measurement_set_id,
             verification: row.found,
         })
         .collect();
     let scored = release::scored_sessions(&scored_jobs, &own_uploads);
     Ok(release::trend(&scored, limit_mm))
+}
+
+/// When the points of the jobs that scored a parameter set were measured, else uploaded, in milliseconds since the epoch; of several sessions the last.
+pub(super) async fn session_times(
+    app: &App,
+    parameter_set_id: &str,
+) -> Result<BTreeMap<String, i64>, Error> {
+    let mut times = BTreeMap::new();
+    for upload in verifications::scored_uploads(&app.store, parameter_set_id).await? {
+        let reading_json = upload.reading_json.as_deref();
+        let at_ms = release::measured_at_ms(reading_json, upload.uploaded_at_ms);
+        let last = times.entry(upload.job_id).or_insert(at_ms);
+        *last = at_ms.max(*last);
+    }
+    Ok(times)
 }
 
 /// Differences between two parameter sets of a robot: the tool over the workspace, and a test of their sessions.

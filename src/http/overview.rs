@@ -134,6 +134,7 @@ fn robot(
         .map(|(job_id, at_ms)| SessionOverview {
             job_id,
             created_at: rfc3339(at_ms),
+            measured_at: release::stated_time(row.session_reading_json.as_deref()),
             rms_mm: row.session_rms_mm,
         });
     let active = row

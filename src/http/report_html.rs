@@ -2,14 +2,15 @@
 
 use crate::http::auth::Caller;
 use crate::http::extract::Id;
+use crate::http::history::session_times;
 use crate::http::{App, Error, access};
+use crate::jobs::evidence;
 use crate::report_page::{self, MeasuredSet, ScoredSession, Sources};
-use crate::store::{jobs, policies, robot_versions, verifications};
+use crate::store::{ParameterSetRow, jobs, policies, robot_versions};
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::SetSummary;
 use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::time::rfc3339;
-use crate::wire::verification::VerificationKind;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -37,8 +38,8 @@ pub async fn report_html(
         Some(id) => Some(access::parameter_set(&app, &caller, id).await?),
         None => None,
     };
-    let sessions = match &job.parameter_set_id {
-        Some(id) => scored_sessions(&app, id).await?,
+    let sessions = match &parameter_set {
+        Some(set) => scored_sessions(&app, set).await?,
         None => vec![],
     };
     let tolerance_mm = policies::get(&app.store, &job.robot_id).await?.tolerance_mm;
@@ -84,16 +85,16 @@ pub async fn report_html(
 }
 
 /// The newest sessions that were scored with a parameter set.
-async fn scored_sessions(app: &App, parameter_set_id: &str) -> Result<Vec<ScoredSession>, Error> {
-    let rows = verifications::of_set(&app.store, parameter_set_id).await?;
-    let sessions = rows.into_iter().rev();
-    let sessions = sessions.filter(|row| row.found.kind == VerificationKind::Session);
+async fn scored_sessions(app: &App, set: &ParameterSetRow) -> Result<Vec<ScoredSession>, Error> {
+    let times = session_times(app, &set.id).await?;
+    let sessions = evidence::scored_sessions(&app.store, set).await?;
     Ok(sessions
+        .into_iter()
+        .rev()
         .take(MAX_SESSIONS)
-        .map(|row| ScoredSession {
-            scored_at: rfc3339(row.created_at_ms),
-            job_id: row.job_id,
-            found: row.found,
+        .map(|session| ScoredSession {
+            measured_at: rfc3339(times.get(&session.job_id).copied().unwrap_or_default()),
+            session,
         })
         .collect())
 }

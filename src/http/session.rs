@@ -1,8 +1,10 @@
 //! Signing a browser in and out.
 
-use crate::http::auth::{Caller, bearer};
-use crate::http::session_cookie::{signing_in, signing_out};
+use crate::http::auth::{Caller, bearer, new_token};
+use crate::http::session_cookie::{self, signing_in, signing_out};
 use crate::http::{App, Error};
+use crate::store::{Tx, browser_sessions};
+use crate::wire::canonical;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -10,18 +12,23 @@ use axum::response::{IntoResponse, Response};
 /// Signs this browser in with the key of the request.
 ///
 /// The answer sets a cookie that scripts cannot read. With it, links and new tabs need no `Authorization` header; requests that change
-/// something need the header `X-Kincal-Session: 1`. The session ends with the browser, with sign-out, or with the revocation of the key.
+/// something need the header `X-Kincal-Session: 1`. The session ends with the browser, with sign-out, with the revocation of the key, or after 12 hours.
 #[utoipa::path(put, path = "/v1/session", tag = "service", operation_id = "signIn", responses((status = 204, description = "Signed in; the answer sets the cookie")))]
 pub async fn sign_in(
     State(app): State<App>,
-    _caller: Caller,
+    caller: Caller,
     headers: HeaderMap,
 ) -> Result<Response, Error> {
     // Signed in already, or no keys at all: there is nothing to set.
-    let Some(key) = bearer(&headers)? else {
+    if app.no_auth || bearer(&headers)?.is_none() {
         return Ok(StatusCode::NO_CONTENT.into_response());
-    };
-    let cookie = signing_in(key, &app, &headers);
+    }
+    let token = new_token()?;
+    let mut tx = app.store.begin().await?;
+    end_session(&mut tx, &headers).await?;
+    browser_sessions::begin(&mut tx, &token.sha256, &caller.holder).await?;
+    tx.commit().await?;
+    let cookie = signing_in(&token.text, &app, &headers);
     Ok((
         StatusCode::NO_CONTENT,
         cookie_header(cookie),
@@ -30,11 +37,26 @@ pub async fn sign_in(
         .into_response())
 }
 
-/// Signs this browser out: the answer deletes the cookie.
+/// Signs this browser out: its session ends, and the answer deletes the cookie.
 #[utoipa::path(delete, path = "/v1/session", tag = "service", operation_id = "signOut", responses((status = 204, description = "Signed out")))]
-pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
+pub async fn sign_out(
+    State(app): State<App>,
+    _caller: Caller,
+    headers: HeaderMap,
+) -> Result<Response, Error> {
+    let mut tx = app.store.begin().await?;
+    end_session(&mut tx, &headers).await?;
+    tx.commit().await?;
     let cookie = signing_out(&app, &headers);
-    (StatusCode::NO_CONTENT, cookie_header(cookie)).into_response()
+    Ok((StatusCode::NO_CONTENT, cookie_header(cookie)).into_response())
+}
+
+/// Ends the session of the request's cookie, if it has one.
+async fn end_session(tx: &mut Tx, headers: &HeaderMap) -> Result<(), Error> {
+    if let Some(token) = session_cookie::token(headers) {
+        browser_sessions::end(tx, &canonical::sha256_hex(token.as_bytes())).await?;
+    }
+    Ok(())
 }
 
 fn cookie_header(value: Option<header::HeaderValue>) -> HeaderMap {

@@ -1,8 +1,8 @@
 //! The cookie of a signed-in browser, so that links and new tabs stay signed in.
 //!
-//! Its value is the key itself. Any other value that the server can check would have to follow from the database; anybody with a copy of the database
-//! could then forge it. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. It ends with the browser, with sign-out, or with the
-//! revocation of the key.
+//! Its value is a random token. The database has the token's SHA-256 and the id of the key, so a copy of the database makes no session, and every node
+//! knows it. The key is looked up at each request. The cookie is `HttpOnly`: no script reads it. It is sent to `/v1` only. The session ends with
+//! sign-out, with the revocation of the key, or at its age ([`crate::store::browser_sessions::MAX_AGE_MS`]); the browser forgets it when it closes.
 //!
 //! Browsers send cookies by themselves, so a page of another origin could use one. Three things prevent this: `SameSite=Strict`; the header
 //! [`SESSION_HEADER`] on every request that changes something (a page of another origin needs a preflight request for this header, and the server
@@ -20,12 +20,12 @@ pub const SESSION_HEADER: HeaderName = HeaderName::from_static("x-kincal-session
 /// Maximum number of cookies that are read from one request; a browser sends a handful.
 const MAX_COOKIES: usize = 64;
 
-/// The key in the request's cookie; `None` without one.
+/// The token in the request's cookie; `None` without one.
 ///
 /// # Errors
 /// [`Error::Forbidden`] if the request may come from a page of another origin.
-pub fn key_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'a str>, Error> {
-    let Some(key) = cookie(headers) else {
+pub fn token_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'a str>, Error> {
+    let Some(token) = token(headers) else {
         return Ok(None);
     };
     let is_foreign = headers
@@ -42,15 +42,11 @@ pub fn key_of<'a>(method: &Method, headers: &'a HeaderMap) -> Result<Option<&'a 
             "a request with a session cookie that changes something needs the header `X-Kincal-Session: 1`; programs send `Authorization: Bearer KEY` instead",
         ));
     }
-    Ok(Some(key))
+    Ok(Some(token))
 }
 
-/// Whether the request has the cookie, valid or not.
-pub fn is_present(headers: &HeaderMap) -> bool {
-    cookie(headers).is_some()
-}
-
-fn cookie(headers: &HeaderMap) -> Option<&str> {
+/// The value of the cookie, valid or not. [`token_of`] also refuses requests from pages of other origins.
+pub fn token(headers: &HeaderMap) -> Option<&str> {
     headers
         .get_all(header::COOKIE)
         .iter()
@@ -62,14 +58,9 @@ fn cookie(headers: &HeaderMap) -> Option<&str> {
         .map(|(_, value)| value)
 }
 
-/// The header that signs a browser in; `None` for a text that cannot be the value of a cookie. Every key can be.
-pub fn signing_in(key: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
-    let is_plain = key
-        .bytes()
-        .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
-    is_plain
-        .then(|| HeaderValue::from_str(&with_attributes(key, "", is_secure(app, headers))).ok())
-        .flatten()
+/// The header that signs a browser in.
+pub fn signing_in(token: &str, app: &App, headers: &HeaderMap) -> Option<HeaderValue> {
+    HeaderValue::from_str(&with_attributes(token, "", is_secure(app, headers))).ok()
 }
 
 /// The header that signs a browser out.

@@ -14,7 +14,8 @@ use crate::release::{
 };
 use crate::store::verifications::LaterSession;
 use crate::store::{
-    ParameterSetRow, Result, Store, VerificationRow, jobs, report_summaries, verifications,
+    ParameterSetRow, Result, Store, VerificationRow, jobs, parameter_sets, report_summaries,
+    verifications,
 };
 use crate::wire::measurement::{Frame, MeasurementSet};
 use crate::wire::parameter_set::ParameterSetContent;
@@ -235,6 +236,21 @@ fn unscored(later: LaterSession) -> std::result::Result<UnscoredSession, Unreada
         seq: later.seq,
         has_changed,
     })
+}
+
+/// Every session on which a set was scored, in order.
+pub async fn scored_sessions(store: &Store, set: &ParameterSetRow) -> Result<Vec<Session>> {
+    let active = parameter_sets::active(store, &set.robot_id).await?;
+    let other = active.filter(|active| active.id != set.id);
+    let since = current_since(ages(store, set, other.as_ref()).await?);
+    let rows = verifications::of_set(store, &set.id).await?;
+    let (sessions, identified): (Vec<_>, Vec<_>) = rows
+        .into_iter()
+        .partition(|row| row.found.kind == VerificationKind::Session);
+    // without facts of the identification, a session in the frame of the instrument is taken to hide the base
+    let frame = identified.first().map_or(Frame::Base, |row| row.frame);
+    let sessions = sessions.into_iter();
+    Ok(sessions.map(|row| session(frame, since, row)).collect())
 }
 
 /// Whether an upload repeats the points of a session that the set was identified from. Such an upload was not measured later.

@@ -5,13 +5,13 @@ use crate::jobs::{MeasurementSetInput, blocking};
 use crate::release::comparison::HeldOutPoints;
 use crate::release::guard_band::rule_in_force;
 use crate::release::{
-    ArchivedItem, Comparison, Decision, Facts, StoredFacts, UnscoredSession, WithdrawnSource,
-    decide, has_same_values,
+    ArchivedItem, Comparison, Decision, Facts, KeyHolder, StoredFacts, UnscoredSession,
+    WithdrawnSource, decide, has_same_values,
 };
 use crate::store::withdrawals::{self, WithdrawnSet};
 use crate::store::{
     self, AuditEvent, CheckedState, MeasurementSetRow, ParameterSetRow, ParameterSetStatus,
-    PolicyRow, Release, RobotRow, Store, audit, job_sources, jobs, measurement_sets,
+    PolicyRow, Release, RobotRow, Store, api_keys, audit, job_sources, jobs, measurement_sets,
     parameter_sets, policies, robots, verifications,
 };
 use crate::wire::parameter_set::ParameterSetContent;
@@ -116,7 +116,8 @@ struct GateInputs {
     sets: Vec<MeasurementSetRow>,
     /// Keys that uploaded the points of the identification, the points on which its held values are based and, if its job used sweeps, the sweeps.
     /// `None` for an unknown key.
-    uploaders: Vec<Option<String>>,
+    uploaders: Vec<Option<KeyHolder>>,
+    approver: KeyHolder,
     /// Code of the suspicion that was overridden with `insist`, for an upload on which its held values or its residual network are based.
     insisted_source: Option<String>,
     /// A withdrawn parameter set whose values it holds, or that says the same of the same points.
@@ -161,6 +162,13 @@ pub async fn check(
     };
     if let Some(frames_id) = &job.frames_id {
         uploaders.push(audit::actor(store, frames_id, AuditEvent::FramesCreated).await?);
+    }
+    let mut holders = Vec::new();
+    for id in uploaders {
+        holders.push(match id {
+            Some(id) => Some(key_holder(store, id).await?),
+            None => None,
+        });
     }
     let other = active.as_ref().filter(|active| active.id != row.id);
     let stored = evidence::load(store, row, other).await?;
@@ -214,7 +222,8 @@ pub async fn check(
         robot,
         policy,
         sets,
-        uploaders,
+        uploaders: holders,
+        approver: key_holder(store, approver.clone()).await?,
         insisted_source,
         withdrawn_source,
     };
@@ -228,6 +237,16 @@ pub async fn check(
         checked,
         approver,
     })
+}
+
+/// The holder of a key. Without a key, as on a server without keys, the id is also the name.
+async fn key_holder(store: &Store, id: String) -> store::Result<KeyHolder> {
+    let name = match api_keys::get(store, &id).await {
+        Ok(key) => key.name,
+        Err(store::Error::NotFound) => id.clone(),
+        Err(error) => return Err(error),
+    };
+    Ok(KeyHolder { id, name })
 }
 
 /// Share of a set's error on its verify points by which the tool of two sets may differ while they say the same.
@@ -330,6 +349,7 @@ fn run_gates(
         policy,
         sets,
         uploaders,
+        approver,
         insisted_source,
         withdrawn_source,
     } = inputs;
@@ -367,7 +387,7 @@ fn run_gates(
         serial_number: body.serial_number.as_deref(),
         stated_serial_number: stated_serial_number(sets, body.serial_number.as_deref()),
         uploaders,
-        approver: &request.approver,
+        approver,
         change_reason: request.purpose.change_reason(),
     }))
 }

@@ -30,6 +30,15 @@ pub struct WithdrawnSource {
     pub scored_seq: Vec<i64>,
 }
 
+/// The holder of a key.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeyHolder {
+    /// Id of the key.
+    pub id: String,
+    /// Its name, which need not be unique.
+    pub name: String,
+}
+
 /// An archived item that a release needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArchivedItem {
@@ -94,10 +103,10 @@ pub struct Facts<'a> {
     pub serial_number: Option<&'a str>,
     /// Serial number that the uploader stated.
     pub stated_serial_number: Option<&'a str>,
-    /// Keys that uploaded the points and the sweeps.
-    pub uploaders: &'a [Option<String>],
-    /// The key that releases.
-    pub approver: &'a str,
+    /// Who uploaded the points and the sweeps.
+    pub uploaders: &'a [Option<KeyHolder>],
+    /// Who releases.
+    pub approver: &'a KeyHolder,
     /// Stated reason for a large change.
     pub change_reason: Option<&'a str>,
 }

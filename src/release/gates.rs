@@ -16,7 +16,7 @@ use crate::wire::parameter_set::ParameterSetContent;
 use crate::wire::release::Gate;
 use crate::wire::report_shape::{Evidence, SubsetReport};
 use crate::wire::verification::Fit;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 /// If the active set's errors on new points are more than this many times the candidate's, the robot must have changed.
 const CHANGED: f64 = 3.0;
@@ -413,21 +413,35 @@ fn limits_of_sessions(facts: &StoredFacts<'_>) -> String {
 }
 
 fn second_person(facts: &Facts<'_>) -> Gate {
-    let (uploaders, approver) = (facts.uploaders, facts.approver);
-    let is_known = !uploaders.is_empty() && uploaders.iter().all(Option::is_some);
-    let known: BTreeSet<&str> = uploaders.iter().flatten().map(String::as_str).collect();
-    let other = is_known && !known.contains(approver);
-    let detail = match (is_known, other) {
-        (true, true) => format!(
-            "uploaded by {}, released by {approver}",
-            Vec::from_iter(known).join(" and ")
-        ),
-        (true, false) => format!("uploaded and released by {approver}"),
-        (false, _) => "who uploaded it is not known".into(),
+    let approver = facts.approver;
+    let is_known = !facts.uploaders.is_empty() && facts.uploaders.iter().all(Option::is_some);
+    let uploaders: BTreeMap<&str, &str> = facts
+        .uploaders
+        .iter()
+        .flatten()
+        .map(|holder| (holder.id.as_str(), holder.name.as_str()))
+        .collect();
+    let other = is_known && !uploaders.contains_key(approver.id.as_str());
+    let passed = other || !facts.stored.policy.second_person_required;
+    // a name need not be unique
+    let named = |id: &str, name: &str| match other && name == approver.name {
+        true => format!("{name} ({id})"),
+        false => name.to_owned(),
     };
-    Gate::new(
-        "second_person",
-        other || !facts.stored.policy.second_person_required,
-        detail,
-    )
+    let by: Vec<String> = uploaders.iter().map(|(id, name)| named(id, name)).collect();
+    let by = by.join(" and ");
+    let releases = &approver.name;
+    let mut detail = match is_known {
+        true => format!("uploaded by {by}, released by {releases}"),
+        false => "who uploaded it is not known".into(),
+    };
+    if !passed {
+        detail += match is_known {
+            true => {
+                ": somebody else has to release it, with a key of scope `release` that uploaded nothing of it"
+            }
+            false => ": upload its file again, identify from it, and have somebody else release",
+        };
+    }
+    Gate::new("second_person", passed, detail)
 }

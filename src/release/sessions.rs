@@ -77,7 +77,28 @@ pub fn supports(session: &Verification) -> bool {
         && !session.is_worse
 }
 
+/// What a session says about a set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shows {
+    /// It is independent evidence for the set.
+    Supports,
+    /// It is evidence against the set.
+    SpeaksAgainst,
+}
+
 impl Session {
+    /// What the session says about the set, if anything. With a tolerance, errors that are larger than at the identification may still be small enough.
+    pub fn shows(&self, has_tolerance: bool) -> Option<Shows> {
+        let found = &self.verification;
+        let is_as_good = found.is_better && (has_tolerance || !found.is_worse);
+        match found.fit {
+            Fit::DoesNotFit => None,
+            Fit::SetFarOff => Some(Shows::SpeaksAgainst),
+            Fit::Fits if is_as_good => self.is_independent().then_some(Shows::Supports),
+            Fit::Fits => self.is_evidence.then_some(Shows::SpeaksAgainst),
+        }
+    }
+
     /// Whether the session is independent evidence for the robot as it is now.
     pub fn is_independent(&self) -> bool {
         self.verification.evidence == Evidence::IndependentSession && !self.is_outdated

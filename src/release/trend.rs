@@ -1,7 +1,9 @@
 //! Forecast of the next calibration: a straight line through the errors of the released parameter set over time.
 
 use crate::identification::statistics::distributions::t_half_width;
+use crate::wire::time::epoch_ms;
 use crate::wire::trend::Trend;
+use crate::wire::understood::Reading;
 use crate::wire::verification::{Fit, Verification, VerificationKind};
 use std::collections::BTreeSet;
 
@@ -32,12 +34,25 @@ pub struct ScoredSession {
 /// A job that scored the released set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoredJob {
-    /// Time at which it was posted, in milliseconds since a fixed moment.
-    pub created_at_ms: i64,
+    /// When its points were measured, as far as it is known ([`measured_at_ms`]); milliseconds since the epoch.
+    pub measured_at_ms: i64,
     /// Its measurement set.
     pub measurement_set_id: String,
     /// Its verification facts.
     pub verification: Verification,
+}
+
+/// When an upload was measured, as its record states it. It is shown, and the trend uses it; no gate does, because nobody checks it.
+pub fn stated_time(reading_json: Option<&str>) -> Option<String> {
+    let reading: Reading = serde_json::from_str(reading_json?).ok()?;
+    reading.record?.measured_at
+}
+
+/// The stated time of an upload, else the time at which it was stored; milliseconds since the epoch.
+pub fn measured_at_ms(reading_json: Option<&str>, uploaded_at_ms: i64) -> i64 {
+    let stated = stated_time(reading_json);
+    let stated_ms = stated.and_then(|time| epoch_ms(&time));
+    stated_ms.unwrap_or(uploaded_at_ms)
 }
 
 /// Whether a released set can have a trend after this number of later sessions. Its own held-out points count as one more session.
@@ -46,8 +61,8 @@ pub fn may_have_trend(n_later_sessions: i64) -> bool {
 }
 
 /// The errors of the released set on its own held-out points and on later sessions; the newest `MAX_SESSIONS` if there are more. `own_uploads` are
-/// the uploads with which the set was identified and verified. Each upload counts once, with its first score, which is nearest to the time of
-/// measurement. Points that do not fit the robot do not count.
+/// the uploads with which the set was identified and verified. Each upload counts once, with its first score. Points that do not fit the robot do not
+/// count.
 pub fn scored_sessions(jobs: &[ScoredJob], own_uploads: &[String]) -> Vec<ScoredSession> {
     let mut uploads: BTreeSet<&str> = own_uploads.iter().map(String::as_str).collect();
     let mut scored = Vec::new();
@@ -59,10 +74,11 @@ pub fn scored_sessions(jobs: &[ScoredJob], own_uploads: &[String]) -> Vec<Scored
         let counts = found.fit != Fit::DoesNotFit && found.n_points > 0;
         let rms_mm = found.after_rms_mm.filter(|_| counts);
         scored.extend(rms_mm.map(|rms_mm| ScoredSession {
-            day: job.created_at_ms as f64 / DAY_MS,
+            day: job.measured_at_ms as f64 / DAY_MS,
             rms_mm,
         }));
     }
+    scored.sort_by(|a, b| a.day.total_cmp(&b.day));
     let newest = scored.len().saturating_sub(MAX_SESSIONS);
     scored.split_off(newest)
 }

@@ -1,7 +1,8 @@
 //! Text and tables of the page.
 
 use super::Sources;
-use super::text::{error, evidence, number, signed, time, unit};
+use super::sessions::evidence;
+use super::text::{error, number, signed, time, unit};
 use crate::release::{headline, unusable_because};
 use crate::report_page::words;
 use crate::wire::measurement::{Frame, Warning};
@@ -95,7 +96,7 @@ pub fn facts(sources: &Sources<'_>) -> Markup {
                 (fact("Method", &format!("{}: {}", words::method(report.method.as_str()), report.method_reason)))
             }
             @if seen.n_parameters > 0 { (fact("Model", &model(report))) }
-            (fact("Evidence", &evidence(report)))
+            (fact("Evidence", &evidence(sources)))
             @if let Some(tool) = report.tool_uncertainty_mm {
                 (fact("Uncertainty of the tool", &format!("{} mm on average, {} mm at worst over the workspace (one standard deviation); by the links alone, not of predictions with corrections", number(tool.mean), number(tool.max))))
             }

@@ -2,6 +2,7 @@
 
 use super::sources::{ScoredSession, Sources};
 use super::text::{error, number, time};
+use crate::release::{Shows, why_no_evidence, why_same_upload};
 use crate::wire::report_shape::Evidence;
 use crate::wire::verification::Fit;
 use maud::{Markup, html};
@@ -13,9 +14,9 @@ pub fn sessions(sources: &Sources<'_>) -> Markup {
         @if !sessions.is_empty() {
             section {
                 h2 { "Verified on other sessions" }
-                p.note { "The set was scored on points that were measured at another time. No link parameter was fitted to them; errors are rms, mm." }
+                p.note { "The set was scored on points that were measured at another time, which is that of their upload where it does not state one. No link parameter was fitted to them; errors are rms, mm." }
                 table {
-                    thead { tr { th { "Scored" } th { "Job" } th.n { "Points" } th.n { "Nominal robot" } th.n { "This set" } th { "What it shows" } } }
+                    thead { tr { th { "Measured" } th { "Job" } th.n { "Points" } th.n { "Nominal robot" } th.n { "This set" } th { "What it shows" } } }
                     tbody { @for session in sessions { (row(session)) } }
                 }
             }
@@ -56,8 +57,44 @@ pub fn fitted_together(sources: &Sources<'_>) -> Markup {
     }
 }
 
-fn row(session: &ScoredSession) -> Markup {
-    let found = &session.found;
+/// Strength of the verification now, with the reason. The newest session that says something about the set decides, else the identification.
+pub fn evidence(sources: &Sources<'_>) -> String {
+    let report = sources.report;
+    let verified = sources.sessions.iter().find_map(|scored| {
+        let shows = scored.session.shows(sources.tolerance_mm.is_some())?;
+        Some((scored, shows))
+    });
+    let of_session = verified.map(|(scored, shows)| {
+        let found = &scored.session.verification;
+        let rms = found.after_rms_mm.map_or("–".into(), error);
+        let (at, job) = (time(&scored.measured_at), &scored.session.job_id);
+        (
+            shows,
+            format!(
+                "session of {at} (job {job}): {rms} mm rms on {} points",
+                found.n_points
+            ),
+        )
+    });
+    match of_session {
+        Some((Shows::Supports, session)) => {
+            format!("independent session, measured after the identification: {session}")
+        }
+        Some((Shows::SpeaksAgainst, session)) => {
+            format!("a later session speaks against these parameters: {session}")
+        }
+        None => match report.evidence {
+            Evidence::None => format!("none: {}", why_no_evidence(report)),
+            Evidence::SameUpload => format!("same upload: {}", why_same_upload(report)),
+            Evidence::IndependentSession => {
+                "independent session: checked on points of another measuring session".into()
+            }
+        },
+    }
+}
+
+fn row(scored: &ScoredSession) -> Markup {
+    let found = &scored.session.verification;
     let mm = |rms_mm: Option<f64>| rms_mm.map_or("–".into(), error);
     let interval = found
         .after_expanded_mm
@@ -67,13 +104,16 @@ fn row(session: &ScoredSession) -> Markup {
         (Fit::SetFarOff, _) => "the set is far off: the robot has changed, or the set is wrong",
         (Fit::Fits, _) if !found.is_better => "no better than the nominal robot",
         (Fit::Fits, _) if found.is_worse => "several times worse than at the identification",
+        (Fit::Fits, Evidence::IndependentSession) if scored.session.is_outdated => {
+            "no evidence for today: older than what showed last that the robot may have changed"
+        }
         (Fit::Fits, Evidence::IndependentSession) => "the set holds: independent session",
         (Fit::Fits, Evidence::SameUpload) => "limited evidence: its job says why",
         (Fit::Fits, Evidence::None) => "no evidence: its job says why",
     };
     html! {
         tr {
-            td { (time(&session.scored_at)) } td { (session.job_id) } td.n { (found.n_points) }
+            td { (time(&scored.measured_at)) } td { (scored.session.job_id) } td.n { (found.n_points) }
             td.n { (mm(found.before_rms_mm)) } td.n { (mm(found.after_rms_mm)) (interval) } td { (shows) }
         }
     }

@@ -1,5 +1,6 @@
 //! Inputs of the page.
 
+use crate::release::Session;
 use crate::wire::instrument::InstrumentBody;
 use crate::wire::job_answer::JobAnswer;
 use crate::wire::measurement::{Frame, SetSummary};
@@ -7,7 +8,6 @@ use crate::wire::parameter_set::ParameterSetAnswer;
 use crate::wire::report_shape::{Convergence, Report};
 use crate::wire::robot::RobotBody;
 use crate::wire::session_record::SessionRecord;
-use crate::wire::verification::Verification;
 
 /// The measurement set.
 #[derive(Clone, Copy, Debug)]
@@ -45,12 +45,10 @@ impl<'a> From<&'a SetSummary> for MeasuredSet<'a> {
 /// A session that was scored with the identified parameter set.
 #[derive(Clone, Debug)]
 pub struct ScoredSession {
-    /// The job that scored it.
-    pub job_id: String,
-    /// When that job was posted, RFC 3339.
-    pub scored_at: String,
-    /// What it found.
-    pub found: Verification,
+    /// When it was measured, as its upload states, else when it was uploaded: RFC 3339.
+    pub measured_at: String,
+    /// The job that scored it, and what that found.
+    pub session: Session,
 }
 
 /// Inputs of the page.

@@ -1,8 +1,5 @@
 //! Formats numbers and names for the page.
 
-use crate::release::{why_no_evidence, why_same_upload};
-use crate::wire::report_shape::{Evidence, Report};
-
 /// Smallest error that is printed as a number, mm. No instrument resolves a tenth of a micrometre.
 pub const SMALLEST_MM: f64 = 1e-4;
 
@@ -82,17 +79,6 @@ pub fn unit(unit: &str) -> &str {
 pub fn time(rfc3339: &str) -> String {
     let (day, clock) = rfc3339.split_once('T').unwrap_or((rfc3339, ""));
     format!("{day} {} UTC", clock.get(..8).unwrap_or(clock))
-}
-
-/// Strength of the verification, with the reason.
-pub fn evidence(report: &Report) -> String {
-    match report.evidence {
-        Evidence::None => format!("none: {}", why_no_evidence(report)),
-        Evidence::SameUpload => format!("same upload: {}", why_same_upload(report)),
-        Evidence::IndependentSession => {
-            "independent session: checked on points of another measuring session".into()
-        }
-    }
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ pub const TABLES: &[&str] = &[
     "archived",
     "idempotency",
     "api_key",
+    "browser_session",
     "audit",
     "audit_head",
 ];

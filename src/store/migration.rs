@@ -49,6 +49,7 @@ const MIGRATIONS: &[(i64, &str, &str, &str)] = &[
     step!(20, "0020", "sessions"),
     step!(21, "0021", "job_sources"),
     step!(22, "0022", "age_and_references"),
+    step!(23, "0023", "browser_sessions"),
 ];
 
 /// No timeouts while a node migrates the schema, because the node may have to wait for another node that runs the same migration.

@@ -38,6 +38,7 @@ pub mod verify;
 // Robots, keys and what is measured.
 pub mod api_keys;
 pub mod archive;
+pub mod browser_sessions;
 pub mod frames;
 pub mod known_uploads;
 pub mod measurement_sets;
@@ -115,6 +116,7 @@ pub fn all_queries(engine: Engine) -> Vec<String> {
         audit_chain::ALL_QUERIES,
         api_keys::ALL_QUERIES,
         archive::ALL_QUERIES,
+        browser_sessions::ALL_QUERIES,
         named_documents::ALL_QUERIES,
         estimates::ALL_QUERIES,
         frames::ALL_QUERIES,

@@ -47,6 +47,7 @@ row! {
         pub newest_has_other_joint_map: bool,
         pub session_job_id: Option<String>,
         pub session_created_at_ms: Option<i64>,
+        pub session_reading_json: Option<String>,
         pub session_rms_mm: Option<f64>,
         pub session_expanded_mm: Option<f64>,
         pub session_fit: Option<Fit>,
@@ -82,6 +83,7 @@ const LIST: &str = concat!(
             where k.job_id = n.job_id and v.robot_id = n.robot_id), 1) = r.joint_map_version
             then cast(0 as bigint) else cast(1 as bigint) end as newest_has_other_joint_map,
         s.job_id as session_job_id, sj.created_at_ms as session_created_at_ms, s.after_rms_mm as session_rms_mm,
+        sm.reading_json as session_reading_json,
         s.after_expanded_mm as session_expanded_mm, s.fit as session_fit, s.before_rms_mm as session_before_rms_mm,
         case when s.is_better = 0 and s.evidence <> 'none' then cast(0 as bigint) else cast(1 as bigint) end as session_is_better,
         coalesce(s.is_worse, 0) as session_is_worse,
@@ -98,6 +100,7 @@ const LIST: &str = concat!(
     left join verification s on s.job_id = (select w.job_id from verification w where w.parameter_set_id = a.id and w.kind = 'session'
         and w.fit <> 'does_not_fit' order by w.seq desc limit 1)
     left join job sj on sj.id = s.job_id
+    left join measurement_set sm on sm.id = sj.measurement_set_id
     left join job j on j.id = (select k.id from job k where k.robot_id = r.id
         and not exists (select 1 from archived x where x.id = k.id) order by k.created_at_ms desc, k.id desc limit 1)
     where replace($1, r.id, '') <> $1"

@@ -75,6 +75,19 @@ impl VerificationRow {
 }
 
 row! {
+    /// An upload whose points a job scored with a parameter set.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct ScoredUpload {
+        /// The job.
+        pub job_id: String,
+        /// When the upload was stored.
+        pub uploaded_at_ms: i64,
+        /// How its bytes were interpreted (`wire::understood::Reading`).
+        pub reading_json: Option<String>,
+    }
+}
+
+row! {
     /// A later session on which this parameter set was not scored: another set was identified from it or scored on it.
     #[derive(Clone, Debug, PartialEq)]
     pub struct LaterSession {
@@ -155,6 +168,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     INSERT,
     OF_JOB,
     OF_SET,
+    SCORED_UPLOADS,
     OF_NEWEST_SETS,
     COUNT,
     LATER_SESSIONS,
@@ -181,6 +195,12 @@ const INSERT: &str = "
 const OF_JOB: &str = concat!(rows!(), " where v.job_id = $1");
 
 const OF_SET: &str = concat!(rows!(), " where v.parameter_set_id = $1 order by v.seq");
+
+const SCORED_UPLOADS: &str = "
+    select v.job_id as job_id, m.created_at_ms as uploaded_at_ms, m.reading_json as reading_json
+    from verification v join job j on j.id = v.job_id join job_upload o on o.job_id = j.id
+        join measurement_set m on m.id = coalesce(j.verify_set_id, o.measurement_set_id)
+    where v.parameter_set_id = $1";
 
 // $1 is a comma-separated list of robot ids, at most one page.
 const OF_NEWEST_SETS: &str = concat!(
@@ -298,6 +318,14 @@ pub async fn of_job(store: &Store, job_id: &str) -> Result<Option<VerificationRo
 /// All facts of a parameter set, its identification and every session, in order.
 pub async fn of_set(store: &Store, parameter_set_id: &str) -> Result<Vec<VerificationRow>> {
     Ok(sqlx::query_as(OF_SET)
+        .bind(parameter_set_id)
+        .fetch_all(store.readers())
+        .await?)
+}
+
+/// The uploads whose points the jobs of a parameter set scored; of an identification those that its held-out points are from.
+pub async fn scored_uploads(store: &Store, parameter_set_id: &str) -> Result<Vec<ScoredUpload>> {
+    Ok(sqlx::query_as(SCORED_UPLOADS)
         .bind(parameter_set_id)
         .fetch_all(store.readers())
         .await?)

@@ -81,6 +81,9 @@ pub struct SessionOverview {
     pub job_id: String,
     /// RFC 3339, UTC.
     pub created_at: String,
+    /// When the session was measured, if its upload states it: RFC 3339, UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_at: Option<String>,
     /// rms error of the released set, mm; null if it is not known.
     #[schema(required)]
     pub rms_mm: Option<f64>,

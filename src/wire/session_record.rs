@@ -1,4 +1,5 @@
-//! When, by whom and with what a session was measured: facts for quality records. Nothing is computed from them.
+//! When, by whom and with what a session was measured: facts for quality records. The trend of a robot uses the time; no gate and no evidence rests
+//! on it, because nobody checks it.
 
 use crate::measurement::MeasurementSet;
 use crate::wire::issue::{Checker, Invalid};

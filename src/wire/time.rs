@@ -40,10 +40,15 @@ pub fn is_rfc3339(text: &str) -> bool {
     head.iter().zip(SHAPE).all(fits) && is_zone && text.parse::<jiff::Timestamp>().is_ok()
 }
 
+/// Milliseconds since the epoch; `None` if the text is no time in RFC 3339 format.
+pub fn epoch_ms(text: &str) -> Option<i64> {
+    let time = is_rfc3339(text).then(|| text.parse::<jiff::Timestamp>().ok())??;
+    Some(time.as_millisecond())
+}
+
 /// The same time in UTC, as [`rfc3339`] writes it; `None` if the text is no time in RFC 3339 format.
 pub fn in_utc(text: &str) -> Option<String> {
-    let time = is_rfc3339(text).then(|| text.parse::<jiff::Timestamp>().ok())??;
-    Some(rfc3339(time.as_millisecond()))
+    epoch_ms(text).map(rfc3339)
 }
 
 #[cfg(test)]

@@ -171,13 +171,13 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
         );
         browser.assert_quiet(&[]).await;
 
-        // As if the key had been revoked meanwhile.
+        // As if the session had ended meanwhile.
         browser
             .set_cookie("kincal_session", "kincal_0000", "/v1")
             .await;
         browser.button("Download").await.click().await.unwrap();
         browser
-            .until_it_says("Nothing was downloaded: this key is not known or was revoked")
+            .until_it_says("Nothing was downloaded: the session of this browser has ended")
             .await;
         browser.assert_quiet(&[401]).await;
     });

@@ -250,6 +250,10 @@ async fn no_dangerous_upload_is_released_under_the_strict_policy_and_a_clean_one
         .await
         .problem(409, "release_refused");
     assert_eq!(failed(&alone), ["second_person"]);
+    assert_eq!(
+        alone["errors"][0]["detail"],
+        "uploaded by test, released by test: somebody else has to release it, with a key of scope `release` that uploaded nothing of it"
+    );
     users
         .engineer
         .post(&format!("{set}/release"), &why)

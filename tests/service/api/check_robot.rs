@@ -213,12 +213,13 @@ async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
     let set = upload(&app, &robot, &shifted).await;
     let (_, report) = scored(&app, &robot, &set, &parameter_set).await;
     assert!(codes(&report).contains(&"set_far_off"), "{report}");
+    let mut newest = String::new();
     // A later good session does not cancel this one.
     for left_out in 0..2 {
         let mut good = fresh.clone();
         good.remove(left_out);
         let good = upload(&app, &robot, &with_noise(&good, 0.03, &mut random)).await;
-        scored(&app, &robot, &good, &parameter_set).await;
+        newest = scored(&app, &robot, &good, &parameter_set).await.0;
         let (failed, _) = failed_gates(&app, &parameter_set).await;
         assert_eq!(failed, ["sessions_fit"]);
     }
@@ -242,6 +243,15 @@ async fn a_session_that_the_set_missed_by_far_stays_until_somebody_says_why() {
     assert_eq!(
         page.matches("the set holds: independent session").count(),
         2
+    );
+    // Its evidence is that of the newest of them, no longer that of its own upload.
+    assert!(!page.contains("a wrong tool, base or scale would not show"));
+    let newest = format!("(job {newest})");
+    let evidence = page.split("<dt>Evidence</dt>").nth(1).unwrap();
+    let evidence = evidence.split("</dd>").next().unwrap();
+    assert!(
+        evidence.contains("independent session") && evidence.contains(&newest),
+        "{evidence}"
     );
 }
 

@@ -1,4 +1,6 @@
+use crate::api::sessions::{csv, rows, scored, with_noise};
 use crate::app::{TestApp, text};
+use crate::simulation::Normal;
 use serde_json::json;
 
 #[tokio::test]
@@ -111,6 +113,40 @@ async fn history_tells_what_moved_and_comparison_where_the_tool_did() {
     assert!(
         text(&trend["detail"]).starts_with("not enough data: 1 session;"),
         "{trend}"
+    );
+}
+
+#[tokio::test]
+async fn the_trend_stands_at_the_times_of_measurement_not_of_the_uploads() {
+    let app = TestApp::with_workers(1).await;
+    let robot = app.paper_robot().await;
+    let mut random = Normal::new(61);
+    let mut session = async |name: &str, day: u32| {
+        let csv = csv(&with_noise(&rows(name), 0.03, &mut random));
+        let query = format!("frame=base&measured_at=2026-03-{day:02}T08:00:00Z");
+        app.upload_csv(&robot, &query, csv).await["id"].clone()
+    };
+    let request =
+        json!({"measurement_set_id": session("first.csv", 1).await, "method": "least_squares"});
+    let job = app.run(&robot, &request).await;
+    let set = job["parameter_set_id"].clone();
+    app.post_json(
+        &format!("/v1/parameter-sets/{}/release", text(&set)),
+        &json!({"reason": "first"}),
+    )
+    .await
+    .ok(200);
+    for day in [6, 11, 16, 25] {
+        let upload = session("followup_unchanged.csv", day).await;
+        scored(&app, &robot, text(&upload), &set).await;
+    }
+    let trend = app.get(&format!("{robot}/history")).await.ok(200)["trend"].clone();
+    assert_eq!(trend["n_sessions"], 5, "{trend}");
+    assert!(trend["rms_mm_per_day"].is_number(), "{trend}");
+    let overview = app.get("/v1/overview").await.ok(200);
+    assert_eq!(
+        overview["items"][0]["session"]["measured_at"],
+        "2026-03-25T08:00:00.000Z"
     );
 }
 

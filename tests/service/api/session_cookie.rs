@@ -1,6 +1,6 @@
 //! The cookie of a signed-in browser: made from a key, read by no script, of no use to pages of other origins, ended by sign-out and revocation.
 
-use crate::app::{Answer, TestApp, paper};
+use crate::app::{Answer, TestApp, paper, text};
 use crate::people::{guarded, key, revoke, with_key};
 use reqwest::Method;
 
@@ -123,6 +123,15 @@ async fn sign_out_and_revocation_end_the_session() {
     let (app, _dir) = guarded(0).await;
     let (reader, id) = key(&app, &["read"], None).await;
     let set = sign_in(&app, &reader, None).await;
+    let replaced = sign_in(&app, &reader, None).await;
+    assert!(
+        !set.contains(&reader) && pair(&set) != pair(&replaced),
+        "a random token"
+    );
+    // A sign-out that another origin asks for does nothing.
+    ask(&app, Method::DELETE, "/v1/session", pair(&set), &[])
+        .await
+        .problem(403, "forbidden");
     let out = ask(
         &app,
         Method::DELETE,
@@ -137,13 +146,25 @@ async fn sign_out_and_revocation_end_the_session() {
         cleared.starts_with("kincal_session=;") && cleared.contains("; Max-Age=0"),
         "{cleared}"
     );
-    // A sign-out that another origin asks for does nothing.
-    ask(&app, Method::DELETE, "/v1/session", pair(&set), &[])
+    let read = async |set: &str| ask(&app, Method::GET, "/v1/robots", pair(set), &[]).await;
+    let ended = read(&set).await.problem(401, "unauthorized");
+    assert!(text(&ended["detail"]).contains("sign in again"), "{ended}");
+    assert_eq!(read(&replaced).await.status, 200, "another browser");
+    // Signing in anew ends the session that this browser had.
+    let again = app
+        .request(Method::PUT, "/v1/session")
+        .bearer_auth(&reader)
+        .header("cookie", pair(&replaced));
+    let again = Answer::of(again)
         .await
-        .problem(403, "forbidden");
+        .header("set-cookie")
+        .unwrap()
+        .to_owned();
+    read(&replaced).await.problem(401, "unauthorized");
+    assert_eq!(read(&again).await.status, 200);
 
     revoke(&app, &id).await;
-    let refused = ask(&app, Method::GET, "/v1/robots", pair(&set), &[]).await;
+    let refused = read(&again).await;
     refused.problem(401, "unauthorized");
     assert!(
         refused
@@ -170,6 +191,8 @@ async fn a_header_counts_before_the_cookie_and_nonsense_is_no_session() {
         "kincal_session",
         "kincal_session=",
         "kincal_session=kincal_0",
+        // the key itself is no session
+        &format!("kincal_session={reader}"),
         ";;;",
     ] {
         ask(&app, Method::GET, "/v1/robots", nonsense, &[])

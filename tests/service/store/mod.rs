@@ -2,6 +2,7 @@
 
 mod audit;
 mod audited_fields;
+mod browser_sessions;
 mod idempotency;
 mod job_sessions;
 mod opening;
