@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { el, fill, gateItems, linked, problem } from "./dom.js";
 import { gateDetail, gateTitle, mm } from "./format.js";
-import { leftOut } from "./residuals.js";
+import { leftOut } from "./leave_out.js";
 import { MATTERS, NO_USE, REMEDIES, WARNINGS } from "./words.js";
 
 /** The code of the warning that makes a result useless; undefined if it is of use. */

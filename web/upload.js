@@ -130,7 +130,7 @@ function single(file) {
 }
 
 /** Two files in a form; their bytes stay as they are. */
-function pair(robotFile, instrumentFile) {
+export function pair(robotFile, instrumentFile) {
   const boundary = `kincal-${Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("")}`;
   const head = (part) => `--${boundary}\r\nContent-Disposition: form-data; name="${part}"\r\n\r\n`;
   const body = new Blob([head("robot"), robotFile, "\r\n", head("instrument"), instrumentFile, `\r\n--${boundary}--\r\n`]);

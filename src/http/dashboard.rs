@@ -58,6 +58,7 @@ const ASSETS: &[Asset] = assets! {
     "job_options.js": JAVASCRIPT,
     "jobs.js": JAVASCRIPT,
     "kinematics.js": JAVASCRIPT,
+    "leave_out.js": JAVASCRIPT,
     "manage.js": JAVASCRIPT,
     "new_robot.js": JAVASCRIPT,
     "next.js": JAVASCRIPT,
