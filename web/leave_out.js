@@ -2,6 +2,7 @@
 // that both files are kept and nothing is hidden.
 
 import { blob, get, post } from "./api.js";
+import { BY_LINES, isPlain, mappingOf } from "./columns.js";
 import { el, fill, problem, say } from "./dom.js";
 import { linesOfPoints, partsOf } from "./rows.js";
 import { nPoints, placeOf } from "./sessions.js";
@@ -55,9 +56,6 @@ async function withoutThem({ sets, points, robot, excluded, reason }) {
   return ids;
 }
 
-/** Encodings of files from which a line can be taken here. */
-const BY_LINES = ["utf-8", "windows-1252"];
-
 /** What to do where a row cannot be taken out of the file of a set here; false where it can. */
 function byHand({ joined, understood }) {
   const table = joined?.instrument ?? understood;
@@ -110,21 +108,10 @@ async function uploadWithout(robot, set, rows, name) {
   }
   const parts = partsOf(new Uint8Array(await file.arrayBuffer()), set);
   const lines = linesOfPoints(parts, robot.links.length, set);
-  if (!set.joined) return send(bytesOf(withoutLines(parts.table, rows, lines?.table)), "text/csv", mappingOf(set.understood));
+  if (!set.joined) return send(bytesOf(withoutLines(parts.table, rows, lines?.table)), "text/csv", isPlain(set.understood) ? undefined : mappingOf(set.understood));
   const { by, clock_offset_s, tolerance_s } = set.joined.join;
   const both = pair(bytesOf(by === "order" ? withoutLines(parts.robot, rows, lines?.robot) : parts.robot), bytesOf(withoutLines(parts.instrument, rows, lines?.instrument)));
-  return send(both.body, both.type, { robot: mappingOf(set.joined.robot) ?? {}, instrument: mappingOf(set.joined.instrument) ?? {}, join: { by, clock_offset_s, tolerance_s } });
-}
-
-/** How a file was understood, so that it is understood so again: the mapping for columns of other names and for decimal commas. */
-function mappingOf(understood) {
-  if (!understood || understood.encoding === "robot program") return undefined;
-  const unit = ({ means, unit: its }) => (its ? `${means}_${its}` : means);
-  const isPlain = understood.columns.every((column) => column.column === unit(column)) && understood.separator === "," && understood.decimal === "point";
-  if (isPlain) return undefined;
-  const isTable = BY_LINES.includes(understood.encoding);
-  return { ...Object.fromEntries(understood.columns.map((column) => [unit(column), column.number])), ...understood.ignored.length > 0 ? { ignore: understood.ignored } : {},
-    ...isTable ? { separator: understood.separator, decimal: understood.decimal } : { sheet: understood.sheet }, ...understood.header_row === null ? { header_row: false } : {} };
+  return send(both.body, both.type, { robot: mappingOf(set.joined.robot), instrument: mappingOf(set.joined.instrument), join: { by, clock_offset_s, tolerance_s } });
 }
 
 const bytesOf = (binary) => Uint8Array.from(binary, (char) => char.charCodeAt(0));

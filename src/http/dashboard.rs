@@ -66,6 +66,7 @@ const ASSETS: &[Asset] = assets! {
     "points.js": JAVASCRIPT,
     "poses.js": JAVASCRIPT,
     "references.js": JAVASCRIPT,
+    "remedies.js": JAVASCRIPT,
     "residuals.js": JAVASCRIPT,
     "result.js": JAVASCRIPT,
     "result_points.js": JAVASCRIPT,
