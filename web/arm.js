@@ -10,8 +10,8 @@ import { arm, ground } from "./solids.js";
 const MAX_DRAWN = 2000;
 /** The longest arrow, as a share of the scene. */
 const LONGEST = 0.13;
-/** Share of the points whose errors are within the scale; the few above it have its last colour. */
-const WITHIN = 0.98;
+/** The scale ends at this quantile of the errors, or at so many times their median where a few are far off; what is above it has its last colour. */
+const [WITHIN, MEDIANS] = [0.98, 5];
 const LEVELS = ["--level-1", "--level-2", "--level-3", "--level-4", "--level-5"];
 const GRAVITY = { floor: [0, 0, -1], wall: [1, 0, 0], ceiling: [0, 0, 1] };
 
@@ -45,9 +45,9 @@ function upright({ mounting }) {
 
 /**
  * The picture. `points` have a position in the base frame, and where they were compared vectors and errors by stage. `stages` are
- * [name, words]; `said` begins the sentence about the arrows, null where there are none; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
+ * [name, words]; `shows` is what appears of a point that is picked; `said` begins the sentence about the arrows, null where there are none; `targets` are points of the flange frame; `postures(i)` are the joint values of a point, or null where they are not known.
  */
-export function armFigure({ title, level = "h3", caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, describe, actions }) {
+export function armFigure({ title, level = "h3", caption, robot, points, stages = [], targets = [], selected, postures = () => null, rest = () => restOf(robot), boxes = [], said, shows = "its row, its joints and its residual", describe, actions }) {
   const reach = reachOf(robot);
   const up = upright(robot);
   const lift = (some) => some.map((p) => (p.position ? apply(up, p.position) : null));
@@ -81,7 +81,7 @@ export function armFigure({ title, level = "h3", caption, robot, points, stages 
     }
     // the picture has the whole width while there is nothing to say beside it
     cell.classList.toggle("whole", selected.index === null);
-    fill(panel, selected.index === null ? hint(points.length) : [describe(selected.index), actions?.(selected.index)]);
+    fill(panel, selected.index === null ? hint(points.length, shows) : [describe(selected.index), actions?.(selected.index)]);
     scene.redraw();
   };
   selected.listen(refresh);
@@ -125,7 +125,7 @@ function stageChoice(stages, state, changed) {
   return el("fieldset.toggles", {}, el("legend", {}, "Errors"), radios, own);
 }
 
-const hint = (n) => [el("p.note", {}, n > 0 ? "Click, tap or press N to pick a point: its row, its joints and its residual appear here, and the arm takes its posture." : "Drag to turn the arm."),
+const hint = (n, shows) => [el("p.note", {}, n > 0 ? `Click, tap or press N to pick a point: ${shows} appear here, and the arm takes its posture.` : "Drag to turn the arm."),
   el("p.note.by-mouse", {}, "Drag or arrow keys: turn. Shift and drag: move. + and \u2212, or the wheel once the picture has the focus: zoom."), el("p.note.by-touch", {}, "One finger: turn. Two fingers: zoom and move.")];
 
 /** Postures whose joints are within the first picture. */
@@ -167,7 +167,7 @@ function scaleOf(points, placed, stages, state, size) {
   const drawn = share === 1 ? placed : thinned(points, placed, share, state.stage);
   const first = state.own ? state.stage : stages[0]?.[0];
   const errors = state.stage ? points.map((p) => p.errors?.[first]) : [];
-  const longest = Math.max(quantile(errors, WITHIN), SMALLEST_MM);
+  const longest = Math.max(Math.min(quantile(errors, WITHIN), MEDIANS * quantile(errors, 0.5) || Infinity), SMALLEST_MM);
   const raw = (LONGEST * size) / longest;
   const base = 10 ** Math.floor(Math.log10(raw));
   return { drawn, share, top: longest, factor: Math.max(1, base * ([5, 2, 1].find((m) => m * base <= raw) ?? 1)) };

@@ -53,6 +53,22 @@ function soFar(file, said) {
   return found;
 }
 
+/** Encodings of tables that have lines. */
+export const BY_LINES = ["utf-8", "windows-1252"];
+
+const meaningOf = ({ means, unit }) => (unit ? `${means}_${unit}` : means);
+
+/** A mapping that reads a file as it was understood, or with its columns changed by `change`. */
+export function mappingOf(understood, change = (column) => column) {
+  if (!understood || understood.encoding === "robot program") return {};
+  const isTable = BY_LINES.includes(understood.encoding);
+  return { ...Object.fromEntries(understood.columns.map((column) => [meaningOf(change(column)), column.number])), ...understood.ignored.length > 0 ? { ignore: understood.ignored } : {},
+    ...isTable ? { separator: understood.separator, decimal: understood.decimal } : { sheet: understood.sheet }, ...understood.header_row === null ? { header_row: false } : {} };
+}
+
+/** Whether a file has the names and the separator of the documentation, and needs no mapping. */
+export const isPlain = (understood) => !understood || (understood.columns.every((column) => column.column === meaningOf(column)) && understood.separator === "," && understood.decimal === "point");
+
 /** Shows the files with a choice above each column; `read` is called with the mapping that was chosen. Rejects if the files cannot be shown. */
 export async function askColumns(robot, { body, type, stated: choices = {} }, decimal, out, read) {
   const stated = new URLSearchParams({ ...Object.keys(choices).length > 0 ? { columns: JSON.stringify(choices) } : {}, ...decimal ? { decimal } : {} });

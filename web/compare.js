@@ -55,12 +55,16 @@ function changes(changed, isOwnFrame) {
     el("div.narrow", {}, table("The first set minus the second, mm or °.", [["Parameter", (c) => parameter(c.name)], ["Change", (c) => signed(c.delta, 5), "n"], ["In units of its uncertainty", (c) => number(c.sigmas), "n"]], others, "Nothing else beyond chance.")));
 }
 
+/** A smaller difference is rounding, mm. */
+const EQUAL_MM = 0.001;
+
 function drawn(robot, found, isOwnFrame) {
+  if (found.max_mm < EQUAL_MM) return [facts([["Difference at the tool", "none", "less than a micrometre at every configuration that was tried"]]), found.sessions?.changed?.length > 0 && changes(found.sessions.changed, isOwnFrame)];
   const length = (v) => Math.hypot(...v);
   const points = found.map.map((p) => ({ position: p.position_mm, vectors: { difference: p.difference_mm }, errors: { difference: length(p.difference_mm) }, target: 0 }));
   const selected = selection(points.length);
   const cell = armFigure({ title: "Where they differ", level: "h2", caption: "The tool at configurations over the workspace.", robot, points, stages: [["difference", "difference"]], selected, postures: (i) => found.map[i].q_deg,
-    said: "Each arrow goes from where the second set has the tool to where the first one has it,",
+    shows: "its joints and the difference there", said: "Each arrow goes from where the second set has the tool to where the first one has it,",
     describe: (i) => pointFacts(`Configuration ${i + 1}`, [["Difference", mm(points[i].errors.difference)], ["x, y, z, mm", found.map[i].difference_mm.map((v) => fixed(v, 3)).join(", ")], jointFacts(found.map[i].q_deg)]),
     actions: () => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next")) });
   const { sessions } = found;

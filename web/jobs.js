@@ -21,7 +21,7 @@ export async function jobsPage({ main, signal, query, keep }) {
   const names = new Map(robots.map((r) => [r.robot_id, r.name]));
   const known = (name, values) => (values.includes(query.get(name)) ? query.get(name) : "");
   const state = { status: known("status", CHOICES.map(([value]) => value)), kind: known("kind", KINDS.map(([value]) => value)), robot: known("robot", [...names.keys()]), jobs: [], cursor: null, asked: 0 };
-  const [rows, more] = [el("div", {}), el("div.actions", {})];
+  const [rows, more] = [el("div.jobs", {}), el("div.actions", {})];
   const load = async (isMore) => {
     const turn = (state.asked += 1);
     keep({ status: state.status, kind: state.kind, robot: state.robot });

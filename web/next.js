@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { el, fill, gateItems, linked, problem } from "./dom.js";
 import { gateDetail, gateTitle, mm } from "./format.js";
-import { leftOut } from "./residuals.js";
+import { leftOut } from "./leave_out.js";
 import { MATTERS, NO_USE, REMEDIES, WARNINGS } from "./words.js";
 
 /** The code of the warning that makes a result useless; undefined if it is of use. */
@@ -41,11 +41,13 @@ export function nextSteps({ report, job, robot, set, parameterSet, verified, out
     const evidence = gates?.evidence ?? (later?.against ? undefined : later?.report.evidence) ?? report.evidence;
     const isOpen = ["candidate", "superseded"].includes(parameterSet.status);
     const against = isOpen ? hindrances(report, gates) : [];
-    const isStray = isOpen && outliers.rows.length > 0;
+    // once another session supports the set, a reading that does not fit the others is a remark and no hindrance
+    const isSupported = evidence === "independent_session" && !later?.against;
+    const [isStray, remark] = outliers.rows.length === 0 || !isOpen ? [false, false] : [!isSupported, isSupported && strayRemark(report, outliers)];
     setAside(against.length > 0 || isStray, evidence === "independent_session");
     fill(way, path(report, evidence, parameterSet, isStray ? "outliers" : against[0]?.code));
     if (isStray) fill(words, lookFirst(report, outliers, gates, robot, parameterSet), gates && judged(gates));
-    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may, later), gates && isOpen && judged(gates, against[0], set));
+    else fill(words, against.length > 0 ? notYet(against[0], { job, robot, set, parameterSet, may }) : advice(report, evidence, robot, parameterSet, may, later), remark, gates && isOpen && judged(gates, against[0], set));
   };
   draw(null);
   // the gates know of verifications that were made since
@@ -120,10 +122,20 @@ function sentenceOf(detail) {
   return linked(`${text.charAt(0).toUpperCase()}${text.slice(1)}.`.replace(/([.?!])\.$/, "$1"));
 }
 
+/** The point that fits the others least. */
+const worstOf = ({ per_point: points }, rows) => rows.reduce((a, b) => (points[b].after_mm > points[a].after_mm ? b : a));
+
+/** Points that do not fit the others, of a set that another session supports. */
+function strayRemark(report, { rows, name, lookAt }) {
+  const worst = worstOf(report, rows);
+  const which = rows.length === 1 ? `${name(worst)} does not fit the others` : `${rows.length} points do not fit the others; the worst is ${name(worst)}`;
+  return el("p.note", {}, `${which.charAt(0).toUpperCase()}${which.slice(1)}, off by ${mm(report.per_point[worst].after_mm)}. The other session holds all the same. `, el("button.plain", { type: "button", click: lookAt }, rows.length === 1 ? "Look at it" : "Look at them"));
+}
+
 /** Points that do not fit the others come before everything else: what they mean is decided by who measured them. */
 function lookFirst(report, { rows, name, lookAt }, gates, robot, parameterSet) {
   const half = report.verify ?? report.identify;
-  const worst = rows.reduce((a, b) => (report.per_point[b].after_mm > report.per_point[a].after_mm ? b : a));
+  const worst = worstOf(report, rows);
   const one = rows.length === 1;
   const compared = gates?.gates.some(({ gate, passed, warning }) => gate === "improved_on_active" && (warning || !passed));
   return [el("p", {}, el("strong", {}, `${one ? `Look at ${name(worst)} first` : `Look at ${rows.length} points first`}: `, `${one ? "it is" : "the worst is"} off by ${mm(report.per_point[worst].after_mm)}${one ? "" : `, ${name(worst)}`}. `), `The mean error is ${mm(half.after.mean_mm)}. Was the reading bad, leave it out and calibrate again; was it right, verify with another session.`,
@@ -144,7 +156,7 @@ function wayOut({ code, detail = "" }, { job, robot, set, parameterSet, may }, o
   const plan = link("Plan the poses to measure", `${page}/plan`);
   const verify = link("Verify with another session", verifyPage(robot, parameterSet));
   const session = /job (job_\w+)/.exec(detail)?.[1];
-  const other = /measurement_set_id (set_\w+)/.exec(detail)?.[1];
+  const other = /\b(set_\w+)/.exec(detail)?.[1];
   const again = (text, changes) => may("identify") && startButton(text, { job, robot, set }, changes, out);
   const known = {
     not_converged: again("Calibrate again with the automatic method", { method: "auto", preset: "default", options: undefined }),

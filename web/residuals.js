@@ -1,10 +1,7 @@
-// The table of residuals: to sort, to filter, to download, and to calibrate again without some points. Only the rows in sight are elements, so
-// that 100,000 points stay usable.
+// The table of residuals: to sort, to filter and to download. Only the rows in sight are elements, so that 100,000 points stay usable.
 
-import { blob, get, post } from "./api.js";
-import { el, fill, problem, say } from "./dom.js";
+import { el, fill } from "./dom.js";
 import { error, fixed } from "./format.js";
-import { linesOfPoints } from "./rows.js";
 import { saveText } from "./save.js";
 
 /** Height of a row, px; the style sheet has the same. */
@@ -105,97 +102,4 @@ function download(points, name, label, { order, joints }) {
     return [quoted(name(i)), quoted(label(i)), p.target, p.subset, p.outlier ? 1 : 0, ...joints ? joints[i] ?? joints[0].map(() => "") : [], ...p.position_mm ?? ["", "", ""], ...vectors.flatMap((stage) => [p[`${stage}_mm`], ...p[`${stage}_vector_mm`] ?? ["", "", ""]])].join(",");
   });
   saveText(`${header.join(",")}\n${lines.join("\n")}\n`, "residuals.csv", "text/csv");
-}
-
-/**
- * Points to leave out, and the calibration without them: the file is uploaded once more without their rows, under a name that says which and
- * why, so that both files are kept and nothing is hidden.
- */
-export function leavingOut({ job, set, points, robot, may, name, changed }) {
-  if (job.kind !== "identify" || !may("identify") || !may("upload")) return null;
-  // rows of several sessions, of two files or of a workbook cannot be taken out here
-  if (job.request?.measurement_set_ids || set.joined || ["xlsx", "ods", "robot program"].includes(set.understood?.encoding)) return null;
-  const excluded = new Set();
-  const out = el("div", {});
-  const reason = el("input", { id: "exclude-reason", maxlength: 100, required: true });
-  const list = el("p", {});
-  const button = el("button.primary", { type: "submit" }, "Calibrate again without them");
-  const node = el("form.leave", { hidden: true, submit: async (event) => {
-    event.preventDefault();
-    button.disabled = true;
-    fill(out, el("p.quiet", {}, "Uploading the file without them …"));
-    try {
-      const rows = [...excluded].sort((a, b) => a - b);
-      const reduced = await uploadWithout(robot, set, rows, nameWithout(set, rows, points, reason.value));
-      const { request } = await get(`/v1/jobs/${job.id}`);
-      const next = await post(`/v1/robots/${robot.id}/jobs`, { ...request, measurement_set_id: reduced.id });
-      location.hash = `#/jobs/${next.id}`;
-    } catch (refused) {
-      fill(out, problem(refused));
-      button.disabled = false;
-    }
-  } }, list, el("label", { for: "exclude-reason" }, "Why they are left out; it is kept in the name of the new set"), reason, out, el("div.actions", {}, button));
-  const toggle = (i) => {
-    if (!excluded.delete(i)) excluded.add(i);
-    node.hidden = excluded.size === 0;
-    fill(list, el("strong", {}, excluded.size === 1 ? "One point is" : `${excluded.size} points are`), ` to be left out: ${[...excluded].slice(0, 12).map(name).join(", ")}${excluded.size > 12 ? " …" : ""}.`);
-    say(excluded.has(i) ? `${name(i)} will be left out` : `${name(i)} stays`);
-    changed();
-  };
-  return { excluded, node, toggle, may: (i) => i < set.n_points };
-}
-
-/** Longest name of a set. */
-const MAX_NAME = 200;
-
-/** The name of a set without some rows: which, how many of the points to verify were among them, and why. The reason stays whole, the rows may not. */
-function nameWithout(set, rows, points, reason) {
-  const own = points.slice(0, set.n_points).filter((p) => p.subset === "verify").length;
-  const left = rows.filter((i) => points[i].subset === "verify").length;
-  const half = left > 0 ? ` (${left} of ${own} verify points)` : "";
-  const before = set.name ?? set.id;
-  const named = (which) => `${before} without ${which}${half}: ${reason}`;
-  const whole = named(`${rows.length === 1 ? "row" : "rows"} ${rows.join(", ")}`);
-  if (whole.length <= MAX_NAME) return whole;
-  const short = named(`${rows.length} points`);
-  return short.length <= MAX_NAME ? short : `… ${short.slice(short.length - MAX_NAME + 2)}`;
-}
-
-/** How many points of a set were left out by hand, as its name says: {points, verify, of}; null if none were. */
-export function leftOut(set) {
-  const all = [...(set?.name ?? "").matchAll(/ without (?:rows? ([\d, ]+\d|\d)|(\d+) points)(?: \((\d+) of (\d+) verify points\))?:/g)];
-  if (all.length === 0) return null;
-  const sum = (values) => values.reduce((a, b) => a + b, 0);
-  const marked = all.filter(([, , , verify]) => verify !== undefined);
-  return { points: sum(all.map(([, rows, n]) => (rows ? rows.split(",").length : Number(n)))), verify: sum(marked.map(([, , , verify]) => Number(verify))), of: marked.length > 0 ? Number(marked[0][4]) : null };
-}
-
-async function uploadWithout(robot, set, rows, name) {
-  const file = await blob(`/v1/measurement-sets/${set.id}/points`);
-  const text = await file.text();
-  const isJson = file.type.startsWith("application/json");
-  const without = isJson ? JSON.stringify({ ...JSON.parse(text), points: JSON.parse(text).points.filter((_, i) => !rows.includes(i)) }) : withoutLines(text, rows, linesOfPoints(text, robot.links.length, set));
-  const query = new URLSearchParams({ frame: set.frame, ...mappingOf(set), name });
-  return post(`/v1/robots/${robot.id}/measurement-sets?${query}`, without, isJson ? "application/json" : "text/csv");
-}
-
-/** How the file was understood, so that it is understood so again: a query for columns of other names and for decimal commas. */
-function mappingOf({ understood }) {
-  if (!understood) return {};
-  const unit = ({ means, unit: its }) => (its ? `${means}_${its}` : means);
-  const isPlain = understood.columns.every((column) => column.column === unit(column)) && understood.separator === "," && understood.decimal === "point";
-  return isPlain ? {} : { columns: JSON.stringify({ ...Object.fromEntries(understood.columns.map((column) => [unit(column), column.number])), ...understood.header_row === null ? { header_row: false } : {} }) };
-}
-
-/** A table without some points, which stand on these lines; every other line stays as it is. */
-function withoutLines(text, left, lines) {
-  if (!lines) throw { title: "This file cannot be shortened here", detail: "Its rows are read in another way than this page reads them. Take the rows out of the file yourself, and upload it." };
-  const all = text.split(/\r\n|\n|\r/);
-  const gone = new Set();
-  for (const i of left) {
-    // a cell in quotes may go on over several lines
-    const end = text.includes("\"") ? lines[i + 1] ?? all.length + 1 : lines[i] + 1;
-    for (let line = lines[i]; line < end; line += 1) gone.add(line);
-  }
-  return `${all.filter((_, i) => !gone.has(i + 1)).join("\n").replace(/\n+$/, "")}\n`;
 }

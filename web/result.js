@@ -6,10 +6,10 @@ import { convergence, histogram, IDENTIFIED, interval, RECALIBRATED, VERIFIED } 
 import { el, fill, gateItems, problem, say, table, warning } from "./dom.js";
 import { capital, correctionTitle, error, EVIDENCE, fixed, method, mm, number, parameter, plain, sessionOf, signed, span, when } from "./format.js";
 import { best } from "./history.js";
+import { leftOut } from "./leave_out.js";
 import { decisions, statusBadge } from "./robot.js";
 import { facts } from "./robots.js";
 import { endedEarly, nextSteps, uselessBy } from "./next.js";
-import { leftOut } from "./residuals.js";
 import { resultPoints } from "./result_points.js";
 import { saveButton } from "./save.js";
 import { sessionsCard } from "./sessions.js";

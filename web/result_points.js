@@ -4,8 +4,9 @@ import { armFigure, errorFacts, jointFacts, pointFacts, pointsOfReport, poseOf }
 import { el, fill } from "./dom.js";
 import { fixed } from "./format.js";
 import { apply, framesOf, IDENTITY, inverse, placement, reachOf } from "./kinematics.js";
+import { leavingOut } from "./leave_out.js";
 import { pointsFigure } from "./points.js";
-import { leavingOut, residualTable } from "./residuals.js";
+import { residualTable } from "./residuals.js";
 import { rowsOfSet } from "./rows.js";
 import { selection } from "./selection.js";
 import { nPoints, placeOf } from "./sessions.js";
@@ -25,15 +26,15 @@ export function resultPoints({ report, job, sets, other, robot, parameterSet, na
   // the service numbers the points of files without a column of configurations
   const label = (i) => rows.names?.[i] ?? points[i].configuration;
   const name = (i) => (/^(row_)?\d+$/.test(label(i)) ? row(i) : `${row(i)} (${label(i)})`);
-  const leave = leavingOut({ job, set, points, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
+  const leave = leavingOut({ job, sets, points, robot, may, name, changed: () => { table.redraw(); cell?.refresh(); } });
   const stages = [["before", names.before], ["after", names.after, names.remains], ...points.some((p) => p.corrected_mm !== undefined && p.corrected_mm !== p.after_mm) ? [["corrected", "with corrections"]] : []];
   const describe = (i) => {
     const p = points[i];
     return pointFacts(`${name(i).replace("row", "Row")}${sets.length > 1 ? "," : " of"} ${setOf(i).name ?? "the set"}`, [["Configuration", label(i)], rows.lines?.[i] && [`Line in the ${setOf(i).joined ? "instrument's " : ""}file`, rows.lines[i]], ["Target", p.target], ["Half", `${p.subset}${p.outlier ? ", outlier" : ""}`], ...errorFacts(p, stages),
       p.position_mm && ["Measured, mm", p.position_mm.map((v) => fixed(v, 2)).join(", ")], jointFacts(rows.joints?.[i])]);
   };
-  const actions = (i) => el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
-    leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), leave?.excluded.size > 0 && el("button.primary", { type: "button", click: () => { leave.node.scrollIntoView({ block: "center" }); leave.node.querySelector("input").focus({ preventScroll: true }); } }, `Calibrate without ${leave.excluded.size === 1 ? "it" : `these ${leave.excluded.size}`} …`), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"));
+  const actions = (i) => [leave?.byHand(i) && el("p.note", {}, leave.byHand(i)), el("div.actions", {}, el("button", { type: "button", click: () => selected.step(-1) }, "Previous"), el("button", { type: "button", click: () => selected.step(1) }, "Next"),
+    leave?.may(i) && el("button", { type: "button", click: () => leave.toggle(i) }, leave.excluded.has(i) ? "Keep it" : "Leave it out …"), leave?.excluded.size > 0 && el("button.primary", { type: "button", click: () => { leave.node.scrollIntoView({ block: "center" }); leave.node.querySelector("input").focus({ preventScroll: true }); } }, `Calibrate without ${leave.excluded.size === 1 ? "it" : `these ${leave.excluded.size}`} …`), el("button.plain", { type: "button", click: () => selected.set(null) }, "Close"))];
   const figure = pointsFigure(points, names, selected, name);
   const table = residualTable(points, row, label, selected, leave);
   // the base that was found is that of the last session; points of another one, or that were only scored, have a base that the report does not state

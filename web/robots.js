@@ -21,15 +21,22 @@ const NEEDS = {
   nothing: ["released", "good", "In order"],
 };
 const URGENCY = Object.keys(NEEDS);
+/** The first of them are reasons why a robot needs somebody. */
+const REASONS = URGENCY.indexOf("due") + 1;
 const isUrgent = (robot) => !["nothing", "calibrate"].includes(robot.need);
 const isRunning = (job) => job !== undefined && ["queued", "running"].includes(job.status);
 const measured = (robot) => robot.active ?? robot.newest;
 
-/** The error that is known of a robot: of the newest session that the active set was scored on, else at its identification; null where nothing verified it. */
-function errorOf(robot) {
+/** Whether the newest session does not fit; the list of robots does not have its error. */
+const isMisfit = (robot) => robot.need === "check_robot" && robot.need_job_id !== undefined && robot.session?.job_id !== robot.need_job_id;
+
+/** The error that is known of a robot: of the newest session, else at its identification; null where nothing verified it. `checks` are the sessions that do not fit, by robot. */
+function errorOf(robot, { checks: known }) {
   const set = measured(robot);
   if (!set) return undefined;
-  const doubt = robot.need === "check_robot" && robot.session?.job_id !== robot.need_job_id ? "; a newer session does not fit" : "";
+  const check = isMisfit(robot) && known.get(robot.robot_id);
+  if (typeof check?.rms_mm === "number") return { mm: check.rms_mm, said: `session of ${when(check.measured_at ?? check.created_at)}, does not fit` };
+  const doubt = isMisfit(robot) ? "; a newer session does not fit" : "";
   if (robot.session?.rms_mm !== undefined && robot.session.rms_mm !== null) return { mm: robot.session.rms_mm, said: `session of ${when(robot.session.measured_at ?? robot.session.created_at)}${doubt}` };
   const [words] = EVIDENCE[set.evidence] ?? [];
   return set.evidence === "none" || set.after_rms_mm === null || set.after_rms_mm === undefined ? null : { mm: set.after_rms_mm, said: `at identification, ${words ?? "as stored"}; nominal ${error(set.before_rms_mm)}${doubt}` };
@@ -39,7 +46,7 @@ function errorOf(robot) {
 const SORTS = [
   ["need", "what needs you first", (r) => URGENCY.indexOf(r.need)],
   ["name", "name", (r) => r.name.toLowerCase()],
-  ["error", "error, largest first", (r) => -(errorOf(r)?.mm ?? -1)],
+  ["error", "error, largest first", (r, state) => -(errorOf(r, state)?.mm ?? -1)],
   ["released", "release, oldest first", (r) => r.active?.released_at ?? "9"],
   ["job", "last job, newest first", (r) => -Date.parse(r.last_job?.created_at ?? 0)],
 ];
@@ -57,7 +64,7 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
   document.title = "kincal: robots";
   const [inUse, { total: nArchived }] = await Promise.all([robotsOf("", signal), get("/v1/overview?archived=true&limit=1", signal)]);
   const known = (name, values, usual) => (values.includes(query.get(name)) ? query.get(name) : usual);
-  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, drifts: new Map(), checks: new Map() };
+  const state = { search: query.get("find") ?? "", filter: known("show", ["urgent", "refused", "running", ...URGENCY], "all"), sort: known("sort", SORTS.map(([key]) => key), "need"), shown: FIRST, drifts: new Map(), checks: new Map() };
   const isOfArchive = query.get("show") === "archived" && nArchived > 0;
   let robots = isOfArchive ? await robotsOf("?archived=true", signal) : inUse;
   const count = el("p.quiet", {});
@@ -66,7 +73,7 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
     const words = state.search.toLowerCase().split(/\s+/).filter(Boolean);
     const found = robots.filter((r) => words.every((word) => `${r.name} ${r.serial_number ?? ""}`.toLowerCase().includes(word)));
     fill(chips, robots === inUse && filters(found, state, draw), nArchived > 0 && el("button.chip", { type: "button", "aria-pressed": String(robots !== inUse), click: swap }, "Archived", el("b", {}, nArchived)));
-    const kept = sorted(found.filter((r) => passes(r, state.filter)), state.sort);
+    const kept = sorted(found.filter((r) => passes(r, state.filter)), state);
     keep({ find: state.search, show: robots === inUse ? state.filter !== "all" && state.filter : "archived", sort: state.sort !== "need" && state.sort });
     fill(count, counted(kept, robots));
     const page = kept.slice(0, state.shown);
@@ -74,7 +81,8 @@ export async function robotsPage({ main, signal, may, why, query, keep }) {
     fill(more, kept.length > 0 && el("span.note", { role: "status" }, `${page.length} of ${kept.length}${kept.length < robots.length ? ` that match, of ${robots.length} robots` : kept.length === 1 ? " robot" : " robots"}${robots === inUse ? "" : ", archived"}`),
       kept.length > page.length && el("button", { type: "button", click: () => { state.shown += MORE; draw(); } }, "Show more"));
     drifts(page, state, signal, rows);
-    checks(page, state, signal, rows);
+    // the order by errors needs those of all sessions that do not fit
+    checks(state.sort === "error" ? kept : page, state, signal, rows).then((isNews) => isNews && state.sort === "error" && draw());
   };
   // archived robots are fetched once somebody asks for them
   const swap = async () => {
@@ -111,10 +119,14 @@ function counted(shown, robots) {
 /** Why the list is empty. */
 const noneOf = ({ search, filter }) => `No robot matches${search.trim() ? ` "${search.trim()}"` : ""}${filter === "all" ? "" : " with this filter: choose All to see the others"}.`;
 
-const passes = (robot, filter) => filter === "all" || (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter);
+/** Whether stored facts refuse the release of the newest result. */
+const isRefused = (robot) => Boolean(refusalOf(robot));
 
-function sorted(robots, key) {
-  const of = SORTS.find(([known]) => known === key)[2];
+const passes = (robot, filter) => filter === "all" || (filter === "refused" ? isRefused(robot) : (filter === "urgent" ? isUrgent(robot) : filter === "running" ? isRunning(robot.last_job) : robot.need === filter));
+
+function sorted(robots, state) {
+  const value = SORTS.find(([known]) => known === state.sort)[2];
+  const of = (robot) => value(robot, state);
   return [...robots].sort((a, b) => (of(a) < of(b) ? -1 : of(a) > of(b) ? 1 : a.name.localeCompare(b.name, "en", { numeric: true })));
 }
 
@@ -126,7 +138,8 @@ function filters(found, state, draw) {
     const press = () => { Object.assign(state, { filter: state.filter === key ? "all" : key, shown: FIRST }); draw(); document.querySelector(".chips [aria-pressed=true]")?.focus(); };
     return el(kind ? `button.chip.${kind}` : "button.chip", { type: "button", "aria-pressed": String(state.filter === key), click: press }, words, el("b", {}, n));
   };
-  return [chip("all", "All"), chip("urgent", "Needs you"), ...URGENCY.map((need) => chip(need, NEEDS[need][2], NEEDS[need][1])), chip("running", "Calibrating")];
+  const needs = URGENCY.map((need) => chip(need, NEEDS[need][2], NEEDS[need][1]));
+  return [chip("all", "All"), chip("urgent", "Needs you"), ...needs.slice(0, REASONS), chip("refused", "Release refused", "bad"), chip("running", "Calibrating"), ...needs.slice(REASONS)];
 }
 
 /** The drift of robots with a newer result, as the service computes it: for those in sight only, because each is some work. */
@@ -141,7 +154,7 @@ async function drifts(page, state, signal, rows) {
   }, 2);
 }
 
-/** Misfit of the sessions that do not fit, where the overview does not have it: for robots in sight only. */
+/** Misfit of the sessions that do not fit, where the overview does not have it; whether any of them was not known before. */
 async function checks(page, state, signal, rows) {
   const open = page.filter((r) => r.need === "check_robot" && r.need_job_id && !state.checks.has(r.robot_id));
   for (const robot of open) state.checks.set(robot.robot_id, null);
@@ -151,7 +164,10 @@ async function checks(page, state, signal, rows) {
     state.checks.set(robot.robot_id, { ...job, measured_at: set?.record?.measured_at });
     const place = rows.querySelector(`[data-reason="${robot.robot_id}"]`);
     if (place) fill(place, reasonOf(robot, state));
+    const error = rows.querySelector(`[data-error="${robot.robot_id}"]`);
+    if (error) fill(error, errorCell(robot, state));
   }, 2);
+  return open.length > 0;
 }
 
 /** Why a robot is as it is, in one sentence. */
@@ -182,10 +198,13 @@ export function standing(robot) {
 }
 
 /** The first stored fact that refuses a release of the newest result; nothing where none is known or no result waits. */
-function releaseOf({ need, newest, active }) {
+function refusalOf({ need, newest, active }) {
   const isOlder = active !== undefined && newest !== undefined && newest.created_at < active.created_at;
-  if (newest?.status !== "candidate" || need === "check_robot" || isOlder) return false;
-  const refused = newest.refused_by && gateTitle({ gate: newest.refused_by, passed: false });
+  return newest?.status !== "candidate" || need === "check_robot" || isOlder ? undefined : newest.refused_by;
+}
+
+function releaseOf(robot) {
+  const refused = isRefused(robot) && gateTitle({ gate: refusalOf(robot), passed: false });
   return Boolean(refused) && el("small.quiet", {}, el("strong", {}, "Release refused"), `: ${refused.replace(/^./, (c) => c.toLowerCase())}`);
 }
 
@@ -195,8 +214,8 @@ function badges(robot, state) {
   return [standing(robot), reason && !(isRunning(robot.last_job) && !isLinked) && el(isLinked ? "small" : "small.quiet", {}, el(isLinked ? "a" : "span", { href: isLinked && `#/jobs/${robot.need_job_id}`, "data-reason": robot.robot_id }, reason)), releaseOf(robot)];
 }
 
-function errorCell(robot) {
-  const found = errorOf(robot);
+function errorCell(robot, state) {
+  const found = errorOf(robot, state);
   if (found === undefined) return "–";
   return found === null ? ["not verified", el("small.quiet", {}, "no point was held out that counts")] : [mm(found.mm), el("small.quiet", {}, found.said)];
 }
@@ -209,11 +228,11 @@ function robotTable(robots, state, empty) {
     ["Robot", (r) => [el("a", { href: `#/robots/${r.robot_id}` }, r.name), r.serial_number && el("small.quiet", {}, r.serial_number)], "name"],
     ["State", (r) => badges(r, state), "name"],
     ["Active set", ({ active }) => (active ? el("span", { title: when(active.released_at) }, age(active.released_at)) : "none")],
-    ["Error, rms", errorCell, "n"],
+    ["Error, rms", (r) => (measured(r) ? el("span", { "data-error": r.robot_id }, errorCell(r, state)) : "–"), "n"],
     ["Drift", (r) => el("span", { "data-drift": r.robot_id }, driftCell(r, state)), "n"],
     ["Last job", (r) => (r.last_job ? [el("a", { href: `#/jobs/${r.last_job.id}` }, ended(r)), el("small.quiet", {}, age(r.last_job.finished_at ?? r.last_job.created_at))] : "–")],
   ];
-  const caption = "Error: of the active set, else of the newest, on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified. Release: by what is stored; the page of a result asks all gates.";
+  const caption = "Error: of the newest session, else of the active or the newest set on points that were not fitted; below it where these points come from. Drift: how far a newer result puts the tool from the active one, on average over the workspace; without a newer result, how much the error has grown since the active set was identified. Release: by what is stored; the page of a result asks all gates.";
   return table(caption, columns, robots, empty);
 }
 

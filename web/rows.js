@@ -62,17 +62,41 @@ function fromTable(text, n, understood) {
   return rows;
 }
 
-/** The line on which each point of a table stands; null where this page reads it otherwise than the service. */
-export function linesOfPoints(text, n, set) {
-  const rows = fromTable(text, n, set.understood);
-  return rows?.length === set.n_points ? rows.map((row) => row.line) : null;
+/** The text of an upload, a character for each byte, so that what stays of it stays as it is: `{table}`, or of two files `{robot, instrument}`. */
+export function partsOf(bytes, { joined }) {
+  let text = "";
+  for (let at = 0; at < bytes.length; at += CHUNK) text += String.fromCharCode(...bytes.subarray(at, at + CHUNK));
+  return joined ? { robot: partOf(text, "robot"), instrument: partOf(text, "instrument") } : { table: text };
 }
+
+/** Bytes that are turned into characters at once. */
+const CHUNK = 0x8000;
+
+/** A part of a form; empty if it has none of this name. */
+function partOf(text, name) {
+  const boundary = text.slice(0, text.search(/\r?\n/));
+  return text.split(boundary).find((some) => some.includes(`name="${name}"`))?.replace(/^\r?\n[^]*?\r?\n\r?\n/, "").replace(/\r?\n$/, "") ?? "";
+}
+
+/** The lines on which the points of an upload stand, by the part; null where this page reads it otherwise than the service. */
+export function linesOfPoints(parts, n, set) {
+  const lines = (part, understood) => fromTable(decoded(parts[part], understood), n, understood)?.map((row) => row.line);
+  const whole = (some) => Object.values(some).every((one) => one?.length === set.n_points) && some;
+  if (!set.joined) return whole({ table: lines("table", set.understood) }) || null;
+  const { robot, instrument, join } = set.joined;
+  if (join.by === "order") return whole({ robot: lines("robot", robot), instrument: lines("instrument", instrument) }) || null;
+  // rows without a partner are no points
+  const { n: left, rows } = join.leftover_instrument;
+  const without = new Set(rows.map(({ line }) => line));
+  return (without.size === left && whole({ instrument: lines("instrument", instrument)?.filter((line) => !without.has(line)) })) || null;
+}
+
+/** A part in characters of its own encoding. */
+const decoded = (binary, understood) => new TextDecoder(understood?.encoding === "windows-1252" ? "windows-1252" : "utf-8").decode(Uint8Array.from(binary, (char) => char.charCodeAt(0)));
 
 /** Two files that were joined: the positions in their order, each with the joint values of its row of the robot's file. */
 function fromTwo(text, n, { robot, instrument, join }) {
-  const boundary = text.slice(0, text.search(/\r?\n/));
-  const part = (name) => text.split(boundary).find((some) => some.includes(`name="${name}"`))?.replace(/^\r?\n[^]*?\r?\n\r?\n/, "").replace(/\r?\n$/, "");
-  const [postures, points] = [fromTable(part("robot") ?? "", n, robot), fromTable(part("instrument") ?? "", n, instrument)];
+  const [postures, points] = [fromTable(partOf(text, "robot"), n, robot), fromTable(partOf(text, "instrument"), n, instrument)];
   if (!postures || !points) return null;
   if (join.by === "order") return points.map((point, i) => ({ ...point, q: postures[i]?.q }));
   // by time the service finds the offset of the clocks, which is not repeated here

@@ -1,13 +1,14 @@
 // Uploads measured points, and posts a calibration or a verification with them.
 
 import { post } from "./api.js";
-import { SEPARATORS, askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
+import { askColumns, isAboutColumns, saidBefore, understoodDetails } from "./columns.js";
 import { rowsOf } from "./csv.js";
 import { brief, el, fill, problem, say, table, warning } from "./dom.js";
 import { capital, plain, when } from "./format.js";
 import { jobForm } from "./job_form.js";
 import { posesOf } from "./poses.js";
 import { referenceChoice } from "./references.js";
+import { asksForChoice, inPageWords, remedies } from "./remedies.js";
 import { SUSPICIONS } from "./words.js";
 
 /** Rows of the file that are shown around its faults. */
@@ -42,7 +43,7 @@ function uploadForm(context) {
   const radio = (value, text, checked) => el("label.choice", {}, el("input", { type: "radio", name: "frame", value, checked }), text);
   const frames = el("fieldset", {}, el("legend", {}, "Positions were measured in"), radio("base", "the robot's base frame", usual !== "instrument"), radio("instrument", "the instrument's own frame (base pose and reflector are found too)", usual === "instrument"));
   const instrument = instrumentForm(context.robot, frames);
-  const stated = statedForm(context.robot);
+  const stated = statedForm(context.robot, frames);
   const record = recordForm();
   const query = () => ({ frame: frames.querySelector("input:checked").value, ...instrument.read(), ...stated.read(), ...record.read() });
   // the next file is most likely of the same frame
@@ -79,15 +80,17 @@ const rotationChoice = () => el("select", { id: "stated-rotation" }, el("option"
 const DECIMALS = [["", "as the file shows"], ["point", "12.5, with a point"], ["comma", "12,5, with a comma"]];
 
 /** What is known of the measurement beside the file. */
-function statedForm(robot) {
+function statedForm(robot, frames) {
   const serial = el("input", { id: "stated-serial", type: "text", maxlength: 200, autocomplete: "off", placeholder: "on the type plate", value: robot.serial_number });
   const pick = (id, options) => el("select", { id }, options.map(([value, words]) => el("option", { value }, words)));
   const [rotation, decimal] = [rotationChoice(), pick("stated-decimal", DECIMALS)];
+  // the board's frame is the instrument's
+  const board = el("input", { id: "stated-board", type: "checkbox", change: () => { if (board.checked) { frames.querySelector("[value=instrument]").checked = true; frames.dispatchEvent(new Event("change")); } } });
   const field = (input, label) => el("div", {}, el("label", { for: input.id }, label), input);
   const why = robot.serial_number ? "Compare it with the type plate of the robot that was measured. Sent with the file, it refuses a file of another robot, and a release knows that it is the same one." : "This robot has none yet: store it under Name, at the end of this page, so that a file of another robot is refused.";
   const node = el("div", {}, el("div.fields.stated", {}, field(serial, "Serial number of the measured robot"), el("p.note", {}, why)),
-    el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table"))));
-  const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value]].filter(([, value]) => value !== ""));
+    el("details", {}, el("summary", {}, "How the file is written: rotations, decimal mark"), el("p.note", {}, "Angles are asked for where the table has rx, ry and rz of a 6D target. KUKA's C, B and A turn about the fixed x, y and z, too."), el("div.fields", {}, field(rotation, "Angles rx, ry, rz of a pose"), field(decimal, "Decimal mark of a table")), el("label.choice", {}, board, "A camera on the arm sees a fixed board: the file has the board's poses, with rotations")));
+  const read = () => Object.fromEntries([["serial_number", serial.value.trim()], ["rotation", rotation.value], ["decimal", decimal.value], ["inverse_poses", board.checked ? "true" : ""]].filter(([, value]) => value !== ""));
   return { node, read };
 }
 
@@ -130,7 +133,7 @@ function single(file) {
 }
 
 /** Two files in a form; their bytes stay as they are. */
-function pair(robotFile, instrumentFile) {
+export function pair(robotFile, instrumentFile) {
   const boundary = `kincal-${Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("")}`;
   const head = (part) => `--${boundary}\r\nContent-Disposition: form-data; name="${part}"\r\n\r\n`;
   const body = new Blob([head("robot"), robotFile, "\r\n", head("instrument"), instrumentFile, `\r\n--${boundary}--\r\n`]);
@@ -173,7 +176,7 @@ async function upload(context, file, query, out, isTried = false) {
       if (more.frame) context.framed?.(more.frame);
       upload(context, { ...file, stated: { ...file.stated, ...stated } }, { ...query, ...more }, out, !stated && (isTried || Boolean(more.columns)));
     };
-    fill(out, refused(error, file, text), columns, remedies(error, isJson, retry));
+    fill(out, refused(error, file, text), columns, remedies(error, { robot, file, query, retry }));
     if (!isJson && isAboutColumns(error) && !asksForChoice(error)) {
       const read = (chosen) => retry({ columns: JSON.stringify(chosen) })();
       // the choice of the columns says what is missing; without a preview the refusal stays
@@ -184,45 +187,6 @@ async function upload(context, file, query, out, isTried = false) {
 
 /** A mapping of columns with the sheet and the separator that were chosen. */
 const withStated = (columns, stated) => (Object.keys(stated ?? {}).length > 0 ? JSON.stringify({ ...columns ? JSON.parse(columns) : {}, ...stated }) : columns ?? "");
-
-/** The separators that a refusal asks to choose from. */
-function separatorsIn(errors) {
-  const detail = (errors ?? []).filter((issue) => !issue.pointer).map((issue) => issue.detail).find((said) => said.includes('{"separator": '));
-  return [...new Set((detail?.split("State it")[0].match(/"[^"]+"/g) ?? []).map((quoted) => JSON.parse(quoted)))];
-}
-
-/** The sheets that a refusal asks to choose from; none where it asks for something else. */
-function sheetsIn(errors) {
-  const detail = (errors ?? []).map((issue) => issue.detail).find((said) => said.includes("sheets of the workbook have cells"));
-  return (detail?.split(": name one")[0].match(/"(?:[^"\\]|\\.)*"/g) ?? []).map((quoted) => JSON.parse(quoted.replace(/\\'/g, "'")));
-}
-
-/** Whether a refusal does not tell which decimal mark a table has. */
-const asksForDecimal = (errors) => (errors ?? []).some((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
-
-/** Whether a refusal is mended by one of a few buttons; what the columns are is asked afterwards. */
-const asksForChoice = ({ errors }) => sheetsIn(errors).length > 0 || separatorsIn(errors).length > 0 || asksForDecimal(errors);
-
-/** Remedies that one click applies to a refused upload. A JSON file states its frame itself. */
-function remedies({ code, errors }, isJson, retry) {
-  const choose = (question, choices) => el("div", {}, el("p", {}, question), el("div.actions", {}, choices.map(([words, more]) => el("button", { type: "button", click: retry(more) }, words))));
-  const sheets = isJson ? [] : sheetsIn(errors);
-  if (sheets.length > 0) {
-    const other = el("input", { id: "other-sheet", type: "text", maxlength: 200 });
-    const read = () => { if (other.value.trim() !== "") retry({ stated: { sheet: other.value.trim() } })(); };
-    return [choose("Which sheet has the measured points?", sheets.map((sheet) => [sheet, { stated: { sheet } }])), el("div.controls", {}, el("label", { for: other.id }, "Or another one"), other, el("button", { type: "button", click: read }, "Read this sheet"))];
-  }
-  const separators = isJson ? [] : separatorsIn(errors);
-  if (separators.length > 0) return choose("What stands between the columns?", separators.map((separator) => [SEPARATORS[separator] ?? separator, { stated: { separator } }]));
-  if (asksForDecimal(errors) && !isJson) return choose("Which decimal mark has the file?", [["A comma: 12,5", { decimal: "comma" }], ["A point: 12.5", { decimal: "point" }]]);
-  if (!SUSPICIONS.includes(code)) return [];
-  const map = (errors ?? []).map((issue) => issue.joint_map).find(Boolean);
-  return el("div", {},
-    map && [el("p", {}, "The joint map that the robot should have:"), el("pre", {}, JSON.stringify(map))],
-    el("div.actions", {},
-      code === "frame_suspect" && !isJson && el("button.primary", { type: "button", click: retry({ frame: "instrument" }) }, "Read it in the instrument's frame"),
-      el("button", { type: "button", click: retry({ insist: code }) }, "Keep it all the same: no release will rest on it")));
-}
 
 /** The file as text, to show its faults in; none where it is not UTF-8, or has changed on the disk since it was chosen. */
 async function textOf(file) {
@@ -235,7 +199,7 @@ async function textOf(file) {
 
 /** Why nothing was stored: faults in rows as a table, what is wrong with the file as a whole as a sentence. */
 function refused(error, file, text) {
-  const errors = error.errors ?? [];
+  const errors = (error.errors ?? []).map((issue) => ({ ...issue, detail: inPageWords(issue.detail) }));
   const inPlaces = errors.some((issue) => issue.row !== undefined || issue.column || issue.pointer);
   if (!inPlaces) return problem({ ...error, errors: [], detail: errors.length > 0 ? `Nothing was stored: ${errors.map((issue) => plain(issue.detail)).join("; ")}.` : error.detail });
   return [problem({ ...error, errors: [], detail: `Nothing was stored. ${count(errors.length)} to mend in ${file.name}:` }), faults(errors, text)];

@@ -38,7 +38,7 @@ function figure(robot, parameterSet, configurations, std) {
   const describe = (i) => pointFacts("Configuration", [["Standard uncertainty", mm(std[i])], jointFacts(configurations[i]), ["Tool, mm", points[i].position.map((v) => fixed(v, 0)).join(", ")]]);
   const open = robot.links.some((link) => !link.joint_limits_deg);
   const caption = `${points.length} random configurations${open ? `; a joint without limits is taken from ${WITHOUT_LIMITS[0]}° to ${WITHOUT_LIMITS[1]}°` : " within the joint limits"}. Half of them are below ${mm(sorted[Math.floor(sorted.length / 2)])}, the largest is ${mm(sorted.at(-1))}. One standard deviation, of the links, the base and the reflector.`;
-  return armFigure({ title: "Uncertainty over the workspace", caption, robot, points, stages: [["std", "standard uncertainty"]], said: null, targets: [target], selected, postures: (i) => configurations[i], describe }).node;
+  return armFigure({ title: "Uncertainty over the workspace", caption, robot, points, stages: [["std", "standard uncertainty"]], said: null, shows: "its uncertainty and its joints", targets: [target], selected, postures: (i) => configurations[i], describe }).node;
 }
 
 /** The same ones each time, so that pictures can be compared. */

@@ -183,6 +183,64 @@ fn what_cannot_be_fetched_is_said_and_robots_are_listed_once() {
     });
 }
 
+/// The paper's first set with its joint values changed, under the same names.
+fn with_joints(change: impl Fn(usize, f64) -> f64) -> String {
+    let changed = |line: &String| {
+        let cells = line.split(',').enumerate().map(|(at, cell)| match at {
+            2..8 => change(at - 1, cell.parse().unwrap()).to_string(),
+            _ => cell.to_owned(),
+        });
+        cells.collect::<Vec<_>>().join(",")
+    };
+    let lines = lines();
+    let rows: Vec<String> = lines[1..].iter().map(changed).collect();
+    format!("{}\n{}\n", lines[0], rows.join("\n"))
+}
+
+#[test]
+fn a_wrong_file_is_read_as_the_refusal_says_by_one_click() {
+    let Some(driver) = Driver::start() else {
+        return;
+    };
+    let hall = Plant::open();
+    let robot = hall.robot("Cell 25", "ER20-0145");
+    let key = hall.key(&["read", "upload"]);
+    let radians = with_joints(|_, q_deg| q_deg.to_radians());
+    let other_way = with_joints(|joint, q_deg| if joint == 2 { -q_deg } else { q_deg });
+    in_browser(&driver, &hall.server, async |browser: &Browser| {
+        sign_in(browser, &key).await;
+        browser.until_it_says("not calibrated").await;
+        browser.go(&format!("/#/robots/{robot}")).await;
+        browser.until("document.querySelector('#set-file')").await;
+        browser.drop_file(".drop", "radians.csv", &radians).await;
+        browser
+            .button("Read the joints as radians")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser.until_it_says("radians: 100 points in 100").await;
+        browser.drop_file(".drop", "other.csv", &other_way).await;
+        browser
+            .until_it_says("Joint 2 is counted the other way round.")
+            .await;
+        assert!(
+            !browser.text().await.contains("coupling"),
+            "no joint map as JSON"
+        );
+        browser
+            .button("Store this joint map with the robot, and read the file so")
+            .await
+            .click()
+            .await
+            .unwrap();
+        browser.until_it_says("other: 100 points in 100").await;
+        browser.assert_quiet(&[422]).await;
+    });
+    let (_, stored) = hall.server.get(&format!("/v1/robots/{robot}"));
+    assert_eq!(stored["joint_map"]["sign"][1], json!(-1.0));
+}
+
 /// The lines of the paper's first set.
 fn lines() -> Vec<String> {
     std::fs::read_to_string(data("first_noisy.csv"))

@@ -1,0 +1,122 @@
+// What mends a refused upload by one click: a choice that the file leaves open, or the reading that the service found to fit.
+
+import { patch, post } from "./api.js";
+import { mappingOf, SEPARATORS } from "./columns.js";
+import { el, fill, problem, say } from "./dom.js";
+import { SUSPICIONS } from "./words.js";
+
+/** The separators that a refusal asks to choose from. */
+function separatorsIn(errors) {
+  const detail = (errors ?? []).filter((issue) => !issue.pointer).map((issue) => issue.detail).find((said) => said.includes('{"separator": '));
+  return [...new Set((detail?.split("State it")[0].match(/"[^"]+"/g) ?? []).map((quoted) => JSON.parse(quoted)))];
+}
+
+/** The sheets that a refusal asks to choose from; none where it asks for something else. */
+function sheetsIn(errors) {
+  const detail = (errors ?? []).map((issue) => issue.detail).find((said) => said.includes("sheets of the workbook have cells"));
+  return (detail?.split(": name one")[0].match(/"(?:[^"\\]|\\.)*"/g) ?? []).map((quoted) => JSON.parse(quoted.replace(/\\'/g, "'")));
+}
+
+/** Whether a refusal does not tell which decimal mark a table has. */
+const asksForDecimal = (errors) => (errors ?? []).some((issue) => /"decimal": "(comma|point)"/.test(issue.detail));
+
+/** Whether a refusal is mended by one of a few buttons; what the columns are is asked afterwards. */
+export const asksForChoice = ({ errors }) => sheetsIn(errors).length > 0 || separatorsIn(errors).length > 0 || asksForDecimal(errors);
+
+/** Units that a refusal names: its words, those of the button, and the unit of a column. */
+const isJoint = ({ means }) => /^q\d+$/.test(means);
+const isAxis = ({ means }) => /^[xyz]$/.test(means);
+const UNITS = [[/joint values are radians/, "the joints as radians", isJoint, "rad"], [/joint values are degrees/, "the joints as degrees", isJoint, "deg"], [/positions are metres/, "the positions as metres", isAxis, "m"], [/positions are millimetres/, "the positions as millimetres", isAxis, "mm"], [/positions are inches/, "the positions as inches", isAxis, "in"]];
+
+/** The reading of the columns that fits, as a refusal names it: {words, change}, `change` of a column; undefined where it names none. */
+function readingIn(detail) {
+  const supposed = /; if (.*?), it fits to /s.exec(detail)?.[1] ?? "";
+  const units = UNITS.filter(([said]) => said.test(supposed));
+  if (units.length > 0) return { words: units.map(([, words]) => words).join(", "), change: (column) => ({ ...column, unit: units.find(([, , is]) => is(column))?.[3] ?? column.unit }) };
+  const axes = /stand in the columns named ([xyz]), ([xyz]), ([xyz])/.exec(supposed)?.slice(1);
+  if (axes) return { words: `x, y and z in the columns named ${axes.join(", ")}`, change: (column) => (isAxis(column) ? { ...column, means: "xyz"[axes.indexOf(column.means)] } : column) };
+  const joints = /columns of joints (\d+) and (\d+) are exchanged/.exec(supposed)?.slice(1).map((joint) => `q${joint}`);
+  const other = (means) => (joints.includes(means) ? joints[1 - joints.indexOf(means)] : means);
+  return joints && { words: `with the columns of ${joints.join(" and ")} exchanged`, change: (column) => ({ ...column, means: other(column.means) }) };
+}
+
+/** A joint map as it stands in a text of the service. */
+const MAP = /the robot's joint_map is (\{"sign".*?\]\]\})/s;
+
+/** The text of a refusal in words for a page: what stands below as a button is not repeated as text for programs. */
+export const inPageWords = (detail) => detail.replace(MAP, "the robot's joint map is the one below").replace(/ To keep (?:it|them) all the same, insist on \w+(?:: no release then rests on it)?/, "").replace("rotation=", "").replace(": say so, or write them as stated", "").replace(/ Say inverse_poses=true \([^)]*\) with frame=instrument, or invert them/, " Invert them by the button below").replace(" (inverse_poses=true)", "").replace(/\.$/, "");
+
+/** The joint map that a refusal names; undefined where it names none. */
+function mapIn(issues) {
+  const stated = issues.map((issue) => issue.joint_map).find(Boolean);
+  const written = issues.map(({ detail }) => MAP.exec(detail)?.[1]).find(Boolean);
+  return stated ?? (written && JSON.parse(written));
+}
+
+/** A joint map in words, a sentence for each joint that it counts otherwise than the model. */
+export function mapInWords({ sign = [], offset_deg: offset = [], coupling = [] }) {
+  const n = Math.max(sign.length, offset.length, coupling.length);
+  const joints = Array.from({ length: n }, (_, i) => {
+    const others = (coupling[i] ?? []).map((share, k) => k !== i && share !== 0 && `turns along with joint ${k + 1} (${share > 0 ? "+" : "\u2212"}${Math.abs(share)} of its angle)`);
+    const said = [sign[i] < 0 && "is counted the other way round", offset[i] && `has its zero ${offset[i] > 0 ? "+" : "\u2212"}${Math.abs(offset[i])}° away`, coupling[i] && coupling[i][i] !== 1 && `turns ${coupling[i][i]} times as far`, ...others].filter(Boolean);
+    return said.length > 0 && `Joint ${i + 1} ${said.join(", ")}.`;
+  }).filter(Boolean);
+  return joints.length > 0 ? joints : ["Every joint is counted as in the model."];
+}
+
+/** Reads the file once more with its columns changed. */
+async function readAs({ change }, context, out) {
+  const { robot, file, query, retry } = context;
+  try {
+    const asked = new URLSearchParams(Object.entries({ columns: query.columns ?? "", decimal: query.decimal ?? "" }).filter(([, value]) => value));
+    const { files } = await post(`/v1/robots/${robot.id}/measurement-sets/preview?${asked}`, file.body, file.type);
+    const read = Object.fromEntries(files.map(({ part, understood }) => [part, mappingOf(understood, change)]));
+    const { join } = query.columns?.startsWith("{") ? JSON.parse(query.columns) : {};
+    retry({ columns: JSON.stringify(read.table ?? { ...read, join }) })();
+  } catch (error) {
+    fill(out, problem(error));
+  }
+}
+
+/** Stores a joint map with the robot, and reads the file once more. */
+async function countSo(map, { robot, retry }, out) {
+  try {
+    const { joint_map: now } = await patch(`/v1/robots/${robot.id}`, { joint_map: map });
+    robot.joint_map = now;
+    say("The robot's joint map was changed");
+    retry({})();
+  } catch (error) {
+    fill(out, problem(error));
+  }
+}
+
+/** Remedies that one click applies to a refused upload. A JSON file states its frame and its units itself. `context` is {robot, file, query, retry}. */
+export function remedies({ code, errors }, context) {
+  const { retry, file: { isJson } } = context;
+  const issues = errors ?? [];
+  const choose = (question, choices) => el("div", {}, el("p", {}, question), el("div.actions", {}, choices.map(([words, more]) => el("button", { type: "button", click: retry(more) }, words))));
+  const sheets = isJson ? [] : sheetsIn(errors);
+  if (sheets.length > 0) {
+    const other = el("input", { id: "other-sheet", type: "text", maxlength: 200 });
+    const read = () => { if (other.value.trim() !== "") retry({ stated: { sheet: other.value.trim() } })(); };
+    return [choose("Which sheet has the measured points?", sheets.map((sheet) => [sheet, { stated: { sheet } }])), el("div.controls", {}, el("label", { for: other.id }, "Or another one"), other, el("button", { type: "button", click: read }, "Read this sheet"))];
+  }
+  const separators = isJson ? [] : separatorsIn(errors);
+  if (separators.length > 0) return choose("What stands between the columns?", separators.map((separator) => [SEPARATORS[separator] ?? separator, { stated: { separator } }]));
+  if (asksForDecimal(errors) && !isJson) return choose("Which decimal mark has the file?", [["A comma: 12,5", { decimal: "comma" }], ["A point: 12.5", { decimal: "point" }]]);
+  const texts = issues.map(({ detail }) => detail);
+  const convention = texts.map((text) => /Read as (?:rotation=)?(rotation_vector|\w+_[xyz]{3}) /.exec(text) ?? /(?:^|[^\w])(rotation_vector|\w+_[xyz]{3}) fits this robot best/.exec(text)).find(Boolean)?.[1];
+  const isBoard = texts.some((text) => text.includes("inverse_poses=true"));
+  const poses = [convention && el("button.primary", { type: "button", click: retry({ rotation: convention }) }, `Read the angles as ${convention}`), isBoard && el(convention ? "button" : "button.primary", { type: "button", click: retry({ inverse_poses: true, frame: "instrument" }) }, "A camera on the arm sees a fixed board: invert the poses")];
+  if (!SUSPICIONS.includes(code)) return poses.some(Boolean) ? el("div.actions", {}, poses) : [];
+  const out = el("div", {});
+  const reading = isJson ? undefined : texts.map(readingIn).find(Boolean);
+  const map = mapIn(issues);
+  return el("div", {},
+    map && [el("p", {}, reading ? "Or the controller counts its joints otherwise:" : "The controller counts its joints otherwise than the robot that is stored:"), el("ul", {}, mapInWords(map).map((said) => el("li", {}, said)))],
+    out, el("div.actions", {},
+      code === "frame_suspect" && !isJson && el("button.primary", { type: "button", click: retry({ frame: "instrument" }) }, "Read it in the instrument's frame"),
+      reading && el("button.primary", { type: "button", click: () => readAs(reading, context, out) }, `Read ${reading.words}`),
+      map && el(reading ? "button" : "button.primary", { type: "button", click: () => countSo(map, context, out) }, "Store this joint map with the robot, and read the file so"), poses,
+      el("button", { type: "button", click: retry({ insist: code }) }, "Keep it all the same: no release will rest on it")));
+}
