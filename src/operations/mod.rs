@@ -17,6 +17,7 @@ pub mod robot_models;
 pub mod rotation_convention;
 mod table_preview;
 pub mod urdf;
+mod urdf_joint;
 pub mod xml_limits;
 
 pub use compare::{IdentifiedSet, compare};
