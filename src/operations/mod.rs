@@ -24,6 +24,6 @@ pub use compare::{IdentifiedSet, compare};
 pub use compensate::{Correctable, compensate};
 pub use frames::frames_from_sweeps;
 pub use plan_poses::plan_poses;
-pub use posture::posture;
+pub use posture::{MAX_APART, posture};
 pub use predict::predict;
 pub use table_preview::preview_table;
