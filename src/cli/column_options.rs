@@ -16,7 +16,7 @@ pub struct ColumnOptions {
     #[arg(long, env = "KINCAL_POSITION_UNIT", value_name = "UNIT", value_parser = ["mm", "m", "cm", "um", "in"])]
     pub position_unit: Option<String>,
     /// Meaning of a column: q1_deg="J1", x_mm=5 or name="Target", with the text of its header or its number, counted from 1. Once per column.
-    /// With two files, robot.name=… and instrument.name=… state the file.
+    /// With two files, robot.name=… and instrument.name=… state the file, also for settings: instrument.header_row=none.
     #[arg(long, env = "KINCAL_COLUMN", value_name = "MEANING=COLUMN", value_parser = column)]
     pub column: Vec<(String, Value)>,
     /// Column to ignore although its name is known. Once per column.
@@ -36,7 +36,7 @@ pub struct ColumnOptions {
     /// Largest time difference between the two rows of a pair [default: found from the times].
     #[arg(long, env = "KINCAL_JOIN_TOLERANCE_S", value_name = "SECONDS")]
     pub join_tolerance_s: Option<f64>,
-    /// Line of the header, counted from 1, or `none` if all lines are data.
+    /// Line of the header, counted from 1, or `none` if all lines are data. Of one of two files: --column instrument.header_row=none.
     #[arg(long, env = "KINCAL_HEADER_ROW", value_name = "LINE", value_parser = header_row)]
     pub header_row: Option<Value>,
     /// Separator of the columns.
@@ -64,9 +64,14 @@ fn column(text: &str) -> Result<(String, Value), String> {
         .strip_prefix('"')
         .and_then(|text| text.strip_suffix('"'))
         .unwrap_or(column);
-    let value = column
-        .parse::<u64>()
-        .map_or_else(|_| json!(column), |number| json!(number));
+    let setting = means.split_once('.').map_or("", |(_file, setting)| setting);
+    let value = match (setting, column) {
+        ("header_row", "none" | "false") | ("comments", "false") => json!(false),
+        ("comments", "true") => json!(true),
+        _ => column
+            .parse::<u64>()
+            .map_or_else(|_| json!(column), |number| json!(number)),
+    };
     Ok((means.to_owned(), value))
 }
 
@@ -187,14 +192,20 @@ mod tests {
     fn options_are_a_mapping() {
         let options = ColumnOptions {
             joint_unit: Some("deg".into()),
-            column: ["x_mm=5", "robot.name=\"P Name\"", "instrument.name=Target"]
-                .map(|text| column(text).unwrap())
-                .to_vec(),
+            column: [
+                "x_mm=5",
+                "robot.name=\"P Name\"",
+                "instrument.name=Target",
+                "instrument.header_row=none",
+                "robot.comments=true",
+            ]
+            .map(|text| column(text).unwrap())
+            .to_vec(),
             join: Some("name".into()),
             clock_offset_s: Some(-1.5),
             ..ColumnOptions::default()
         };
-        let meant = json!({"x_mm": 5, "robot": {"name": "P Name"}, "instrument": {"name": "Target"}, "joint_unit": "deg",
+        let meant = json!({"x_mm": 5, "robot": {"name": "P Name", "comments": true}, "instrument": {"name": "Target", "header_row": false}, "joint_unit": "deg",
             "join": {"by": "name", "clock_offset_s": -1.5}});
         assert_eq!(
             serde_json::to_value(options.body().unwrap()).unwrap(),

@@ -1,6 +1,6 @@
 //! `kincal robots|sets|jobs|params|networks`: lists what a server has, or shows one item.
 
-use super::client::ServerArguments;
+use super::client::{Client, ServerArguments};
 use super::gates;
 use super::runtime::block_on;
 use super::subject::{item, with_query};
@@ -362,9 +362,8 @@ fn list_or_show(
         };
         let is_filtered = !query.is_empty();
         query.push(("limit", MAX_ROWS.to_string()));
-        let page = client
-            .get(&with_query(&(kind.list)(&robot), &query)?)
-            .await?;
+        let path = (kind.list)(&robot);
+        let page = client.get(&with_query(&path, &query)?).await?;
         if options.output.json {
             say!("{}", serde_json::to_string_pretty(&page)?);
             return Ok(());
@@ -376,10 +375,11 @@ fn list_or_show(
             .map(|item| cells(item, kind.columns))
             .collect();
         if rows.is_empty() {
-            match is_filtered {
-                true => say!("no item matches these filters"),
-                false => say!("{}", kind.empty),
-            }
+            let n_archived = match options.archived {
+                ArchivedFilter::False => n_archived(&client, &path, query).await?,
+                _ => 0,
+            };
+            say!("{}", nothing_listed(kind.empty, is_filtered, n_archived));
             return Ok(());
         }
         terminal::raw(columns(kind.columns, &rows));
@@ -391,6 +391,26 @@ fn list_or_show(
         }
         Ok(())
     })
+}
+
+/// Number of archived items that match the other filters of a list.
+async fn n_archived(
+    client: &Client,
+    path: &str,
+    mut query: Vec<(&'static str, String)>,
+) -> anyhow::Result<u64> {
+    query.push(("archived", ArchivedFilter::True.as_str().to_owned()));
+    let page: Value = client.get(&with_query(path, &query)?).await?;
+    Ok(page["total"].as_u64().unwrap_or(0))
+}
+
+/// Message for a list without rows.
+fn nothing_listed(empty: &str, is_filtered: bool, n_archived: u64) -> String {
+    match (is_filtered, n_archived) {
+        (true, 0) => "no item matches these filters".into(),
+        (false, 0) => empty.into(),
+        (_, n) => format!("nothing in use is listed, but {n} archived: --archived true lists them"),
+    }
 }
 
 /// An item's values in the order of the columns.

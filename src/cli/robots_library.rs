@@ -9,9 +9,9 @@ use super::terminal::{self, Output, plain};
 use super::text_table::columns;
 use super::usage::Usage;
 use crate::operations::import::import_with;
-use crate::operations::{posture, robot_models};
+use crate::operations::{MAX_APART, posture, robot_models};
 use crate::wire::import::{ImportDigits, ImportFormat};
-use crate::wire::posture::{PostureAnswer, PostureBody};
+use crate::wire::posture::{PostureAnswer, PostureBody, ShownOrientation};
 use crate::wire::robot::{LinkBody, MountingBody, NamedMounting, Robot, RobotBody};
 use crate::wire::robot_model::RobotModel;
 use crate::wire::tool::ToolBody;
@@ -109,7 +109,39 @@ pub struct PostureArguments {
     #[arg(long, env = "KINCAL_SHOWN_MM", value_name = "X,Y,Z", value_parser = three_mm, allow_hyphen_values = true)]
     shown_mm: Option<[f64; 3]>,
     #[command(flatten)]
+    shown_orientation: ShownOrientationArguments,
+    #[command(flatten)]
     output: Output,
+}
+
+/// The orientation that the pendant shows, in the convention of its maker.
+#[derive(Debug, clap::Args)]
+#[group(multiple = false)]
+struct ShownOrientationArguments {
+    /// A,B,C that a KUKA pendant shows, degrees. The output states the angle from the model's orientation; this checks the last joint, too.
+    #[arg(long, env = "KINCAL_SHOWN_ABC_DEG", value_name = "A,B,C", value_parser = three_angles, allow_hyphen_values = true)]
+    shown_abc_deg: Option<[f64; 3]>,
+    /// W,P,R that a FANUC pendant shows, or Rx,Ry,Rz of Yaskawa, degrees.
+    #[arg(long, env = "KINCAL_SHOWN_WPR_DEG", value_name = "W,P,R", value_parser = three_angles, allow_hyphen_values = true)]
+    shown_wpr_deg: Option<[f64; 3]>,
+    /// Rotation vector RX,RY,RZ that a pendant of Universal Robots shows, rad.
+    #[arg(long, env = "KINCAL_SHOWN_ROTATION_VECTOR_RAD", value_name = "RX,RY,RZ", value_parser = three_angles, allow_hyphen_values = true)]
+    shown_rotation_vector_rad: Option<[f64; 3]>,
+    /// Quaternion q1,q2,q3,q4 that an ABB pendant shows.
+    #[arg(long, env = "KINCAL_SHOWN_QUATERNION", value_name = "Q1,Q2,Q3,Q4", value_parser = four_numbers, allow_hyphen_values = true)]
+    shown_quaternion: Option<[f64; 4]>,
+}
+
+impl ShownOrientationArguments {
+    fn stated(&self) -> Option<ShownOrientation> {
+        let shown = ShownOrientation {
+            kuka_abc_deg: self.shown_abc_deg,
+            fanuc_wpr_deg: self.shown_wpr_deg,
+            ur_rotation_vector_rad: self.shown_rotation_vector_rad,
+            quaternion: self.shown_quaternion,
+        };
+        (shown != ShownOrientation::default()).then_some(shown)
+    }
 }
 
 /// Joint values, degrees.
@@ -122,12 +154,20 @@ fn degrees(text: &str) -> Result<Degrees, String> {
     })
 }
 
+fn three_angles(text: &str) -> Result<[f64; 3], String> {
+    numbers::exactly(text, "three angles are needed, such as 112.8,33.2,132.8")
+}
+
+fn four_numbers(text: &str) -> Result<[f64; 4], String> {
+    numbers::exactly(text, "four numbers are needed, such as 0.43,0.39,0.79,0.17")
+}
+
 fn mounting(text: &str) -> Result<NamedMounting, String> {
     serde_json::from_value(json!(text)).map_err(|_| "floor, wall or ceiling is needed".into())
 }
 
-/// Largest plausible distance between a real robot and its type at the flange, as a share of the flange's distance from the base.
-const MAX_APART: f64 = 0.02;
+/// Largest plausible angle between the orientations of a real robot and its type, degrees.
+const MAX_TURNED_DEG: f64 = 2.0;
 
 /// Runs one of the commands.
 pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
@@ -354,6 +394,7 @@ fn check_posture(arguments: &PostureArguments) -> anyhow::Result<()> {
             ..ToolBody::default()
         }),
         shown_position_mm: arguments.shown_mm,
+        shown_orientation: arguments.shown_orientation.stated(),
     };
     let body = match (&arguments.arm, &arguments.robot_file) {
         (Some(text), _) => Some(arm_called(text)?.robot.clone()),
@@ -421,6 +462,20 @@ fn posture_in_words(found: &PostureAnswer) -> String {
             text += ": more than robots of one type differ. Select the flange on the pendant (a tool of zeros) or give --tool-mm, and select no user \
                      frame. If the distance stays, a zero, sign or coupling of a joint differs, or the type does";
         }
+    }
+    if let Some(apart) = found.orientation_apart_deg {
+        text += &format!("\nthe pendant's orientation is {apart:.3}° from the model's");
+        if apart > MAX_TURNED_DEG {
+            text += ": more than robots of one type differ. Check the joint values, above all the last one, and the convention of the angles, and select the \
+                     flange on the pendant. If the angle stays, the zero or sign of a joint differs, or the flange is turned in the controller";
+        }
+    }
+    if !found.unchecked_joints.is_empty() {
+        text += &format!(
+            "\nnote: not checked: joints {:?}, which hardly move this position. Give the orientation that the pendant shows, too: --shown-abc-deg (KUKA), \
+             --shown-wpr-deg (FANUC, Yaskawa), --shown-rotation-vector-rad (UR) or --shown-quaternion (ABB)",
+            found.unchecked_joints
+        );
     }
     text
 }

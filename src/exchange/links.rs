@@ -33,9 +33,12 @@ pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     let axes = chain.axes();
     let t_root_tip = chain.t_root_tip(&vec![0.0; axes.len()]);
     let is_upside_down = axes[0].direction.z < NOTHING - 1.0;
+    // The base's x axis has to meet axis 1, which may be off the vertical by the rounding of a description's digits. So the base is where axis 1 is
+    // in the root's plane z = 0.
+    let first = &axes[0];
     let upright = Axis {
         direction: Vector3::z(),
-        ..axes[0]
+        point_mm: first.point_mm - first.direction * (first.point_mm.z / first.direction.z),
     };
     let base_axis = if is_upside_down { &upright } else { &axes[0] };
     let t_root_base = on_axis(base_axis, &Vector3::zeros(), [Vector3::x(), Vector3::y()]);

@@ -20,6 +20,13 @@ pub async fn robot(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Err
         .map_err(|error| absent(error, "robot"))
 }
 
+/// As [`robot`], for a request that changes the robot: refuses an archived one.
+pub async fn robot_in_use(app: &App, caller: &Caller, id: &str) -> Result<RobotRow, Error> {
+    let row = robot(app, caller, id).await?;
+    require_in_use(&row)?;
+    Ok(row)
+}
+
 /// Refuses an archived robot.
 pub fn require_in_use(robot: &RobotRow) -> Result<(), Error> {
     match robot.archived_at_ms {

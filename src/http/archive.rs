@@ -146,7 +146,7 @@ macro_rules! handlers {
 }
 
 handlers! {
-    /// Archives a robot: it is left out of lists and takes no uploads, jobs, edits and releases. Withdrawing and rolling back stay possible.
+    /// Archives a robot: it is left out of lists and takes no uploads, jobs, edits, named documents, policies and releases. Withdrawing and rolling back stay possible.
     archive_robot: robot Archive, "/v1/robots/{robot_id}/archive" "robot_id", "robots" "archiveRobot", "The robot" RobotAnswer;
     /// Restores an archived robot: it is in lists and can be used again.
     restore_robot: robot Restore, "/v1/robots/{robot_id}/restore" "robot_id", "robots" "restoreRobot", "The robot" RobotAnswer;

@@ -137,7 +137,7 @@ pub async fn put(
     submission: Submission,
 ) -> Result<Response, Error> {
     check_name(&name)?;
-    access::robot(&app, &submission.caller, &robot_id).await?;
+    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     let columns: ColumnsBody = submission.json()?;
     columns.check()?;
     named_documents::put::<ColumnMappingAnswer>(&app, &robot_id, &name, &submission, columns).await

@@ -1,36 +1,13 @@
 //! Examples in the OpenAPI document: one for each body of each operation. They are generated from the schemas, so a new field needs no change here.
 //! The name of a field decides its value.
 
+use crate::http::request_examples::{of_operation, of_shape};
 use serde_json::{Map, Value, json};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{Content, OpenApi, RefOr, Schema};
 
 /// Deepest nesting of an example.
 const MAX_DEPTH: usize = 12;
-
-/// A minimal measurement file.
-const CSV: &str = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\n10,-20,30,0,45,0,812.4031,141.9925,655.1808\n";
-/// A robot's log and an instrument's export.
-const LOG: &str =
-    "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\nP1,10,-20,30,0,45,0\n";
-const EXPORT: &str = "Name,X [mm],Y [mm],Z [mm]\nP1,812.4031,141.9925,655.1808\n";
-const XML: &str = "<?xml version=\"1.0\"?>\n<robot name=\"cell_4\"/>\n";
-
-/// Complete examples of shapes whose fields are all optional, or whose values must be consistent.
-fn of_shape(name: &str) -> Option<Value> {
-    Some(match name {
-        "RobotPatchBody" => json!({"name": "Cell 4, left", "serial_number": "ER20-0117"}),
-        "ReleaseBody" | "ReasonBody" => json!({"reason": "verified on a second session"}),
-        "PolicyBody" => {
-            json!({"tolerance_mm": 0.3, "decision_rule": "guarded_acceptance", "independent_session_required": true, "second_person_required": false})
-        }
-        "MeasurementSetBody" => {
-            json!({"frame": "base", "points": [{"q_deg": [10.0, -20.0, 30.0, 0.0, 45.0, 0.0], "position_mm": [812.4031, 141.9925, 655.1808]}]})
-        }
-        "JobRequestBody" => json!({"measurement_set_id": text("measurement_set_id", name)}),
-        _ => return None,
-    })
-}
 
 /// Beginning of a shape's name, and the prefix of its ids.
 const IDS: [(&str, &str); 6] = [
@@ -62,6 +39,10 @@ fn text(field: &str, shape: &str) -> Value {
         }
         "name" if shape.starts_with("Robot") => "Cell 4".into(),
         "name" if shape.starts_with("Set") => "Monday".into(),
+        "name" if shape.starts_with("WorkFrame") => "fixture".into(),
+        "name" if shape.starts_with("NamedTool") => "gripper".into(),
+        "name" if shape.starts_with("ColumnMapping") => "tracker".into(),
+        "name" if shape.starts_with("Reference") => "scale bar 1".into(),
         "name" | "parameter" => "theta_offset_3".into(),
         "unit" => "deg".into(),
         "version" => "0.1.0".into(),
@@ -87,47 +68,39 @@ impl Examples {
 
     /// Writes an example into every body of an operation.
     pub fn write(&self, operation: &mut Operation) {
-        let complete = |media_type: &str, content: &mut RefOr<Content>| {
+        let complete = |media_type: &str, content: &mut RefOr<Content>, own: Option<Value>| {
             let RefOr::T(content) = content else { return };
             if content.example.is_none() {
-                content.example = self.of_body(media_type, content.schema.as_ref());
+                let by_schema = || self.of_body(media_type, content.schema.as_ref());
+                content.example = own.or_else(by_schema);
             }
             // the order of keys must not depend on the features that serde_json was built with
             if let Some(example) = &mut content.example {
                 example.sort_all_objects();
             }
         };
+        let id = operation.operation_id.clone().unwrap_or_default();
         if let Some(RefOr::T(body)) = &mut operation.request_body {
             for (media_type, content) in &mut body.content {
-                complete(media_type, content);
+                complete(media_type, content, of_operation(&id, media_type));
             }
         }
         for (status, response) in &mut operation.responses.responses {
             if let (true, RefOr::T(response)) = (status.starts_with('2'), response) {
                 for (media_type, content) in &mut response.content {
-                    complete(media_type, content);
+                    complete(media_type, content, of_operation(&id, media_type));
                 }
             }
         }
     }
 
     fn of_body(&self, media_type: &str, schema: Option<&RefOr<Schema>>) -> Option<Value> {
-        let is_form = |schema: &Value| {
-            let path = schema["$ref"].as_str();
-            path.is_some_and(|path| path.ends_with("/UploadForm"))
-        };
-        let shape = schema.and_then(|schema| serde_json::to_value(schema).ok());
-        if shape.is_some_and(|shape| is_form(&shape)) {
-            return Some(json!({"instrument": EXPORT, "robot": LOG}));
-        }
         Some(match media_type {
             "application/json" => {
                 let schema = serde_json::to_value(schema?).ok()?;
                 self.example(&schema, "", "", 0)
             }
             "application/yaml" => json!({"openapi": "3.1.0"}),
-            "text/csv" => CSV.into(),
-            "application/xml" => XML.into(),
             "text/html" => "<!doctype html><title>kincal</title>".into(),
             "text/plain" => "ok\n".into(),
             "multipart/form-data" => "--boundary\r\nContent-Disposition: form-data; name=\"robot\"; filename=\"log.csv\"\r\n\r\n".into(),
@@ -164,6 +137,13 @@ impl Examples {
         if let Some(values) = schema["enum"].as_array() {
             let first = values.iter().find(|value| !value.is_null());
             return first.cloned().unwrap_or_default();
+        }
+        match (field, kind(&schema["items"])) {
+            ("rotation", Some("array")) => {
+                return json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+            }
+            ("quaternion", Some("number")) => return json!([1.0, 0.0, 0.0, 0.0]),
+            _ => {}
         }
         match kind(schema) {
             Some("object") => self.object(schema, shape, depth),

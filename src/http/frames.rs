@@ -25,8 +25,7 @@ pub async fn create(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    access::require_in_use(&robot)?;
+    let robot = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     if submission.media_type != "text/csv" {
         return Err(submission.unsupported("text/csv"));
     }

@@ -150,8 +150,7 @@ pub async fn create(
     Query(query): Query<UploadQuery>,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    access::require_in_use(&robot)?;
+    let robot = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     refuse_other_types(&submission)?;
     let (robot, bytes) = (access::robot_body(&robot)?, submission.body.clone());
     let mut content_type = content_type(&submission, query.decimal);

@@ -6,6 +6,7 @@ mod connection;
 mod document;
 mod document_examples;
 mod index;
+mod request_examples;
 mod route;
 mod router;
 mod routes;

@@ -134,7 +134,7 @@ async fn checked_body<B: DeserializeOwned>(
     submission: &Submission,
 ) -> Result<B, Error> {
     check_name(name, MAX_NAME)?;
-    access::robot(app, &submission.caller, robot_id).await?;
+    access::robot_in_use(app, &submission.caller, robot_id).await?;
     submission.json()
 }
 

@@ -39,7 +39,7 @@ pub async fn put(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    access::robot(&app, &submission.caller, &robot_id).await?;
+    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     let policy: PolicyBody = submission.json()?;
     policy.check()?;
     let by = &submission.caller.holder;

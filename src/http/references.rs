@@ -29,8 +29,7 @@ pub async fn create(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let robot = access::robot(&app, &submission.caller, &robot_id).await?;
-    access::require_in_use(&robot)?;
+    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     let body: ReferenceBody = submission.json()?;
     body.check()?;
     let answer = |stored: &ReferenceAnswer| {

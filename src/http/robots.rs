@@ -86,8 +86,7 @@ pub async fn edit(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    let row = access::robot(&app, &submission.caller, &robot_id).await?;
-    access::require_in_use(&row)?;
+    let row = access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     let patch: RobotPatchBody = submission.json().map_err(links_stay)?;
     let EditedRobot {
         body,
@@ -141,7 +140,7 @@ pub async fn checked(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    access::robot(&app, &submission.caller, &robot_id).await?;
+    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {

@@ -56,19 +56,19 @@ pub const ROUTES: &[Route] = table! {
     GET    "/v1/robots/{robot_id}"                              robots::get                              Read     Read;
     PATCH  "/v1/robots/{robot_id}"                              robots::edit                             Upload   Write       key [409 507];
     POST   "/v1/robots/{robot_id}/archive"                      archive::archive_robot                   Upload   Write       key;
-    POST   "/v1/robots/{robot_id}/checked"                      robots::checked                          Release  Write       key;
+    POST   "/v1/robots/{robot_id}/checked"                      robots::checked                          Release  Write       key [409];
     GET    "/v1/robots/{robot_id}/history"                      history::history                         Read     CostlyRead;
     GET    "/v1/robots/{robot_id}/policy"                       policies::get                            Read     Read;
-    PUT    "/v1/robots/{robot_id}/policy"                       policies::put                            Admin    Write       key;
+    PUT    "/v1/robots/{robot_id}/policy"                       policies::put                            Admin    Write       key [409];
     POST   "/v1/robots/{robot_id}/pose-plans"                   pose_plans::create                       Read     Calculation;
     POST   "/v1/robots/{robot_id}/posture"                      robot_models::posture                    Read     Calculation;
     POST   "/v1/robots/{robot_id}/restore"                      archive::restore_robot                   Upload   Write       key;
     GET    "/v1/robots/{robot_id}/tools"                        named_frames::list_tools                 Read     Read;
     GET    "/v1/robots/{robot_id}/tools/{name}"                 named_frames::get_tool                   Read     Read;
-    PUT    "/v1/robots/{robot_id}/tools/{name}"                 named_frames::put_tool                   Upload   Write       key [507];
+    PUT    "/v1/robots/{robot_id}/tools/{name}"                 named_frames::put_tool                   Upload   Write       key [409 507];
     GET    "/v1/robots/{robot_id}/work-frames"                  named_frames::list_work_frames           Read     Read;
     GET    "/v1/robots/{robot_id}/work-frames/{name}"           named_frames::get_work_frame             Read     Read;
-    PUT    "/v1/robots/{robot_id}/work-frames/{name}"           named_frames::put_work_frame             Upload   Write       key [507];
+    PUT    "/v1/robots/{robot_id}/work-frames/{name}"           named_frames::put_work_frame             Upload   Write       key [409 507];
     // Measurement sets and frames
     GET    "/v1/frames/{id}"                                    frames::get                              Read     Read;
     GET    "/v1/measurement-sets/{id}"                          measurement_sets::get                    Read     Read;
@@ -77,7 +77,7 @@ pub const ROUTES: &[Route] = table! {
     POST   "/v1/measurement-sets/{id}/restore"                  archive::restore_measurement_set         Upload   Write       key;
     GET    "/v1/robots/{robot_id}/columns"                      columns::list                            Read     Read;
     GET    "/v1/robots/{robot_id}/columns/{name}"               columns::get                             Read     Read        [422];
-    PUT    "/v1/robots/{robot_id}/columns/{name}"               columns::put                             Upload   Write       key [507];
+    PUT    "/v1/robots/{robot_id}/columns/{name}"               columns::put                             Upload   Write       key [409 507];
     POST   "/v1/robots/{robot_id}/frames"                       frames::create                           Upload   Write       key [409 507];
     GET    "/v1/robots/{robot_id}/measurement-sets"             measurement_sets::list                   Read     Read;
     POST   "/v1/robots/{robot_id}/measurement-sets"             measurement_sets::create                 Upload   Write       key [409 507];

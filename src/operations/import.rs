@@ -44,7 +44,12 @@ pub fn import_with(
         ImportFormat::Urdf => {
             let urdf = Urdf::parse(bytes)?;
             let found = urdf.chain(tip, None)?;
+            let reversed = urdf.reversed_limits(&found);
+            if !reversed.is_empty() {
+                return Err(invalid_values(reversed));
+            }
             let frames = urdf.frames(&found);
+            let other_units = urdf.other_units(&found);
             let chain = found.chain;
             if chain.n_moving() > MAX_LINKS {
                 let detail = format!(
@@ -63,7 +68,14 @@ pub fn import_with(
             };
             let imported = links_of_chain(&meant);
             let described = |q: &[f64]| meant.t_root_tip(q);
-            let mut found = answer(name, joints, &imported, limits, &described)?;
+            let found = answer(name, joints, &imported, limits, &described);
+            let mut found = found.map_err(|refusal| {
+                let is_too_large = refusal.issues.iter().any(|i| i.code == "out_of_range");
+                match is_too_large && !other_units.is_empty() {
+                    true => invalid_values(other_units),
+                    false => refusal,
+                }
+            })?;
             if digits == ImportDigits::Source {
                 let robot = Robot::try_from(&found.robot)?;
                 let written = |q: &[f64]| chain.t_root_tip(q);
@@ -119,6 +131,14 @@ pub fn import_with(
     }
 }
 
+/// The refusal of a URDF for values of its joints.
+fn invalid_values(issues: Vec<Issue>) -> Invalid {
+    Invalid {
+        code: "invalid_joint",
+        issues,
+    }
+}
+
 /// Pose of the flange in the distal convention: product of Rz(q + theta)·Dz(d)·Dx(a)·Rx(alpha) over the rows.
 fn distal(rows: &[Link], q_rad: &[f64]) -> IsometryMatrix3<f64> {
     use crate::kinematics::forward::t_previous_link;
@@ -171,7 +191,8 @@ fn answer(
     let largest_difference_mm = largest_difference(&core, imported, described);
     if largest_difference_mm.is_nan() || largest_difference_mm > SAME_MM {
         let detail = format!(
-            "links and description differ by {largest_difference_mm:.1e} mm: two neighbouring axes may be too near to each other"
+            "links and description differ by {largest_difference_mm:.1e} mm: the description's digits may be rounded. Import with digits=source \
+             (kincal import --digits source), which restores right angles and states how far that moves the tip; or write more digits"
         );
         return Err(Invalid::at("", "not_expressible", detail));
     }

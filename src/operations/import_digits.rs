@@ -40,6 +40,34 @@ fn right_angle(rad: f64) -> f64 {
     }
 }
 
+/// The angle in degrees that a text in radians means, with as few decimals as the text's own digits determine: 2.9671 is 170°. A text with fewer than
+/// [`MIN_DECIMALS`] decimals counts as if it had these.
+pub fn degrees_of_rad(text: &str) -> Option<f64> {
+    let rad: f64 = text.parse().ok()?;
+    let deg = rad.to_degrees();
+    if text.contains(['e', 'E']) {
+        return Some(deg);
+    }
+    let decimals = text
+        .split_once('.')
+        .map_or(0, |(_, decimals)| decimals.len());
+    let decimals = decimals.clamp(MIN_DECIMALS, MAX_DECIMALS);
+    let half_step_deg = (0.5 / power_of_ten(decimals)).to_degrees();
+    let rounded = |n| (deg * power_of_ten(n)).round() / power_of_ten(n);
+    let mut all = (0..=decimals).map(rounded);
+    let found = all.find(|rounded| (rounded - deg).abs() <= half_step_deg);
+    Some(found.unwrap_or(deg) + 0.0)
+}
+
+/// Fewest decimals of an angle in radians; one step is 0.6°.
+const MIN_DECIMALS: usize = 2;
+/// Further decimals are rounding of floats.
+const MAX_DECIMALS: usize = 13;
+
+fn power_of_ten(n: usize) -> f64 {
+    (0..n).fold(1.0, |power, _| 10.0 * power)
+}
+
 /// Removes the rounding error of a float. The result is never a negative zero.
 pub fn clean(number: f64) -> f64 {
     let nearest = (number / STEP).round() / STEP.recip();
@@ -49,7 +77,7 @@ pub fn clean(number: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{clean, right_angle};
+    use super::{clean, degrees_of_rad, right_angle};
 
     #[test]
     #[allow(clippy::approx_constant, reason = "files write the rounded number")]
@@ -60,5 +88,23 @@ mod tests {
         assert!(clean(-0.0).is_sign_positive());
         assert_eq!(right_angle(-1.5708), -std::f64::consts::FRAC_PI_2);
         assert_eq!(right_angle(0.61), 0.61);
+    }
+
+    #[test]
+    fn angles_have_the_decimals_that_the_digits_in_radians_determine() {
+        for (rad, deg) in [
+            ("2.9671", 170.0),
+            ("-2.9671", -170.0),
+            ("2.96705972839036", 170.0),
+            ("6.28", 360.0),
+            ("2.0647", 118.3),
+            ("0", 0.0),
+            ("1", 57.3),
+        ] {
+            assert_eq!(degrees_of_rad(rad), Some(deg), "{rad}");
+        }
+        // all digits of a text that states more than rounding
+        assert_eq!(degrees_of_rad("2.967100000"), Some(170.002_307_4));
+        assert_eq!(degrees_of_rad("two"), None);
     }
 }

@@ -17,12 +17,13 @@ pub mod robot_models;
 pub mod rotation_convention;
 mod table_preview;
 pub mod urdf;
+mod urdf_joint;
 pub mod xml_limits;
 
 pub use compare::{IdentifiedSet, compare};
 pub use compensate::{Correctable, compensate};
 pub use frames::frames_from_sweeps;
 pub use plan_poses::plan_poses;
-pub use posture::posture;
+pub use posture::{MAX_APART, posture};
 pub use predict::predict;
 pub use table_preview::preview_table;

@@ -5,11 +5,14 @@ use crate::wire::issue::Invalid;
 use crate::wire::posture::{PostureAnswer, PostureBody};
 use crate::wire::tool::quaternion;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Vector3};
+use std::f64::consts::PI;
 
 /// If the cosine of the second angle is below this (within 0.001° of ±90°), the first and the third angle are not unique (gimbal lock).
 const NOT_UNIQUE: f64 = 1.745e-5;
 /// Tolerance of the joint limits, degrees: a pendant rounds joint values to two decimals.
 const ROUNDED_DEG: f64 = 0.01;
+/// Largest plausible distance between a real robot and its type at the flange, as a share of the flange's distance from the base.
+pub const MAX_APART: f64 = 0.02;
 
 /// Computes the pose of the flange or of a tool with the nominal links, in the base frame, for the controller's joint values.
 ///
@@ -19,10 +22,11 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
     request.check(robot.links.len())?;
     let q_rad: Vec<f64> = request.q_deg.iter().map(|deg| deg.to_radians()).collect();
     let q_model_rad = robot.q_model_rad(&q_rad);
-    let t = t_base_flange(&robot.links, &q_model_rad)
-        * request
-            .tool
-            .map_or_else(IsometryMatrix3::identity, IsometryMatrix3::from);
+    let tool = request.tool;
+    let t_flange_tool = tool.map_or_else(IsometryMatrix3::identity, IsometryMatrix3::from);
+    let t_at =
+        |q_rad: &[f64]| t_base_flange(&robot.links, &robot.q_model_rad(q_rad)) * t_flange_tool;
+    let t = t_at(&q_rad);
     let r = t.rotation.matrix();
     let (yaw_pitch_roll, angles_not_unique) = yaw_pitch_roll(r);
     let [yaw, pitch, roll] = yaw_pitch_roll.map(f64::to_degrees);
@@ -51,7 +55,33 @@ pub fn posture(request: &PostureBody, robot: &Robot) -> Result<PostureAnswer, In
         position_apart_mm: request
             .shown_position_mm
             .map(|shown| (Vector3::from(shown) - position).norm()),
+        orientation_apart_deg: request
+            .shown_orientation
+            .map(|shown| apart_deg(&shown.rotation(), &t.rotation)),
+        unchecked_joints: match (&request.shown_position_mm, &request.shown_orientation) {
+            (Some(_), None) => unchecked_joints(&q_rad, &t_at),
+            _ => vec![],
+        },
     })
+}
+
+/// Angle of the rotation between two orientations, from the quaternion, which is accurate for small angles.
+fn apart_deg(a: &Rotation3<f64>, b: &Rotation3<f64>) -> f64 {
+    let [w, x, y, z] = quaternion(&(a.inverse() * b));
+    (2.0 * libm::atan2(Vector3::new(x, y, z).norm(), w)).to_degrees()
+}
+
+/// The joints, counted from 1, of which half a turn moves the position by less than [`MAX_APART`] of its distance from the base.
+fn unchecked_joints(q_rad: &[f64], t_at: &dyn Fn(&[f64]) -> IsometryMatrix3<f64>) -> Vec<usize> {
+    let position = t_at(q_rad).translation.vector;
+    let is_unchecked = |joint: &usize| {
+        let mut turned = q_rad.to_vec();
+        turned[*joint] += PI;
+        let moved = (t_at(&turned).translation.vector - position).norm();
+        moved < MAX_APART * position.norm()
+    };
+    let joints = (0..q_rad.len()).filter(is_unchecked);
+    joints.map(|joint| joint + 1).collect()
 }
 
 /// The angles with R = Rz(yaw)·Ry(pitch)·Rx(roll), rad. Also returns true if yaw and roll are not unique.

@@ -1,9 +1,9 @@
 //! URDF: parses the chain of joints to a tip link, and replaces only the joint origins in an existing text.
 
-use crate::exchange::{Chain, ChainJoint, Origin, origin_of, pose_of};
+use crate::exchange::{Chain, Origin, origin_of};
+use crate::operations::urdf_joint::{CALIBRATED_KINDS, MM, UrdfJoint, invalid, joint, wrong_joint};
 use crate::operations::xml_limits;
-use crate::wire::issue::Invalid;
-use nalgebra::Vector3;
+use crate::wire::issue::{Invalid, Issue, MAX_ISSUES};
 use roxmltree::{Document, Node, ParsingOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -20,40 +20,13 @@ const MAX_CHAIN: usize = 200;
 const MAX_FRAMES: usize = 200;
 /// Maximum number of items that an error lists.
 const MAX_LISTED: usize = 10;
-/// Maximum length of the text of an error, characters.
-const MAX_DETAIL_CHARS: usize = 500;
-/// Millimetres in a metre.
-const MM: f64 = 1e3;
+/// Tips that are nearer to each other than this are at one place, mm: the digits of a URDF.
+const SAME_PLACE_MM: f64 = 1e-3;
 
 /// A parsed URDF.
 pub struct Urdf<'t> {
     text: &'t str,
     joints: Vec<UrdfJoint>,
-}
-
-/// A joint, with the position of its origin in the text.
-struct UrdfJoint {
-    name: String,
-    kind: String,
-    parent: String,
-    child: String,
-    joint: ChainJoint,
-    place: OriginPlace,
-    /// Byte at which its element begins.
-    start: usize,
-    /// Why a chain with this joint is refused. The message is written only if it is needed: it counts the lines before the joint.
-    fault: Option<&'static str>,
-}
-
-/// Position of an `<origin>` element in the text: the ranges of the values of its attributes, and the place where an attribute or the element would
-/// be inserted.
-#[derive(Clone)]
-struct OriginPlace {
-    xyz: Option<Range<usize>>,
-    rpy: Option<Range<usize>>,
-    /// After the name in `<origin`; or, if the joint has no `<origin>`, after the opening tag of the joint.
-    insert_at: usize,
-    has_element: bool,
 }
 
 /// The joints from the root to a tip.
@@ -87,16 +60,6 @@ fn listed<T: AsRef<str>>(all: &[T]) -> String {
         String::new()
     };
     shown.join(", ") + &tail
-}
-
-/// An error whose text is cut to [`MAX_DETAIL_CHARS`], because names and values may be as long as the file.
-fn invalid(code: &'static str, detail: impl Into<String>) -> Invalid {
-    let mut detail = detail.into();
-    if let Some((end, _)) = detail.char_indices().nth(MAX_DETAIL_CHARS) {
-        detail.truncate(end);
-        detail.push('…');
-    }
-    Invalid::at("", code, detail)
 }
 
 impl<'t> Urdf<'t> {
@@ -182,7 +145,7 @@ impl<'t> Urdf<'t> {
             if let Some(fault) = fault {
                 return Err(wrong_joint(self.text, *start, name, fault));
             }
-            if !["revolute", "continuous", "fixed"].contains(&kind.as_str()) {
+            if !CALIBRATED_KINDS.contains(&kind.as_str()) {
                 let detail = format!(
                     "joint {name:?} is {kind}: only revolute, continuous and fixed joints can be calibrated; name another tip"
                 );
@@ -231,7 +194,7 @@ impl<'t> Urdf<'t> {
             .filter(is_leaf)
             .map(|joint| self.path(&joint.child, by_child))
             .collect::<Result<Vec<_>, _>>()?;
-        let moving = |path: &Vec<usize>| -> Vec<usize> {
+        let moving = |path: &[usize]| -> Vec<usize> {
             path.iter()
                 .copied()
                 .filter(|i| self.joints[*i].joint.axis.is_some())
@@ -249,9 +212,10 @@ impl<'t> Urdf<'t> {
             };
             return Err(invalid("no_joints", detail));
         };
-        let candidates: Vec<&Vec<usize>> = paths
+        let candidates: Vec<&[usize]> = paths
             .iter()
             .filter(|path| moving(path).len() == most)
+            .map(Vec::as_slice)
             .collect();
         let Some(longest) = candidates.iter().max_by_key(|path| path.len()) else {
             let found: BTreeSet<usize> = paths.iter().map(|path| moving(path).len()).collect();
@@ -264,18 +228,90 @@ impl<'t> Urdf<'t> {
         };
         let of_longest = moving(longest);
         if candidates.iter().any(|path| moving(path) != of_longest) {
-            let ends: Vec<&str> = candidates
-                .iter()
-                .filter_map(|path| path.last())
-                .map(|i| self.joints[*i].child.as_str())
-                .collect();
             let detail = format!(
-                "several chains have {most} joints that move, ending at {}: name the tip link",
-                listed(&ends)
+                "several chains have {most} joints that move, ending at {}: {}",
+                listed(&self.ends(&candidates)),
+                self.tips_to_name(&candidates)
             );
             return Err(invalid("several_chains", detail));
         }
-        Ok((*longest).clone())
+        let as_long: Vec<&[usize]> = candidates
+            .iter()
+            .copied()
+            .filter(|path| path.len() == longest.len())
+            .collect();
+        if n_moving.is_none() && !self.end_at_one_place(&as_long) {
+            let detail = format!(
+                "several fixed links are equally far from the last joint that moves: {}. Name the tip link",
+                listed(&self.ends(&as_long))
+            );
+            return Err(invalid("several_tips", detail));
+        }
+        Ok(longest.to_vec())
+    }
+
+    fn ends(&self, paths: &[&[usize]]) -> Vec<&str> {
+        let last = paths.iter().filter_map(|path| path.last());
+        last.map(|i| self.joints[*i].child.as_str()).collect()
+    }
+
+    /// Whether chains with the same moving joints end at one place. Their tips may be turned against each other, as `flange` and `tool0` usually are.
+    fn end_at_one_place(&self, paths: &[&[usize]]) -> bool {
+        let tip_mm = |path: &&[usize]| {
+            let joints = path.iter().map(|i| self.joints[*i].joint.clone()).collect();
+            let chain = Chain { joints };
+            chain
+                .t_root_tip(&vec![0.0; chain.n_moving()])
+                .translation
+                .vector
+        };
+        let mut tips_mm = paths.iter().map(tip_mm);
+        let first_mm = tips_mm.next().unwrap_or_default();
+        tips_mm.all(|mm| (mm - first_mm).norm() < SAME_PLACE_MM)
+    }
+
+    /// Which tip links can be named instead of the ends of these chains. If fingers move at their ends, these are the links before the fingers.
+    fn tips_to_name(&self, paths: &[&[usize]]) -> String {
+        let mut before: Vec<&str> = Vec::new();
+        for path in paths {
+            let Some(finger) = path.iter().position(|i| !self.joints[*i].is_usable()) else {
+                return "name the tip link".into();
+            };
+            let arm = &path[..finger];
+            let is_fixed = |i: &&usize| self.joints[**i].joint.axis.is_none();
+            let n_fixed = arm.iter().rev().take_while(is_fixed).count();
+            for i in &arm[arm.len() - n_fixed.max(1).min(arm.len())..] {
+                let link = self.joints[*i].child.as_str();
+                if !before.contains(&link) {
+                    before.push(link);
+                }
+            }
+        }
+        match before.is_empty() {
+            true => "name the tip link".into(),
+            false => format!(
+                "their last joints cannot be calibrated. Name a link before them as the tip: {}",
+                listed(&before)
+            ),
+        }
+    }
+
+    /// Joints of a chain whose limits are in the wrong order.
+    pub fn reversed_limits(&self, chain: &UrdfChain) -> Vec<Issue> {
+        let joints = chain.indices.iter().map(|i| &self.joints[*i]);
+        joints
+            .filter_map(|joint| joint.reversed_limits(self.text))
+            .take(MAX_ISSUES)
+            .collect()
+    }
+
+    /// Values of a chain that no robot has in metres and radians, the units of a URDF.
+    pub fn other_units(&self, chain: &UrdfChain) -> Vec<Issue> {
+        let joints = chain.indices.iter().map(|i| &self.joints[*i]);
+        joints
+            .flat_map(|joint| joint.other_units(self.text))
+            .take(MAX_ISSUES)
+            .collect()
     }
 
     /// The links of a chain, and the links of the file that are not part of it.
@@ -344,124 +380,6 @@ impl<'t> Urdf<'t> {
         text
     }
 }
-
-/// The refusal of a joint whose element begins at byte `start`.
-fn wrong_joint(text: &str, start: usize, name: &str, what: &str) -> Invalid {
-    let line = 1 + text[..start].matches('\n').count();
-    invalid(
-        "invalid_joint",
-        format!("line {line}: joint {name:?} {what}"),
-    )
-}
-
-fn joint(text: &str, node: Node<'_, '_>) -> Result<UrdfJoint, Invalid> {
-    let name = node.attribute("name").unwrap_or_default().to_owned();
-    let start = node.range().start;
-    let wrong = |what: &str| wrong_joint(text, start, &name, what);
-    let child = |tag: &str| node.children().find(|child| child.has_tag_name(tag));
-    let link = |tag: &str| {
-        child(tag)
-            .and_then(|n| n.attribute("link"))
-            .map(str::to_owned)
-            .ok_or_else(|| wrong(&format!("has no {tag} link")))
-    };
-    let kind = node.attribute("type").unwrap_or_default().to_owned();
-    let origin = child("origin");
-    let three = |node: Option<Node<'_, '_>>, name: &str, default: [f64; 3]| match node
-        .and_then(|n| n.attribute(name))
-    {
-        None => Ok(default),
-        Some(value) => three_numbers(value).ok_or_else(|| {
-            wrong(&format!(
-                "has {name}={value:?}, which is not three numbers; expand xacro first"
-            ))
-        }),
-    };
-    let xyz_m = three(origin, "xyz", [0.0; 3])?;
-    let rpy_rad = three(origin, "rpy", [0.0; 3])?;
-    let axis = Vector3::from(three(child("axis"), "xyz", [1.0, 0.0, 0.0])?);
-    let is_moving = kind != "fixed";
-    let fault = match is_moving {
-        true if axis.norm() < 1e-6 => Some("has an axis of no length"),
-        true if child("mimic").is_some() => {
-            Some("mimics another: such couplings cannot be calibrated from a URDF")
-        }
-        _ => None,
-    };
-    let limit = |name: &str| {
-        child("limit")
-            .and_then(|n| n.attribute(name))
-            .and_then(|v| v.trim().parse::<f64>().ok())
-    };
-    let limits_rad = if kind == "revolute" {
-        limit("lower")
-            .zip(limit("upper"))
-            .filter(|(low, high)| low < high)
-    } else {
-        None
-    };
-    let chain_joint = ChainJoint {
-        name: name.clone(),
-        t_parent_joint: pose_of(&Origin {
-            xyz_mm: xyz_m.map(|m| m * MM),
-            rpy_rad,
-        }),
-        axis: is_moving.then(|| axis.normalize()),
-        limits_rad,
-    };
-    let value = |name: &str| {
-        origin
-            .and_then(|n| n.attribute_node(name))
-            .map(|attribute| inside_quotes(text, attribute.range()))
-    };
-    let insert_at = match origin {
-        Some(element) => after_name(text, element.range()),
-        None => opening_tag_end(text, node),
-    };
-    let place = OriginPlace {
-        xyz: value("xyz"),
-        rpy: value("rpy"),
-        insert_at,
-        has_element: origin.is_some(),
-    };
-    Ok(UrdfJoint {
-        parent: link("parent")?,
-        child: link("child")?,
-        name,
-        kind,
-        joint: chain_joint,
-        place,
-        start,
-        fault,
-    })
-}
-
-/// Range of the value in `name="value"`. The range that roxmltree gives is wrong after very long names or many spaces.
-fn inside_quotes(text: &str, attribute: Range<usize>) -> Range<usize> {
-    let to_quote = text[attribute.clone()].find(['"', '\'']).unwrap_or(0);
-    attribute.start + to_quote + 1..attribute.end - 1
-}
-
-/// Position after the name in the opening tag of an element. The name may have a namespace prefix.
-fn after_name(text: &str, element: Range<usize>) -> usize {
-    let ends = |c: char| c.is_ascii_whitespace() || matches!(c, '/' | '>');
-    let length = text[element.clone()].find(ends);
-    length.map_or(element.end, |length| element.start + length)
-}
-
-/// Position after the `>` of the opening tag of an element. The element has children, so this is the start of its first child.
-fn opening_tag_end(text: &str, node: Node<'_, '_>) -> usize {
-    node.first_child()
-        .map_or_else(|| text.len(), |child| child.range().start)
-}
-
-fn three_numbers(text: &str) -> Option<[f64; 3]> {
-    let numbers = text
-        .split_whitespace()
-        .map(|number| number.parse::<f64>().ok().filter(|n| n.is_finite()));
-    numbers.collect::<Option<Vec<f64>>>()?.try_into().ok()
-}
-
 /// Three lengths in metres, with enough digits to read back the same floats.
 pub fn xyz_text(origin: &Origin) -> String {
     three_text(origin.xyz_mm.map(|mm| mm / MM))

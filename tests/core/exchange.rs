@@ -1015,3 +1015,127 @@ fn the_base_of_a_description_is_upright() {
     println!("{n_turned} arms whose first axis points downwards");
     assert!(n_turned > 0 || urdfs().is_empty());
 }
+
+/// An arm of two joints; `first` and `second` are put into the elements of its joints, `ends` behind them.
+fn two_joints(first: &str, second: &str, ends: &str) -> String {
+    format!(
+        "<robot name='x'>
+<joint name='j1' type='revolute'><parent link='base'/><child link='link1'/><axis xyz='0 0 1'/>{first}</joint>
+<joint name='j2' type='revolute'><parent link='link1'/><child link='link2'/><axis xyz='0 1 0'/>{second}</joint>
+{ends}</robot>"
+    )
+}
+
+fn fixed(name: &str, parent: &str, child: &str, xyz: &str) -> String {
+    format!(
+        "<joint name='{name}' type='fixed'><parent link='{parent}'/><child link='{child}'/><origin xyz='{xyz}'/></joint>"
+    )
+}
+
+fn imported(text: &str) -> Result<RobotBody, kincal::wire::Invalid> {
+    import(text.as_bytes(), ImportFormat::Urdf, "x", None).map(|imported| imported.robot)
+}
+
+#[test]
+fn a_urdf_in_other_units_is_refused_with_joint_value_and_unit() {
+    let in_mm = two_joints("<origin xyz='0 0 300'/>", "<origin xyz='20000 0 0'/>", "");
+    let refused = imported(&in_mm).unwrap_err();
+    let told = &refused.issues[0].detail;
+    assert!(
+        told.starts_with("line 2: joint \"j1\" has xyz=\"0 0 300\"") && told.contains("metres"),
+        "{told}"
+    );
+    assert_eq!(refused.issues.len(), 2, "{refused:?}");
+    let in_degrees = two_joints(
+        "<limit lower='-2.9671' upper='2.9671'/>",
+        "<limit lower='-90' upper='170'/>",
+        "",
+    );
+    let refused = imported(&in_degrees).unwrap_err();
+    let told: Vec<&str> = refused.issues.iter().map(|i| i.detail.as_str()).collect();
+    assert!(
+        told[0].starts_with("line 3: joint \"j2\" has lower=-90: a URDF is in radians")
+            && told[1].contains("upper=170")
+            && told[1].contains("write 2.967060"),
+        "{told:?}"
+    );
+}
+
+#[test]
+fn limits_of_a_urdf_are_rounded_by_their_digits_and_refused_in_the_wrong_order() {
+    let limits = |lower: &str, upper: &str| {
+        imported(&two_joints(
+            &format!("<limit lower='{lower}' upper='{upper}'/>"),
+            "<origin xyz='0 0 0.3'/>",
+            "",
+        ))
+    };
+    let found = limits("-2.9671", "2.0944").unwrap();
+    assert_eq!(found.links[0].joint_limits_deg, Some([-170.0, 120.0]));
+    assert_eq!(found.links[1].joint_limits_deg, None);
+    let refused = limits("1", "-1").unwrap_err();
+    let told = &refused.issues[0].detail;
+    assert!(
+        told.starts_with("line 2: joint \"j1\" has the limits lower=1 and upper=-1"),
+        "{told}"
+    );
+    // equal limits are none
+    assert_eq!(limits("0", "0").unwrap().links[0].joint_limits_deg, None);
+}
+
+#[test]
+fn of_several_tips_at_different_places_one_has_to_be_named() {
+    let arm = |ends: &str| two_joints("", "<origin xyz='0 0 0.3'/>", ends);
+    let left = fixed("to_left", "link2", "left", "0.1 0 0");
+    let refused = imported(&arm(
+        &(left.clone() + &fixed("to_right", "link2", "right", "0 0.1 0"))
+    ));
+    let refused = refused.unwrap_err();
+    assert_eq!(refused.code, "several_tips");
+    assert!(
+        refused.issues[0].detail.contains("left, right"),
+        "{refused:?}"
+    );
+    // flange and tool0 are often at one place
+    imported(&arm(
+        &(left + &fixed("to_tool0", "link2", "tool0", "0.1 0 0"))
+    ))
+    .unwrap();
+}
+
+#[test]
+fn the_links_before_the_fingers_of_a_hand_are_offered_as_tips() {
+    let finger = |side: &str| {
+        format!(
+            "<joint name='{side}' type='prismatic'><parent link='hand'/><child link='{side}_finger'/></joint>"
+        )
+    };
+    let ends = fixed("j8", "link2", "link8", "0 0 0.1")
+        + &fixed("to_hand", "link8", "hand", "0 0 0")
+        + &finger("left")
+        + &finger("right");
+    let refused = imported(&two_joints("", "<origin xyz='0 0 0.3'/>", &ends)).unwrap_err();
+    let told = &refused.issues[0].detail;
+    assert!(
+        told.contains("left_finger, right_finger") && told.ends_with("as the tip: link8, hand"),
+        "{told}"
+    );
+}
+
+/// The first axis of KUKA's arms points down by a rotation of 3.1416.
+#[test]
+fn an_axis_that_points_down_but_for_rounded_digits_is_imported_exactly() {
+    let text = two_joints(
+        "<origin xyz='0 0 0.645' rpy='3.1416 0 0'/>",
+        "<origin xyz='0.33 0.01 0' rpy='1.5708 0 0'/>",
+        "",
+    );
+    let imported = import(text.as_bytes(), ImportFormat::Urdf, "x", None).unwrap();
+    assert!(imported.largest_difference_mm < 1e-9, "{imported:?}");
+    assert!((imported.robot.links[0].alpha_deg.abs() - 180.0).abs() > 1e-6);
+    for (name, urdf) in &urdfs() {
+        if let Err(refused) = import(urdf.as_bytes(), ImportFormat::Urdf, name, None) {
+            assert_ne!(refused.code, "not_expressible", "{name}: {refused:?}");
+        }
+    }
+}

@@ -3,7 +3,8 @@
 use crate::data::{oracles_python, real_data, urdfs};
 use crate::simulation::Normal;
 use kincal::kinematics::{Robot, t_base_flange};
-use kincal::operations::robot_models;
+use kincal::operations::{posture, robot_models};
+use kincal::wire::posture::{PostureAnswer, PostureBody, ShownOrientation};
 use kincal::wire::robot_model::{RobotModel, RobotModelSource};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use serde_json::Value;
@@ -376,5 +377,47 @@ fn the_page_has_every_arm() {
             "{}: make the table anew with docs/oracles/robot_models.py --write",
             model.id
         );
+    }
+}
+
+fn shown_posture(q_deg: [f64; 6], shown_orientation: Option<ShownOrientation>) -> PostureAnswer {
+    let model = robot_models::get("kuka_kr10_r1100_2").unwrap().unwrap();
+    let request = PostureBody {
+        q_deg: q_deg.to_vec(),
+        tool: None,
+        shown_position_mm: Some([700.2, -5.1, 790.6]),
+        shown_orientation,
+    };
+    posture(&request, &Robot::try_from(&model.robot).unwrap()).unwrap()
+}
+
+/// The flange is on the axis of the last joint, so its position does not see a 300 that was typed for 30.
+#[test]
+fn a_posture_without_an_orientation_names_the_joints_that_it_does_not_check() {
+    let right = [0.0, -80.0, 95.0, 10.0, 20.0, 30.0];
+    let mut typed = right;
+    typed[5] = 300.0;
+    let unseen = shown_posture(typed, None);
+    assert!(unseen.position_apart_mm.unwrap() < 1.0);
+    assert_eq!(unseen.unchecked_joints, [6]);
+    // straight on, joint 4 turns about the same axis
+    assert_eq!(
+        shown_posture([0.0, -80.0, 95.0, 10.0, 0.0, 30.0], None).unchecked_joints,
+        [4, 6]
+    );
+
+    let is = shown_posture(right, None);
+    let mut forms = [ShownOrientation::default(); 4];
+    forms[0].kuka_abc_deg = Some(is.kuka_abc_deg);
+    forms[1].fanuc_wpr_deg = Some(is.fanuc_wpr_deg);
+    forms[2].ur_rotation_vector_rad = Some(is.ur_rotation_vector_rad);
+    forms[3].quaternion = Some(is.quaternion);
+    for shown in forms {
+        let compared = shown_posture(right, Some(shown));
+        assert!(compared.orientation_apart_deg.unwrap() < 1e-6, "{shown:?}");
+        assert!(compared.unchecked_joints.is_empty());
+        let compared = shown_posture(typed, Some(shown));
+        let apart_deg = compared.orientation_apart_deg.unwrap();
+        assert!((apart_deg - 90.0).abs() < 1e-6, "{shown:?}: {apart_deg}");
     }
 }

@@ -490,3 +490,66 @@ fn an_instruments_table_that_stands_twice_is_refused() {
     );
     assert!(detail.contains(&hint), "{detail}");
 }
+
+#[test]
+fn a_wrong_clock_difference_is_told_with_the_one_that_the_times_show() {
+    let times_s = [0.0, 7.0, 19.0, 24.0, 40.0, 51.0];
+    let mut robot =
+        String::from("time [s],J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n");
+    let mut instrument = String::from("time [s],x_mm,y_mm,z_mm\n");
+    for (i, time_s) in times_s.iter().enumerate() {
+        robot += &format!("{},{i},2,3,4,5,6\n", 500.0 + time_s);
+        instrument += &format!("{},{i},2,3\n", 410.5 + time_s);
+    }
+    for by in ["", "\"by\": \"time\", "] {
+        let stated = format!("{{\"join\": {{{by}\"clock_offset_s\": 900}}}}");
+        let (code, detail) = refusal(&robot, &instrument, &stated);
+        assert_eq!(code, "join_unclear");
+        assert!(
+            detail.contains("900 s, 0 of 6 rows pair")
+                && detail.contains("show 89.5 s, which pairs 6 rows")
+                && detail.contains("{\"join\": {\"clock_offset_s\": 89.5}}"),
+            "{detail}"
+        );
+    }
+}
+
+#[test]
+fn an_export_without_header_is_read_by_numbers_beside_a_robots_file_with_one() {
+    let robot = log(6, |i| format!("P{i}"));
+    let rows: String = (1..=6)
+        .map(|i| format!("Cell,Cal,P{i},{i}.5,2.5,3.5\n"))
+        .collect();
+    let (code, detail) = refusal(&robot, &rows, "");
+    assert_eq!(code, "no_header");
+    assert!(
+        detail.starts_with("instrument file")
+            && detail.contains("{\"x_mm\": 1,")
+            && !detail.contains("q1_deg"),
+        "{detail}"
+    );
+    // numbers in quotes are numbers where no column has a name
+    for [name, x] in [["3", "4"], ["\"3\"", "\"4\""]] {
+        let by_number = format!(
+            "{{\"instrument\": {{\"header_row\": false, \"name\": {name}}}, \"x_mm\": {x}, \"y_mm\": 5, \"z_mm\": 6}}"
+        );
+        let (set, _) = read(&form(robot.as_bytes(), rows.as_bytes()), &by_number).unwrap();
+        assert_eq!(set.points.len(), 6);
+    }
+    let for_both = "{\"header_row\": false, \"instrument\": {\"name\": 3}, \"x_mm\": 4, \"y_mm\": 5, \"z_mm\": 6}";
+    let (_, detail) = refusal(&robot, &rows, for_both);
+    assert!(
+        detail.starts_with("robot file")
+            && detail.contains("{\"instrument\": {\"header_row\": false}}"),
+        "{detail}"
+    );
+    let (_, detail) = refusal(
+        &robot,
+        "Point,x_mm,y_mm,z_mm\nP1,1,2,3\n",
+        "{\"x_mm\": \"2\"}",
+    );
+    assert!(
+        detail.contains("a column's number goes without quotes: 2"),
+        "{detail}"
+    );
+}

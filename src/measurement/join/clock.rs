@@ -97,6 +97,38 @@ pub fn found_offset(
     Err(several_offsets(ties.offsets_s, &n_pairs))
 }
 
+/// Refuses a stated clock difference that pairs no row, or, unless the join by time was requested, fewer than half of the rows that can be paired.
+///
+/// # Errors
+/// `join_unclear` with the difference that the times show, if they show one.
+pub(super) fn refuse_wrong_offset(
+    standstills: &[Standstill],
+    instrument_s: &[f64],
+    stated_s: f64,
+    tolerance_s: f64,
+    is_by_time: bool,
+) -> Result<(), JoinError> {
+    let n_pairs = |offset_s| count(&paired(standstills, instrument_s, offset_s, tolerance_s));
+    let (n, possible) = (n_pairs(stated_s), instrument_s.len().min(standstills.len()));
+    if 2 * n >= possible || n > 0 && is_by_time {
+        return Ok(());
+    }
+    let found = match found_offset(standstills, instrument_s, tolerance_s) {
+        Ok(found_s) => {
+            let rounded_s = (found_s * 1e3).round() / 1e3;
+            format!(
+                "The times themselves show {rounded_s} s, which pairs {} rows: state that in the column mapping: {{\"join\": {{\"clock_offset_s\": {rounded_s}}}}}, or state none",
+                n_pairs(found_s)
+            )
+        }
+        Err(_) => "The times themselves show no other difference. Read both clocks at one moment: the difference is the robot's minus the instrument's".into(),
+    };
+    let detail = format!(
+        "with the stated difference of the two clocks, {stated_s} s, {n} of {possible} rows pair by time within {tolerance_s:.3} s. {found}"
+    );
+    Err(error("join_unclear", detail))
+}
+
 fn count(pairs: &[Option<usize>]) -> usize {
     pairs.iter().flatten().count()
 }

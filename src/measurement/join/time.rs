@@ -2,8 +2,8 @@
 
 use crate::measurement::columns::meaning::key;
 use crate::measurement::columns::names::{Key, TimeUnit};
-use crate::measurement::join::clock::{Standstill, found_offset, paired};
-use crate::measurement::join::options::{JoinError, JoinOptions, Pairs, error};
+use crate::measurement::join::clock::{Standstill, found_offset, paired, refuse_wrong_offset};
+use crate::measurement::join::options::{JoinBy, JoinError, JoinOptions, Pairs, error};
 use crate::measurement::set::{Point, SAME_JOINT_RAD};
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
@@ -211,11 +211,13 @@ pub fn by_time(
         Some(offset_s) => offset_s,
         None => found_offset(&standstills, &wanted_s, tolerance_s)?,
     };
+    let matched = paired(&standstills, &wanted_s, offset_s, tolerance_s);
+    if options.clock_offset_s.is_some() {
+        let is_by_time = options.by == Some(JoinBy::Time);
+        refuse_wrong_offset(&standstills, &wanted_s, offset_s, tolerance_s, is_by_time)?;
+    }
     let mut pairs: Pairs = vec![None; instrument.len()];
-    for (row, pair) in rows
-        .iter()
-        .zip(paired(&standstills, &wanted_s, offset_s, tolerance_s))
-    {
+    for (row, pair) in rows.iter().zip(matched) {
         pairs[*row] = pair.map(|at| standstills[at].row);
     }
     Ok((

@@ -1,7 +1,7 @@
 //! Finds the meaning of each column of a table: first from the caller's mapping, then from the name of the column.
 
 use crate::measurement::columns::column::{Column, missing_columns, mixed_units};
-use crate::measurement::columns::mapping::Mapping;
+use crate::measurement::columns::mapping::{HeaderRow, Mapping};
 pub use crate::measurement::columns::mapping::Needs;
 use crate::measurement::columns::meaning::{column, key, key_name, thing};
 use crate::measurement::columns::names::{Key, Known, PLAIN, Unit, named_axes, recognise};
@@ -37,6 +37,29 @@ pub fn resolve(table: &Table, mapping: &Mapping, n_joints: usize, needs: Needs) 
 }
 
 impl Resolution<'_> {
+    /// What to state for a file without a header of which no column is known.
+    fn no_header(&self) -> String {
+        let (other, others) = match self.needs {
+            Needs::Joints => ("instrument", r#"{"q1_deg": 1, "robot": {"name": 2}}"#),
+            Needs::Positions => (
+                "robot",
+                r#"{"x_mm": 1, "y_mm": 2, "z_mm": 3, "instrument": {"name": 4}}"#,
+            ),
+            Needs::Points => ("", r#"{"q1_deg": 1}"#),
+        };
+        let is_stated = self.mapping.header_row == Some(HeaderRow::None) && !other.is_empty();
+        match is_stated {
+            true => format!(
+                "the column mapping states that no line of the file names its columns. If only the {other}'s file is meant, state it for that file alone, \
+                 in the column mapping: {{\"{other}\": {{\"header_row\": false}}}}"
+            ),
+            false => format!(
+                "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
+                 from 1, in the column mapping: {others}"
+            ),
+        }
+    }
+
     fn mapped(&mut self, mapping: &Mapping) {
         for (means, reference) in &mapping.columns {
             let is_known = column(means, self.n_joints).is_some() || key(means).is_some();
@@ -248,9 +271,7 @@ impl Resolution<'_> {
             })
             .collect();
         if has_none && no_header && !self.columns.issues.is_empty() {
-            let detail = "no line of the file names its columns: put a header row on top, or say which column is which by its number, counted \
-                          from 1, in the column mapping: {\"q1_deg\": 1}";
-            self.columns.issues = vec![Issue::new("no_header", detail)];
+            self.columns.issues = vec![Issue::new("no_header", self.no_header())];
         }
         if self.columns.issues.is_empty() {
             let names: Vec<String> = (self.columns.used.iter())

@@ -288,10 +288,23 @@ impl<'a> Table<'a> {
                     .collect();
                 match places[..] {
                     [place] => Ok(place),
-                    [] => Err(format!(
-                        "there is no column {text:?}; the table has {}",
-                        self.names()
-                    )),
+                    // A number in quotes can only be a number where no column has a name.
+                    [] => match text.parse() {
+                        Ok(number) if self.header_line.is_none() => {
+                            self.place(&ColumnRef::Number(number))
+                        }
+                        Ok(number) => {
+                            let number: usize = number;
+                            Err(format!(
+                                "no column is called {text:?}; a column's number goes without quotes: {number}. The table has {}",
+                                self.names()
+                            ))
+                        }
+                        Err(_) => Err(format!(
+                            "there is no column {text:?}; the table has {}",
+                            self.names()
+                        )),
+                    },
                     _ => Err(format!(
                         "{} columns are called {text:?}: name the one that is meant by its number, counted from 1",
                         places.len()

@@ -3,6 +3,7 @@
 use crate::app::{Answer, TestApp, paper, text};
 use crate::engines::for_each_engine;
 use crate::fixtures::{a_candidate, a_robot, a_set, in_transaction, new_job, new_set};
+use crate::process::run_beside;
 use kincal::store::verify::{Options, verify};
 use kincal::store::{
     Archivable, CheckedState, Conflict, Error, Release, Store, archive, audit, jobs,
@@ -122,7 +123,17 @@ async fn an_archived_robot_takes_nothing_new_and_is_still_rolled_back() {
     }
     archive_it(&app, &robot).await.ok(200);
     let sets = format!("{robot}/measurement-sets?frame=base");
+    let put = async |path: &str, body: Value| {
+        let request = app.request(reqwest::Method::PUT, &format!("{robot}/{path}"));
+        Answer::of(request.json(&body)).await
+    };
+    let moved = json!({"translation_mm": [0.0, 0.0, 1.0]});
     for refused in [
+        put("work-frames/fixture", moved.clone()).await,
+        put("tools/gun", moved).await,
+        put("columns/log", json!({"q1_deg": "J1"})).await,
+        put("policy", json!({"tolerance_mm": 5.0})).await,
+        app.post_json(&format!("{robot}/checked"), &why).await,
         app.post(&sets, "text/csv", paper("first.csv")).await,
         app.post(
             &format!("{robot}/frames"),
@@ -252,6 +263,33 @@ async fn what_is_archived_is_used_by_no_new_job() {
     app.post_json(&jobs, &request)
         .await
         .problem(409, "archived");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_empty_list_says_that_there_are_archived_items() {
+    let app = TestApp::spawn().await;
+    let (robot, set) = app.robot_with_set("first.csv").await;
+    archive_it(&app, &format!("/v1/measurement-sets/{set}"))
+        .await
+        .ok(200);
+    let id = robot.rsplit('/').next().unwrap();
+    let told = async |arguments: &[&str]| {
+        let server = [("KINCAL_SERVER", app.server.url())];
+        let (code, stdout, stderr) = run_beside(arguments, &server).await;
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+        stdout
+    };
+    let sets = told(&["sets", "--robot", id]).await;
+    assert!(sets.contains("1 archived: --archived true"), "{sets}");
+    let sets = told(&["sets", "--robot", id, "--archived", "true"]).await;
+    assert!(sets.contains(&set), "{sets}");
+    let other = told(&["sets", "--robot", id, "--search", "no such name"]).await;
+    assert!(other.contains("no item matches these filters"), "{other}");
+    let jobs = told(&["jobs", "--robot", id]).await;
+    assert!(jobs.contains("no job yet"), "{jobs}");
+    archive_it(&app, &robot).await.ok(200);
+    let robots = told(&["robots"]).await;
+    assert!(robots.contains("1 archived: --archived true"), "{robots}");
 }
 
 #[tokio::test]

@@ -1,4 +1,4 @@
-use crate::app::{Answer, TestApp};
+use crate::app::{Answer, TestApp, text};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
@@ -223,4 +223,106 @@ async fn the_front_page_says_whether_a_key_is_needed() {
         app.get("/v1/me").await.ok(200)["scopes"],
         serde_json::json!(["admin"])
     );
+}
+
+/// The set's id in the examples.
+const SET_ID: &str = "set_0199b6a4c1d27a10b5e43c7f9d2e6a81";
+
+/// What an example needs beside its body: the query.
+fn query_of(operation: &str, media_type: &str) -> &'static str {
+    match (operation, media_type) {
+        ("createMeasurementSet", "text/csv" | "multipart/form-data") => "?frame=base",
+        ("importRobot", "application/xml") => "?format=urdf",
+        ("importRobot", _) => "?format=mdh",
+        ("patchUrdf", _) => "?format=urdf",
+        ("compensateProgram", _) => "?tool_z_mm=100",
+        _ => "",
+    }
+}
+
+/// The order of the operations that need the state that others leave behind: they come last.
+fn turn_of(operation: &str) -> usize {
+    let last = [
+        "createJob",
+        "rollBackParameterSet",
+        "withdrawParameterSet",
+        "putPolicy",
+    ];
+    last.iter()
+        .position(|known| *known == operation)
+        .map_or(0, |at| at + 1)
+}
+
+/// Content type and bytes of an example.
+fn body_of(media_type: &str, example: &Value) -> (String, String) {
+    match (media_type, example) {
+        ("multipart/form-data", Value::Object(files)) => {
+            let part = |(name, text): (&String, &Value)| {
+                let text = text.as_str().unwrap();
+                format!("--b\r\nContent-Disposition: form-data; name=\"{name}\"\r\n\r\n{text}\r\n")
+            };
+            let parts: String = files.iter().map(part).collect();
+            (
+                "multipart/form-data; boundary=b".into(),
+                parts + "--b--\r\n",
+            )
+        }
+        (_, Value::String(text)) => (media_type.into(), text.clone()),
+        _ => (media_type.into(), example.to_string()),
+    }
+}
+
+#[tokio::test]
+async fn every_example_of_a_request_is_taken_for_the_papers_robot() {
+    let app = TestApp::with_workers(1).await;
+    let (robot, job) = app.identified().await;
+    let first = text(&job["parameter_set_id"]).to_owned();
+    let set = text(&job["measurement_set_id"]).to_owned();
+    let mut requests = Vec::new();
+    let document = serde_json::to_value(kincal::http::openapi()).unwrap();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let bodies = operation["requestBody"]["content"].as_object();
+            for (media_type, content) in bodies.into_iter().flatten() {
+                let id = text(&operation["operationId"]).to_owned();
+                if let Some(example) = content.get("example") {
+                    requests.push((id, method, path, media_type, example));
+                }
+            }
+        }
+    }
+    assert!(requests.len() >= 27, "{}", requests.len());
+    requests.sort_by_key(|(id, ..)| turn_of(id));
+    for (id, method, path, media_type, example) in requests {
+        let path = path
+            .replace("/v1/robots/{robot_id}", &robot)
+            .replace("{name}", "example")
+            .replace("{id}", &first);
+        let example: Value =
+            serde_json::from_str(&example.to_string().replace(SET_ID, &set)).unwrap();
+        if id == "createJob" {
+            let second = app.run(&robot, &example).await;
+            assert_eq!(second["status"], "succeeded", "{second}");
+            let path = format!(
+                "/v1/parameter-sets/{}/release",
+                text(&second["parameter_set_id"])
+            );
+            let reason = serde_json::json!({"reason": "verified"});
+            app.post_json(&path, &reason).await.ok(200);
+            continue;
+        }
+        let (content_type, body) = body_of(media_type, &example);
+        let method = method.to_uppercase().parse().unwrap();
+        let path = format!("{path}{}", query_of(&id, media_type));
+        let request = app
+            .request(method, &path)
+            .header("content-type", content_type)
+            .body(body);
+        let answer = Answer::of(request).await;
+        assert!(
+            (200..300).contains(&answer.status),
+            "{id} {path} {media_type}: {}\n{example}",
+            answer.text()
+        );
+    }
 }

@@ -337,6 +337,53 @@ async fn kincal(app: Option<&TestApp>, arguments: &[&str]) -> Printed {
     }
 }
 
+/// A6 is typed as 300 where the pendant shows 30.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_posture_is_compared_with_the_orientation_that_the_pendant_shows() {
+    let typed =
+        "robots posture --arm kuka_kr10_r1100_2 0 -80 95 10 20 300 --shown-mm 700.2,-5.1,790.6";
+    let shown = |more: &str| {
+        let line = format!("{typed} {more}");
+        async move { kincal(None, &line.split_whitespace().collect::<Vec<_>>()).await }
+    };
+    let (code, unseen, said) = shown("").await;
+    assert_eq!(code, Some(0), "{said}");
+    assert!(unseen.contains("not checked: joints [6]"), "{unseen}");
+    let app = TestApp::spawn().await;
+    let kuka = arm(&app, "kuka_kr10_r1100_2").await;
+    let right = json!({"q_deg": [0, -80, 95, 10, 20, 30]});
+    let right = app.post_json(&kuka, &right).await.ok(200);
+    let abc: Vec<String> = numbers(&right["kuka_abc_deg"])
+        .iter()
+        .map(f64::to_string)
+        .collect();
+    let (_, seen, said) = shown(&format!("--shown-abc-deg={}", abc.join(","))).await;
+    assert!(
+        seen.contains("orientation is 90.000° from the model's: more than")
+            && !seen.contains("not checked"),
+        "{seen}{said}"
+    );
+    let body = json!({"q_deg": [0, -80, 95, 10, 20, 300], "shown_orientation": {"kuka_abc_deg": right["kuka_abc_deg"]}});
+    let answer = app.post_json(&kuka, &body).await.ok(200);
+    assert!((answer["orientation_apart_deg"].as_f64().unwrap() - 90.0).abs() < 1e-6);
+    let two = json!({"q_deg": [0, 0, 0, 0, 0, 0], "shown_orientation": {"kuka_abc_deg": [0, 0, 0], "fanuc_wpr_deg": [0, 0, 0]}});
+    let problem = app
+        .post_json(&kuka, &two)
+        .await
+        .problem(422, "invalid_posture");
+    assert_eq!(problem["errors"][0]["code"], "not_one_orientation");
+    let off =
+        json!({"q_deg": [0, 0, 0, 0, 0, 0], "shown_orientation": {"quaternion": [1, 1, 0, 0]}});
+    let problem = app
+        .post_json(&kuka, &off)
+        .await
+        .problem(422, "invalid_posture");
+    assert_eq!(
+        problem["errors"][0]["pointer"],
+        "/shown_orientation/quaternion"
+    );
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn from_the_arms_name_to_the_pose_in_a_terminal() {
     let app = TestApp::spawn().await;
