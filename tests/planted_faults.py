@@ -362,7 +362,7 @@ FAULTS = [
     Fault("sign-out leaves the session", "service", "sign_out_and_revocation_end_the_session", [
         ("delete from browser_session where token_sha256 = $1", "delete from browser_session where token_sha256 = $1 and 1 = 0")]),
     Fault("the session of a revoked key goes on", "service", "a_session_ends_by_sign_out", [
-        ("- $2 and k.revoked_at_ms is null", "- $2")]),
+        ("\n        and k.revoked_at_ms is null", "")]),
     Fault("pages of other sites may release", "service", "without_keys", [
         ("if app.no_auth {", "if false {")], "src/http/host.rs"),
     Fault("hyper's own answers forget TLS", "service", "answers_without_a_route_carry_hsts", [

@@ -18,7 +18,10 @@ export async function signIn(key) {
 /** Signs out, here and in every tab. */
 export async function signOut() {
   forget();
-  await once("/v1/session", { method: "DELETE" }).catch(() => { /* a session that ended already */ });
+  await once("/v1/session", { method: "DELETE" }).catch((error) => {
+    // 401: the session had ended already
+    if (error.status !== 401) throw error;
+  });
 }
 
 /** A page of another origin cannot send this header, so a request with it comes from this page. */
@@ -78,7 +81,7 @@ export const blob = async (path, signal) => (await call(path, { signal })).blob(
 
 /** A POST that may be repeated without a second effect. Text and files go as they are, byte for byte; anything else becomes JSON. */
 export async function post(path, body, contentType = "application/json") {
-  const isReady = typeof body === "string" || body instanceof Blob;
+  const isReady = typeof body === "string" || body instanceof Blob || ArrayBuffer.isView(body);
   const answer = await call(path, { method: "POST", body: isReady ? body : JSON.stringify(body), headers: { "Content-Type": contentType, "Idempotency-Key": fresh() } });
   return answer.json();
 }

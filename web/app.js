@@ -79,11 +79,12 @@ function who() {
   const scopes = me.scopes.join(", ");
   const leave = async () => {
     leaving.abort();
-    await signOut();
+    const notEnded = await signOut().then(() => undefined, (error) => error);
     me = null;
     fill(session);
     location.hash = "#/";
-    show(true);
+    if (notEnded) signIn(notEnded);
+    else show(true);
   };
   fill(session, el("span", { title: "The key and what it may do" }, `${me.name ?? "key"}: ${scopes}`), el("button.plain", { type: "button", click: leave }, "Sign out"));
 }

@@ -140,7 +140,8 @@ pub async fn checked(
     Id(robot_id): Id,
     submission: Submission,
 ) -> Result<Response, Error> {
-    access::robot_in_use(&app, &submission.caller, &robot_id).await?;
+    // of an archived robot too: its active set can be rolled back
+    access::robot(&app, &submission.caller, &robot_id).await?;
     let reason = submission.reason()?;
     let by = &submission.caller.holder;
     let effect = async |tx: &mut Tx| {

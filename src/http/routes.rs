@@ -44,8 +44,8 @@ pub const ROUTES: &[Route] = table! {
     GET    "/openapi.yaml"                                      index::openapi_yaml                      Public   Read;
     GET    "/readyz"                                            index::readyz                            Public   Read;
     GET    "/v1/me"                                             me::me                                   Read     Read;
-    PUT    "/v1/session"                                        session::sign_in                         Read     Write;
-    DELETE "/v1/session"                                        session::sign_out                        Read     Write;
+    PUT    "/v1/session"                                        session::sign_in                         Read     Read;
+    DELETE "/v1/session"                                        session::sign_out                        Read     Read;
     // Robots
     GET    "/v1/overview"                                       overview::list                           Read     Read;
     POST   "/v1/robot-imports"                                  export::import_robot                     Upload   Calculation;

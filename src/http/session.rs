@@ -25,8 +25,9 @@ pub async fn sign_in(
     }
     let token = new_token()?;
     let mut tx = app.store.begin().await?;
-    end_session(&mut tx, &headers).await?;
+    // in this order, so that two browsers with sessions that have ended do not wait for each other
     browser_sessions::begin(&mut tx, &token.sha256, &caller.holder).await?;
+    end_session(&mut tx, &headers).await?;
     tx.commit().await?;
     let cookie = signing_in(&token.text, &app, &headers);
     Ok((
@@ -37,18 +38,21 @@ pub async fn sign_in(
         .into_response())
 }
 
-/// Signs this browser out: its session ends, and the answer deletes the cookie.
+/// Signs this browser out: its session ends, and the answer deletes the cookie, also where the session could not be ended.
 #[utoipa::path(delete, path = "/v1/session", tag = "service", operation_id = "signOut", responses((status = 204, description = "Signed out")))]
-pub async fn sign_out(
-    State(app): State<App>,
-    _caller: Caller,
-    headers: HeaderMap,
-) -> Result<Response, Error> {
-    let mut tx = app.store.begin().await?;
-    end_session(&mut tx, &headers).await?;
-    tx.commit().await?;
-    let cookie = signing_out(&app, &headers);
-    Ok((StatusCode::NO_CONTENT, cookie_header(cookie)).into_response())
+pub async fn sign_out(State(app): State<App>, _caller: Caller, headers: HeaderMap) -> Response {
+    let ended = async {
+        let mut tx = app.store.begin().await?;
+        end_session(&mut tx, &headers).await?;
+        Ok::<(), Error>(tx.commit().await?)
+    };
+    let mut response = match ended.await {
+        Ok(()) => StatusCode::NO_CONTENT.into_response(),
+        Err(error) => error.into_response(),
+    };
+    let cookie = cookie_header(signing_out(&app, &headers));
+    response.headers_mut().extend(cookie);
+    response
 }
 
 /// Ends the session of the request's cookie, if it has one.

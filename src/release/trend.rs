@@ -78,6 +78,14 @@ pub fn scored_sessions(jobs: &[ScoredJob], own_uploads: &[String]) -> Vec<Scored
             rms_mm,
         }));
     }
+    // older measurements say nothing of the robot since it was identified
+    let mut own = jobs
+        .iter()
+        .filter(|job| job.verification.kind != VerificationKind::Session);
+    if let Some(own) = own.next() {
+        let own_day = own.measured_at_ms as f64 / DAY_MS;
+        scored.retain(|session: &ScoredSession| session.day >= own_day);
+    }
     scored.sort_by(|a, b| a.day.total_cmp(&b.day));
     let newest = scored.len().saturating_sub(MAX_SESSIONS);
     scored.split_off(newest)

@@ -2,7 +2,7 @@
 
 use super::{ApiKeyRow, Result, Store, Tx};
 
-/// Longest time for which a session is valid: a shift, with some time to spare.
+/// Longest time for which a session is valid: a shift, with some time to spare. A session that began in the future, because the clock was set back, has ended.
 pub const MAX_AGE_MS: i64 = 12 * 3600 * 1000;
 /// Maximum number of sessions of a key; the oldest ends when one more begins. A key may sign in from many browsers, but it must not fill the disk.
 pub const MAX_OF_KEY: i64 = 100;
@@ -11,7 +11,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[DELETE_ENDED, INSERT, FIND, DELETE];
 
 // The sessions that ended, and the oldest of the key that has too many.
 const DELETE_ENDED: &str = "
-    delete from browser_session where created_at_ms < (select now_ms from clock) - $1
+    delete from browser_session where created_at_ms < (select now_ms from clock) - $1 or created_at_ms > (select now_ms from clock) + 60000
         or key_id in (select id from api_key where revoked_at_ms is not null)
         or (key_id = $2 and (select count(*) from browser_session newer
             where newer.key_id = browser_session.key_id and newer.created_at_ms >= browser_session.created_at_ms) >= $3)";
@@ -23,7 +23,8 @@ const FIND: &str = "
     select k.id as id, k.name as name, k.key_sha256 as key_sha256, k.scopes_json as scopes_json, k.robots_json as robots_json,
         k.created_at_ms as created_at_ms, k.revoked_at_ms as revoked_at_ms
     from browser_session s join api_key k on k.id = s.key_id
-    where s.token_sha256 = $1 and s.created_at_ms >= (select now_ms from clock) - $2 and k.revoked_at_ms is null";
+    where s.token_sha256 = $1 and s.created_at_ms between (select now_ms from clock) - $2 and (select now_ms from clock) + 60000
+        and k.revoked_at_ms is null";
 
 const DELETE: &str = "delete from browser_session where token_sha256 = $1";
 

@@ -325,7 +325,7 @@ fn after_another_session_the_release_is_next_and_a_stray_row_of_two_files_can_be
             .await
             .unwrap();
         browser
-            .until_it_says("logs without row 17: it slipped (99 points")
+            .until_it_says("logs without row 17 (1 of 50 verify points): it slipped (99 points")
             .await;
         browser.until_it_says("What to do next").await;
         browser.assert_quiet(&[]).await;

@@ -1,8 +1,8 @@
 //! Finds the meaning of each column of a table: first from the caller's mapping, then from the name of the column.
 
 use crate::measurement::columns::column::{Column, missing_columns, mixed_units};
-use crate::measurement::columns::mapping::{HeaderRow, Mapping};
 pub use crate::measurement::columns::mapping::Needs;
+use crate::measurement::columns::mapping::{HeaderRow, Mapping};
 use crate::measurement::columns::meaning::{column, key, key_name, thing};
 use crate::measurement::columns::names::{Key, Known, PLAIN, Unit, named_axes, recognise};
 use crate::measurement::columns::pose_names::rotation_columns;

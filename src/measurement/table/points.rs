@@ -264,6 +264,8 @@ impl<'t> Parts<'t> {
             ends: Ends {
                 n_named: named.max(last),
                 n_read: last,
+                are_left_aside: !options.mapping.is_complete
+                    && ignored.iter().any(|place| *place >= last),
                 is_open: table.is_open,
                 ends_with_number: read
                     .iter()

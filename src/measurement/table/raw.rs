@@ -329,7 +329,13 @@ impl<'a> Table<'a> {
     /// A column as a mapping refers to it: its name in quotes, or its number.
     pub fn reference(&self, place: usize) -> String {
         let name = self.header.get(place).filter(|name| !name.is_empty());
-        let is_unique = |name: &&String| self.header.iter().filter(|own| own == name).count() == 1;
+        let is_unique = |name: &&String| {
+            let same = self
+                .header
+                .iter()
+                .filter(|own| own.eq_ignore_ascii_case(name));
+            same.count() == 1
+        };
         match name.filter(is_unique) {
             Some(name) => format!("{name:?}"),
             None => (place + 1).to_string(),

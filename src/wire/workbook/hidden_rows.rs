@@ -30,8 +30,21 @@ pub(super) fn refuse_hidden_rows(sheet: &Sheet) -> Result<(), Invalid> {
 
 /// The hidden rows of a sheet of an xlsx workbook, counted from 0. The reader of its cells does not tell them.
 pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<BTreeSet<usize>, Invalid> {
+    let mut workbook = "xl/workbook.xml".to_owned();
+    each_element(archive, "_rels/.rels", |element| {
+        let is_workbook =
+            attribute(element, "Type").is_some_and(|t| t.ends_with("/officeDocument"));
+        if let Some(target) = attribute(element, "Target").filter(|_| is_workbook) {
+            workbook = target.trim_start_matches('/').to_owned();
+        }
+    })?;
+    let (folder, name) = workbook.rsplit_once('/').unwrap_or(("", &workbook));
+    let in_folder = |path: &str| match folder {
+        "" => path.to_owned(),
+        folder => format!("{folder}/{path}"),
+    };
     let mut id = None;
-    each_element(archive, "xl/workbook.xml", |element| {
+    each_element(archive, &workbook, |element| {
         if element.local_name().as_ref() == "sheet"
             && attribute(element, "name").is_some_and(|name| name == sheet)
         {
@@ -41,15 +54,19 @@ pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<BTreeSet<usi
         }
     })?;
     let mut path = None;
-    each_element(archive, "xl/_rels/workbook.xml.rels", |element| {
-        if attribute(element, "Id").is_some_and(|own| Some(own) == id) {
-            path = attribute(element, "Target");
-        }
-    })?;
+    each_element(
+        archive,
+        &in_folder(&format!("_rels/{name}.rels")),
+        |element| {
+            if attribute(element, "Id").is_some_and(|own| Some(own) == id) {
+                path = attribute(element, "Target");
+            }
+        },
+    )?;
     let path = path.unwrap_or_default();
     let path = match path.strip_prefix('/') {
         Some(path) => path.to_owned(),
-        None => format!("xl/{path}"),
+        None => in_folder(&path),
     };
     let (mut hidden, mut next) = (BTreeSet::new(), 0);
     each_element(archive, &path, |element| {
@@ -60,7 +77,7 @@ pub(super) fn of_xlsx(archive: &mut Archive, sheet: &str) -> Result<BTreeSet<usi
         let row = number
             .and_then(|number| number.checked_sub(1))
             .unwrap_or(next);
-        next = row + 1;
+        next = row.saturating_add(1);
         if attribute(element, "hidden").is_some_and(|is| matches!(is.as_str(), "1" | "true")) {
             hidden.insert(row);
         }

@@ -355,6 +355,19 @@ fn a_short_row_whose_remark_is_a_number_is_refused() {
     }
 }
 
+/// A column that is left aside excuses no short row if it has numbers: the missing cell may be another one.
+#[test]
+fn a_short_row_is_refused_although_a_column_of_numbers_is_left_aside() {
+    let text = with_remarks(|_| vec!["1".into()]).text();
+    let row = text.lines().nth(3).unwrap();
+    let cells: Vec<&str> = row.split(',').collect();
+    let without_y = [&cells[..8], &cells[9..]].concat().join(",");
+    let text = text.replace(row, &without_y);
+    let (code, detail) = code(&text, "\"ignore\": [\"Remark\"]").unwrap();
+    assert_eq!(code, "wrong_cell_count");
+    assert!(detail.contains("row 2 has 10 cells"), "{detail}");
+}
+
 #[test]
 fn numbers_that_are_split_at_a_separator_of_thousands_are_refused() {
     let thousands = |v: f64| {

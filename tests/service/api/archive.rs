@@ -133,7 +133,6 @@ async fn an_archived_robot_takes_nothing_new_and_is_still_rolled_back() {
         put("tools/gun", moved).await,
         put("columns/log", json!({"q1_deg": "J1"})).await,
         put("policy", json!({"tolerance_mm": 5.0})).await,
-        app.post_json(&format!("{robot}/checked"), &why).await,
         app.post(&sets, "text/csv", paper("first.csv")).await,
         app.post(
             &format!("{robot}/frames"),

@@ -10,7 +10,9 @@ const NAMES: &str = "deleted|delete|del|excluded|exclude|ignore|ignored|skip|ski
     discarded|reject|rejected|removed|use|used|valid|invalid|ok|bad|good|status|state|quality|\
     flag|outlier|active|include|included|accepted|gültig|ungültig|gelöscht|verwendet|\
     ausreißer|aktiv";
-/// Words beside them in the name of a column that counts: "Valid samples".
+/// Words in the name of a column that never counts: "Status number", "Points used".
+const STATES: &str = "status|state|flag|quality|use|used|verwendet";
+/// Words beside the names in that of a column that counts: "Valid samples".
 const COUNTED: &str =
     "samples|points|shots|readings|measurements|observations|count|number|n|anzahl";
 /// Maximum number of words of such a name.
@@ -63,7 +65,7 @@ impl Flags {
             Flag {
                 place,
                 is_named,
-                is_counted: has(COUNTED),
+                is_counted: has(COUNTED) && !has(STATES),
                 values: BTreeMap::new(),
                 put_aside: None,
             }

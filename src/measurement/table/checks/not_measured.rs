@@ -93,7 +93,7 @@ pub fn pulses(points: &[Point]) -> Vec<Issue> {
         points[row].q_rad[joint].to_degrees(),
         turned.len()
     );
-    match turned.len() >= n_joints.min(MANY_JOINTS) {
+    match turned.len() >= MANY_JOINTS {
         true => vec![Issue::new("out_of_range", detail).in_row(row)],
         false => vec![],
     }

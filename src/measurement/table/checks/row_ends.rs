@@ -24,6 +24,8 @@ pub struct Ends {
     pub n_named: usize,
     /// Number of columns up to the last one that is read.
     pub n_read: usize,
+    /// Whether the caller leaves columns behind those aside, of a table that is read for the first time.
+    pub are_left_aside: bool,
     /// Whether missing cells at the end of a row are empty ones: in workbooks, where each cell has a place of its own.
     pub has_places: bool,
     /// Whether the last line has no line end.
@@ -62,6 +64,9 @@ pub struct RowEnds {
     numbers_behind: Vec<Moved>,
     n_numbers_behind: usize,
     n_texts_behind: usize,
+    /// The first rows that end within the columns that the caller leaves aside, and whether any of these columns has a number.
+    short: Vec<Moved>,
+    has_number_behind: bool,
     /// The first row with a coordinate that may be split at a separator of thousands, and the number of such rows.
     split: Option<Moved>,
     n_split: usize,
@@ -94,8 +99,8 @@ fn is_split(whole: &str, rest: &str) -> bool {
 }
 
 impl RowEnds {
-    /// Takes the next row. A row that ends early is refused, unless the caller leaves the columns aside whose cells are missing: a remark that is a number
-    /// would be read as a coordinate if another cell is missing.
+    /// Takes the next row. A row that ends early is refused, unless the caller leaves the columns aside whose cells are missing, and these columns have no
+    /// numbers: a remark that is a number would be read as a coordinate if another cell is missing.
     ///
     /// # Errors
     /// The detail, if its number of cells alone refuses it.
@@ -126,6 +131,8 @@ impl RowEnds {
         self.count(cell, ends);
         let is_split = |place: &&usize| is_split(cell(**place), cell(**place + 1));
         let is_possible = matches!(table.separator, Separator::Comma | Separator::Spaces);
+        // a number that is split adds a cell
+        let is_possible = is_possible && n_cells > ends.n_read;
         if let Some(place) = ends.positions.iter().find(is_split).filter(|_| is_possible) {
             self.n_split += 1;
             let (whole, rest) = (cell(*place), cell(place + 1));
@@ -151,6 +158,16 @@ impl RowEnds {
             line: row.line,
             detail,
         };
+        if ends.are_left_aside {
+            let mut cells_behind = row.cells.iter().skip(ends.n_read);
+            self.has_number_behind |= cells_behind.any(|cell| is_numeric(cell.trim()));
+            if n_cells < n_columns && self.short.len() < MAX_ISSUES {
+                self.short.push(moved(
+                    detail()
+                        + ". The columns that are left aside have numbers, so a missing cell may have moved them: write every row with all its separators",
+                ));
+            }
+        }
         self.n_long += usize::from(n_cells > n_columns);
         if n_cells > n_columns && is_number_behind && self.long.len() < MAX_ISSUES {
             self.long.push(moved(detail()));
@@ -206,6 +223,9 @@ impl RowEnds {
         if TEXTS_PER_NUMBER * self.n_numbers_behind <= self.n_texts_behind && ends.ends_with_number
         {
             found.append(&mut self.numbers_behind);
+        }
+        if self.has_number_behind {
+            found.append(&mut self.short);
         }
         found.extend(self.cut_off(table, ends));
         if self.n_split >= MIN_SPLIT && 2 * self.n_split >= self.n_rows {
