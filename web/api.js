@@ -11,14 +11,14 @@ export const isKey = (text) => /^[\x21-\x7e]+$/.test(text);
 
 /** Signs in with a key. */
 export async function signIn(key) {
-  await once("/v1/session", { method: "PUT", headers: { Authorization: `Bearer ${key}` } });
+  await call("/v1/session", { method: "PUT", mayRepeat: true, headers: { Authorization: `Bearer ${key}` } });
   localStorage.setItem(MARK, "1");
 }
 
 /** Signs out, here and in every tab. */
 export async function signOut() {
   forget();
-  await once("/v1/session", { method: "DELETE" }).catch((error) => {
+  await call("/v1/session", { method: "DELETE", mayRepeat: true }).catch((error) => {
     // 401: the session had ended already
     if (error.status !== 401) throw error;
   });
@@ -55,7 +55,7 @@ async function call(path, options = {}) {
     try {
       return await once(path, options);
     } catch (error) {
-      const mayPass = !options.method && [429, 503].includes(error.status) && attempt < MAX_TRIES;
+      const mayPass = (!options.method || options.mayRepeat) && [429, 503].includes(error.status) && attempt < MAX_TRIES;
       if (!mayPass) throw error;
       await pause(Math.min(LONGEST_PAUSE_S, error.retryAfter), options.signal);
     }

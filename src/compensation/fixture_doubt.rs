@@ -93,7 +93,8 @@ impl FixtureDoubt {
                 residual_mm: residuals_mm[worst],
             });
         }
-        is_flat(points).then_some(Self::Flat { z })
+        let noise_mm = std_mm.max((all_mm2 / freedom).sqrt());
+        is_flat(points, noise_mm).then_some(Self::Flat { z })
     }
 
     /// Code of the warning.

@@ -11,6 +11,10 @@ const ON_A_LINE: f64 = 0.1;
 /// Points lie in a plane if the smallest spread is below this share of the middle one: a mirrored drawing would then be off by less than most
 /// drawings.
 const FLAT: f64 = 0.01;
+/// Heights above this many times the noise show a mirrored drawing.
+const SHOWN: f64 = 3.0;
+/// Heights below this share of the middle spread are rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// A point of a fixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,11 +141,12 @@ fn is_on_a_line(points: &[Vector3<f64>]) -> bool {
     middle <= ON_A_LINE * largest
 }
 
-/// True if the points of a drawing lie in one plane.
-pub fn is_flat(points: &[FixturePoint]) -> bool {
+/// True if the points of a drawing lie in one plane as far as their noise shows.
+pub fn is_flat(points: &[FixturePoint], noise_mm: f64) -> bool {
     let nominal: Vec<Vector3<f64>> = points.iter().map(|p| p.nominal_mm).collect();
     let [smallest, middle, _] = spreads(&nominal);
-    smallest <= FLAT * middle
+    let shown_mm = SHOWN * noise_mm * (points.len() as f64).sqrt();
+    smallest <= (FLAT * middle).min(shown_mm.max(ROUNDING * middle))
 }
 
 /// Spread of points along their principal axes, ascending, mm.

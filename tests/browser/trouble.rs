@@ -321,8 +321,15 @@ fn a_large_set_is_drawn_with_as_many_arrows_as_can_be_told_apart() {
     let hall = Plant::open();
     let robot = hall.robot("Cell 6", "ER20-0106");
     let lines = lines();
-    let rows =
-        (0..2500).map(|i| format!("{i},{}\n", lines[1 + i % 100].split_once(',').unwrap().1));
+    let x_at = lines[0].split(',').position(|name| name == "x_mm").unwrap();
+    // measured again, so no two rows are alike
+    let rows = (0..2500).map(|i| {
+        let mut cells: Vec<String> = lines[1 + i % 100].split(',').map(str::to_owned).collect();
+        cells[0] = i.to_string();
+        let x_mm: f64 = cells[x_at].parse().unwrap();
+        cells[x_at] = format!("{:.6}", x_mm + 1e-6 * i as f64);
+        cells.join(",") + "\n"
+    });
     let text = format!("{}\n{}", lines[0], rows.collect::<String>());
     let set = hall.server.create(
         &format!("/v1/robots/{robot}/measurement-sets?frame=base&name=large"),

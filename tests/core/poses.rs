@@ -297,6 +297,40 @@ fn a_target_that_was_twisted_on_its_holder_is_found_at_its_row_and_no_other_is()
     }
 }
 
+/// An eccentric joint 6 of 0.05°, measured on one side of its range first and then on the other: a path that looks like a step.
+#[test]
+fn errors_of_a_wrist_joint_along_a_path_are_no_twist() {
+    let nominal = nominal();
+    let tracked = Noise {
+        position_mm: 0.03,
+        rotation_rad: 2e-4,
+    };
+    for seed in 0..3 {
+        let mut random = Normal::new(700 + seed);
+        let truth = truth(&nominal, &mut random);
+        let sides = [-80.0, 80.0].map(|middle_deg: f64| {
+            let mut side = measured(&truth, 30, tracked, &mut random).points;
+            for point in &mut side {
+                point.q_rad[5] = (middle_deg + 40.0 * point.q_rad[5].sin()).to_radians();
+                let turned = rotation_exp(&(random.vector() * tracked.rotation_rad));
+                point.position_mm =
+                    truth.position(&point.q_rad, 0) + random.vector() * tracked.position_mm;
+                point.rotation = truth.rotation(&point.q_rad, 0).map(|r| r * turned);
+                point.q_rad[5] -= 0.05f64.to_radians() * point.q_rad[5].sin();
+            }
+            side
+        });
+        let mut points = sides.concat();
+        for (row, point) in points.iter_mut().enumerate() {
+            point.configuration = row.to_string();
+        }
+        let set = MeasurementSet::new(Frame::Instrument, points);
+        let report = run(&CalibrationRequest::new(nominal.clone(), set));
+        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code).collect();
+        assert!(!codes.contains(&"target_moved"), "seed {seed}: {codes:?}");
+    }
+}
+
 /// Rotations show which way the last joint counts, also where the target stands on its axis.
 #[test]
 fn poses_of_a_target_on_the_last_axis_show_the_last_joint() {

@@ -140,7 +140,12 @@ pub fn screen(
             outliers = again;
         }
         while screening.steps.len() < MAX_STEPS
-            && let Some(twist) = turned_target(&links, observed, &arrangement, watch)
+            && let Some(twist) = turned_target(
+                [&links, &request.robot.links],
+                observed,
+                &arrangement,
+                watch,
+            )
         {
             arrangement.split_target(observed, twist.first);
             screening.steps.push(FoundStep {

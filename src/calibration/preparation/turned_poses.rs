@@ -49,9 +49,10 @@ pub fn turned_poses(
     turned
 }
 
-/// The first target that was twisted, of all segments.
+/// The first target that was twisted, of all segments. Positions may leave the flange of the fitted links open, so nominal links have to show the same
+/// twist.
 pub fn turned_target(
-    links: &[Link],
+    links: [&[Link]; 2],
     observed: &Observed,
     arrangement: &Arrangement,
     watch: &Watch<'_>,
@@ -59,8 +60,16 @@ pub fn turned_target(
     let configurations = observed.all_clusters();
     groups(observed, arrangement).find_map(|points| {
         let of_points: Vec<usize> = points.iter().map(|point| configurations[*point]).collect();
-        let found = target_turn(&pairs(links, observed, &points), &of_points, watch)?;
-        Some(TurnedTarget {
+        let by = |links| {
+            let pairs = pairs(links, observed, &points);
+            watch
+                .goes_on()
+                .then(|| target_turn(&pairs, &of_points, watch))
+                .flatten()
+        };
+        let [fitted, nominal] = links;
+        let (found, by_nominal) = by(fitted).zip(by(nominal))?;
+        (found.first.abs_diff(by_nominal.first) <= 1).then(|| TurnedTarget {
             first: points[found.first],
             turn_rad: found.turn_rad,
         })

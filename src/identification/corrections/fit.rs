@@ -325,8 +325,10 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let lowered = halved
             .map(|next| (setting.objective(&next), next))
             .find(|(after, _)| *after <= before);
-        let Some((after, next)) = lowered else { break };
-        at = next;
+        let after = lowered.map_or(before, |(after, next)| {
+            at = next;
+            after
+        });
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
         let left = setting.residuals(&at).norm_squared();

@@ -58,9 +58,11 @@ pub fn robustly(
     let n_kept = pairs.len() - pairs.len() / LEFT_OUT;
     let mut found = fit(pairs)?;
     for _ in 0..CONCENTRATIONS {
-        let mut kept = pairs.to_vec();
-        kept.sort_by(|a, b| angle_rad(&found, a).total_cmp(&angle_rad(&found, b)));
+        let angles = pairs.iter().map(|pair| (angle_rad(&found, pair), *pair));
+        let mut kept: Vec<_> = angles.collect();
+        kept.sort_by(|a, b| a.0.total_cmp(&b.0));
         kept.truncate(n_kept);
+        let kept: Vec<_> = kept.into_iter().map(|(_, pair)| pair).collect();
         let next = fit(&kept)?;
         if next == found {
             break;

@@ -4,7 +4,8 @@
 //! places with n₁ poses before and n₂ after, the one with the largest gain g = n₁·n₂/(n₁ + n₂)·|ē₂ − ē₁|² is taken, the likelihood ratio of a change
 //! in a mean. As for positions ([`steps`](crate::identification::screening::steps)), F = (g/3)/(rest/freedom) has to be larger than noise makes it at
 //! any place, g larger than in random orders of the configurations, and the smaller side has to have turned by twice what all poses scatter by. A steady
-//! turn that explains more than the step is none.
+//! turn that explains more than the step is none. Errors of the wrist's joints look like steps along a path through the workspace, and random orders break
+//! the path: a turn that is not larger than such errors is not told.
 
 use crate::identification::least_squares::hand_eye::{
     base_and_target_rotation, robustly, target_rotation,
@@ -20,6 +21,8 @@ use std::collections::BTreeMap;
 const FALSE_ALARMS: f64 = 0.002;
 /// Minimum ratio of two mean squares: the turn of the poses on the smaller side, and the rotations that are left.
 const SMALLEST_EFFECT: f64 = 4.0;
+/// Smallest turn that is told, rad (0.3°): six times the usual error of an angle of a robot.
+const SMALLEST_TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// Minimum number of poses on either side.
 const FEWEST_POSES: usize = 3;
 /// Rotation vectors are shortened to this many times their median length, so that a few turned poses are no step.
@@ -87,10 +90,8 @@ pub fn target_turn(
     if !holds_in_random_orders(blocks.into_values().collect(), watch, is_smaller) {
         return None;
     }
-    Some(TargetTurn {
-        first,
-        turn_rad: turn_rad(pairs, first)?,
-    })
+    let turn_rad = turn_rad(pairs, first)?;
+    (turn_rad.norm() >= SMALLEST_TURN_RAD).then_some(TargetTurn { first, turn_rad })
 }
 
 /// First place after the change of the mean that explains most, and its gain.
