@@ -28,7 +28,7 @@ pub enum LibraryCommand {
     Add(AddArguments),
     /// The nominal pose of the flange at the pendant's joint values, to compare with the pendant.
     #[command(allow_negative_numbers = true)]
-    Posture(PostureArguments),
+    Posture(Box<PostureArguments>),
 }
 
 /// Find a ready arm.
@@ -174,7 +174,7 @@ pub fn run(command: &LibraryCommand) -> anyhow::Result<()> {
     match command {
         LibraryCommand::Find(arguments) => find(arguments),
         LibraryCommand::Add(arguments) => add(arguments),
-        LibraryCommand::Posture(arguments) => check_posture(arguments),
+        LibraryCommand::Posture(arguments) => check_posture(arguments.as_ref()),
     }
 }
 

@@ -127,6 +127,10 @@ fn bounded() -> Vec<Bounded> {
         CompensateBody.q_deg: Items(0, MAX_TARGETS_PER_REQUEST), joints(), joint_value();
         PostureBody.q_deg: joints(), joint_value();
         PostureBody.shown_position_mm: Items(3, 3), plus_minus(MAX_POSITION_MM);
+        ShownOrientation.kuka_abc_deg: Items(3, 3), plus_minus(MAX_ANGLE_DEG);
+        ShownOrientation.fanuc_wpr_deg: Items(3, 3), plus_minus(MAX_ANGLE_DEG);
+        ShownOrientation.ur_rotation_vector_rad: Items(3, 3), plus_minus(MAX_ANGLE_DEG.to_radians());
+        ShownOrientation.quaternion: Items(4, 4), quaternion_part();
         ToolBody.translation_mm: Items(3, 3), length();
         ToolBody.quaternion: Items(4, 4), quaternion_part();
         ToolBody.rotation: Items(3, 3), Items(3, 3), rotation_part();

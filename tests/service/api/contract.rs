@@ -317,6 +317,7 @@ async fn every_example_of_a_request_is_taken_for_the_papers_robot() {
         let request = app
             .request(method, &path)
             .header("content-type", content_type)
+            .header("idempotency-key", format!("{id}-{media_type}"))
             .body(body);
         let answer = Answer::of(request).await;
         assert!(

@@ -127,7 +127,7 @@ async fn each_code_and_status_that_an_alert_waits_for_can_come() {
             "{status}"
         );
     }
-    let sources = ["src/http/error.rs", "src/http/accept.rs"].map(|path| {
+    let sources = ["src/http/error.rs", "src/http/connection/accept.rs"].map(|path| {
         std::fs::read_to_string(format!("{}/{path}", env!("CARGO_MANIFEST_DIR"))).unwrap()
     });
     for code in codes {
