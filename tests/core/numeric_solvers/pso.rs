@@ -158,8 +158,8 @@ fn textbook(
         let mut numbers = vec![vec![0.0; 2 * n]; d];
         numbers.iter_mut().for_each(|numbers| random.fill(numbers));
         for (i, particle) in swarm.iter_mut().enumerate() {
-            for j in 0..d {
-                let (r1, r2) = (numbers[j][i], numbers[j][n + i]);
+            for (j, of_coordinate) in numbers.iter().enumerate() {
+                let (r1, r2) = (of_coordinate[i], of_coordinate[n + i]);
                 let inertia = options.inertia_weight * particle.v[j];
                 let social = (options.social * r2).mul_add(best.1[j] - particle.x[j], inertia);
                 particle.v[j] =
