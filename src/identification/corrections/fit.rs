@@ -15,9 +15,11 @@ use crate::kinematics::{Corrections, Mounting, Payload, reach_mm};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, IsometryMatrix3, Translation3, Vector3};
 use std::borrow::Cow;
 
-/// Maximum number of Gauss-Newton steps; three are usual. Masses and compliances are known by their products only, so that a fit of many of them takes
-/// more.
+/// Maximum number of Gauss-Newton steps. Masses and compliances are known by their products only, so that a fit of many of them takes more than the usual
+/// ones.
 const STEPS: usize = 20;
+/// Minimum number of steps, in which the variance settles too.
+const FEWEST_STEPS: usize = 4;
 /// A step is halved at most this many times; one that still does not lower the objective ends the fit.
 const HALVINGS: usize = 8;
 /// The fit has converged when a step lowers the objective by less than this share.
@@ -312,7 +314,7 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         values: terms.iter().map(known).collect(),
         ..start.clone()
     };
-    for _ in 0..STEPS {
+    for step in 1..=STEPS {
         let linear = setting.linear(&at);
         let normal = linear.columns.tr_mul(&linear.columns);
         let right = linear.columns.tr_mul(&linear.residuals);
@@ -333,7 +335,7 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
         let left = setting.residuals(&at).norm_squared();
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
-        if before - after < CONVERGED * before {
+        if step >= FEWEST_STEPS && before - after < CONVERGED * before {
             break;
         }
     }
