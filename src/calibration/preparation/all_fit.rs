@@ -9,9 +9,7 @@ use crate::identification::least_squares::problem::reach_mm;
 use crate::identification::model::objective::weighted_residuals;
 use crate::identification::screening::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
 use crate::identification::screening::steps::Columns;
-use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::misfit::{Misfit, gravity_directions};
-use crate::identification::statistics::variance::kept_ratio;
 use crate::kinematics::Link;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
@@ -29,47 +27,9 @@ pub(super) struct AllFit {
 }
 
 impl AllFit {
-    /// The outliers; none if there are too few points to tell. A robot that sags has points that links alone miss by far: a point is an outlier only if it is
-    /// one as well where the directions of the misfit are fitted that the other points show above their noise.
+    /// The outliers; none if there are too few points to tell.
     pub fn outliers(&self, watch: &Watch<'_>) -> Option<Outliers> {
-        let mut found = self.linear.outliers(self.least_scale_mm, watch)?;
-        if found.points.is_empty() {
-            return Some(found);
-        }
-        let Some(beside) = self.beside_misfit(&found, watch) else {
-            return Some(found);
-        };
-        let Some(still) = beside.outliers(self.least_scale_mm, watch) else {
-            return Some(found);
-        };
-        let is_still = |point: &usize| still.points.binary_search(point).is_ok();
-        let kept = found.points.iter().zip(&found.sizes_mm);
-        let kept = kept.filter(|(point, _)| is_still(point));
-        (found.points, found.sizes_mm) = kept.map(|(point, size)| (*point, *size)).unzip();
-        Some(found)
-    }
-
-    /// The linear problem with the directions of the misfit that points without outliers show above their noise; `None` if there are none, if they are too
-    /// many for these points, or when the watch stops.
-    fn beside_misfit(&self, found: &Outliers, watch: &Watch<'_>) -> Option<Linearised> {
-        let go_on = || watch.goes_on().then_some(());
-        go_on()?;
-        let others: Vec<usize> = (0..self.linear.n_points())
-            .filter(|point| found.points.binary_search(point).is_err())
-            .collect();
-        let rows: Vec<usize> = others.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
-        let of_others = self.linear.of(&others);
-        go_on()?;
-        let features = self.features.select_rows(&rows);
-        let (ratio, _) = kept_ratio(&of_others.residuals, &of_others.basis, &features)?;
-        if ratio == 0.0 {
-            return None;
-        }
-        go_on()?;
-        let strong = Whitener::new(&self.features, ratio)?.strong_directions();
-        go_on()?;
-        let beside = self.linear.beside(&strong);
-        (strong.ncols() > 0 && beside.is_overdetermined()).then_some(beside)
+        self.linear.outliers(self.least_scale_mm, watch)
     }
 }
 

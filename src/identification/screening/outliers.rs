@@ -79,18 +79,6 @@ struct Kept {
 }
 
 impl Linearised {
-    /// The problem in which some more columns are fitted as well.
-    pub fn beside(&self, columns: &DMatrix<f64>) -> Self {
-        let n_fitted = self.basis.ncols();
-        let mut all = self
-            .basis
-            .clone()
-            .resize_horizontally(n_fitted + columns.ncols(), 0.0);
-        all.columns_mut(n_fitted, columns.ncols())
-            .copy_from(columns);
-        Self::new(&self.residuals, all, self.rounding_mm)
-    }
-
     /// From weighted residuals and the weighted derivatives along the observable combinations.
     pub fn new(residuals: &DVector<f64>, derivatives: DMatrix<f64>, rounding_mm: f64) -> Self {
         let basis = orthonormal(derivatives);
@@ -120,7 +108,7 @@ impl Linearised {
     }
 
     /// True if there are enough residuals to tell outliers: more than 1.5 times the number of combinations, plus 6.
-    pub fn is_overdetermined(&self) -> bool {
+    fn is_overdetermined(&self) -> bool {
         3 * self.n_points() > self.basis.ncols() + self.basis.ncols() / 2 + 6
     }
 

@@ -40,13 +40,6 @@ impl Whitener {
         })
     }
 
-    /// The directions in which the misfit is larger than the noise: λS > 1; 3·N × k, orthonormal columns.
-    pub fn strong_directions(&self) -> DMatrix<f64> {
-        let strong = self.share.iter().enumerate().filter(|(_, s)| **s > 1.0);
-        let strong: Vec<usize> = strong.map(|(k, _)| k).collect();
-        self.u.select_columns(&strong)
-    }
-
     /// V^(-1/2)·M.
     pub fn whitened(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
         let mut along = transposed_times(&self.u, m);
