@@ -102,10 +102,10 @@ impl Estimate {
     }
 }
 
-/// The rows of a problem for least squares, reduced to a triangle: one row for each coordinate, and one for the rest.
+/// The rows of a problem, evaluated at once or in parts.
 struct Rows<'a> {
     problem: &'a Problem<'a>,
-    parts: Parts<'a>,
+    parts: Option<Parts<'a>>,
     watch: &'a Watch<'a>,
 }
 
@@ -119,19 +119,32 @@ impl<'a> Rows<'a> {
     }
 
     fn triangle(&self, x: &[f64]) -> Triangle {
-        self.parts.triangle(x, self.watch)
+        match &self.parts {
+            Some(parts) => parts.triangle(x, self.watch),
+            None => Triangle::at(self.problem, x),
+        }
     }
 
-    /// Evaluates the rows of the triangle, which have the same sum of squares as those of the problem, and the same derivatives of it. Without
-    /// `jacobian`, only the sum is computed, as a single row.
+    /// Number of rows for least squares: those of the problem, or for a problem in parts those of its triangle and one for the rest.
+    fn n(&self) -> usize {
+        match &self.parts {
+            Some(_) => self.problem.variables.len() + 1,
+            None => self.problem.n_rows(),
+        }
+    }
+
+    /// Evaluates the rows. For a problem in parts they are those of the triangle, with the same sum of squares and the same derivatives of it.
+    /// Without `jacobian`, only the sum is computed, as a single row.
     fn evaluate(&self, x: &[f64], residuals: &mut [f64], jacobian: Option<&mut DMatrix<f64>>) {
-        let p = x.len();
+        let (Some(parts), p) = (&self.parts, x.len()) else {
+            return self.problem.evaluate(x, residuals, jacobian);
+        };
         let Some(jacobian) = jacobian else {
             residuals[..p].fill(0.0);
-            residuals[p] = self.parts.sum_of_squares(x, self.watch).sqrt();
+            residuals[p] = parts.sum_of_squares(x, self.watch).sqrt();
             return;
         };
-        let triangle = self.triangle(x);
+        let triangle = parts.triangle(x, self.watch);
         let (r, right, rest) = triangle.reduced();
         residuals[..p].copy_from_slice(right);
         residuals[p] = rest.sqrt();
@@ -242,7 +255,7 @@ fn descend(
     monitor: &mut dyn FnMut(Iteration) -> ControlFlow<()>,
 ) {
     let problem = rows_of.problem;
-    let (n_rows, widths) = (found.x.len() + 1, &found.evidence.widths);
+    let (n_rows, widths) = (rows_of.n(), &found.evidence.widths);
     let sigma_mm = found.evidence.sigma_mm;
     // evaluations since the last step: minimised sum of squares, coordinates, sum of squares of the rows
     let evaluated: RefCell<Vec<(f64, Vec<f64>, f64)>> = RefCell::default();

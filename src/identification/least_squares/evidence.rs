@@ -227,9 +227,7 @@ impl Triangle {
                 .copy_from(matrix);
             right.extend(residuals);
         }
-        if p > 0 {
-            triangularise(stacked.as_mut_slice(), p + more, &mut right);
-        }
+        triangularise(stacked.as_mut_slice(), p + more, &mut right);
         self.r = stacked.rows(0, p).upper_triangle();
         self.rest += right[p..].iter().map(|v| v * v).sum::<f64>();
         right.truncate(p);
@@ -302,6 +300,30 @@ impl Triangle {
     /// R, right side, and sum of squares of the rest.
     pub fn reduced(&self) -> (&DMatrix<f64>, &[f64], f64) {
         (&self.r, &self.right, self.rest)
+    }
+
+    /// Reduces the rows at a fit to a triangle.
+    pub fn at(problem: &Problem<'_>, x: &[f64]) -> Self {
+        let (n_rows, p) = (problem.n_rows(), x.len());
+        // with fewer rows than coordinates, rows of zeros are added
+        let n = n_rows.max(p);
+        let (mut residuals, mut jacobian) = (vec![0.0; n], DMatrix::zeros(n, p));
+        problem.evaluate(x, &mut residuals, Some(&mut jacobian));
+        if p > 0 {
+            triangularise(jacobian.as_mut_slice(), n, &mut residuals);
+        }
+        Self {
+            r: jacobian.rows(0, p).upper_triangle(),
+            rest: residuals[p..].iter().map(|v| v * v).sum(),
+            right: residuals[..p].to_vec(),
+            expected: (0..p).map(|j| problem.expected(j)).collect(),
+            is_flat: problem
+                .variables
+                .iter()
+                .map(|v| v.prior == Prior::Flat)
+                .collect(),
+            n_rows,
+        }
     }
 
     /// Solves the linear problem: least squares of the rows divided by σ, and of the coordinates divided by the widths of their priors. `x` is the
