@@ -196,6 +196,14 @@ fn a_point_that_is_picked_in_one_figure_is_picked_in_all() {
     });
 }
 
+/// Fills in why a point is left out, and calibrates again.
+async fn calibrate_without_it(browser: &Browser, reason: &str) {
+    let field = browser.find("#exclude-reason").await;
+    field.send_keys(reason).await.unwrap();
+    let button = browser.button("Calibrate again without them").await;
+    button.click().await.unwrap();
+}
+
 #[test]
 fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
     let Some(driver) = Driver::start() else {
@@ -230,18 +238,7 @@ fn a_point_is_left_out_with_its_reason_and_the_rest_is_calibrated_again() {
         browser
             .until_it_says("One point is to be left out: row 0")
             .await;
-        browser
-            .find("#exclude-reason")
-            .await
-            .send_keys("the reflector was not seated")
-            .await
-            .unwrap();
-        browser
-            .button("Calibrate again without them")
-            .await
-            .click()
-            .await
-            .unwrap();
+        calibrate_without_it(browser, "the reflector was not seated").await;
         browser.until(&format!("location.hash !== '{page}'")).await;
         browser
             .until_it_says("first without row 0: the reflector was not seated (99 points")
@@ -312,18 +309,7 @@ fn after_another_session_the_release_is_next_and_a_stray_row_of_two_files_can_be
             .click()
             .await
             .unwrap();
-        browser
-            .find("#exclude-reason")
-            .await
-            .send_keys("it slipped")
-            .await
-            .unwrap();
-        browser
-            .button("Calibrate again without them")
-            .await
-            .click()
-            .await
-            .unwrap();
+        calibrate_without_it(browser, "it slipped").await;
         browser
             .until_it_says("logs without row 17 (1 of 50 verify points): it slipped (99 points")
             .await;

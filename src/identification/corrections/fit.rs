@@ -162,8 +162,8 @@ impl<'a> Setting<'a> {
         linear
     }
 
-    /// Residuals at a fit, weighted, as in [`Linear::residuals`].
-    fn residuals(&self, at: &Fitted) -> DVector<f64> {
+    /// Sum of squares of the residuals at a fit, weighted, as in [`Linear::residuals`].
+    fn sum_of_squares(&self, at: &Fitted) -> f64 {
         let corrections = self.corrections(at);
         let observations = self.placed(at);
         let unknowns = (&[][..], &[][..]);
@@ -175,6 +175,7 @@ impl<'a> Setting<'a> {
             &observations,
         )
         .0
+        .norm_squared()
     }
 
     /// Σ (x/S)²: parameters with a prior, and corrections.
@@ -189,11 +190,6 @@ impl<'a> Setting<'a> {
         let terms = at.terms.iter().zip(&at.values);
         let of_terms = terms.map(|(term, value)| value / term.prior(&self.mounting, reach_mm));
         of_parameters.sum::<f64>() + of_terms.map(|x| x * x).sum::<f64>()
-    }
-
-    /// F + σ²·Σ (x/S)², σ² as it is at the fit.
-    fn objective(&self, at: &Fitted) -> f64 {
-        self.residuals(at).norm_squared() + at.variance * self.prior_cost(at)
     }
 
     /// The fit after a share of a step, with the same σ².
@@ -319,21 +315,22 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         let normal = linear.columns.tr_mul(&linear.columns);
         let right = linear.columns.tr_mul(&linear.residuals);
         let (x, cholesky) = linear.solved(normal, right, at.variance)?;
-        let before = linear.residuals.norm_squared() + at.variance * setting.prior_cost(&at);
+        let objective = |at: &Fitted, left: f64| left + at.variance * setting.prior_cost(at);
+        let mut left = linear.residuals.norm_squared();
+        let before = objective(&at, left);
+        let mut after = before;
         let shares = std::iter::successors(Some(1.0), |share| Some(0.5 * share));
-        let halved = shares
-            .take(1 + HALVINGS)
-            .map(|share| setting.stepped(&at, &x, share));
-        let lowered = halved
-            .map(|next| (setting.objective(&next), next))
-            .find(|(after, _)| *after <= before);
-        let after = lowered.map_or(before, |(after, next)| {
-            at = next;
-            after
-        });
+        for share in shares.take(1 + HALVINGS) {
+            let next = setting.stepped(&at, &x, share);
+            let left_by_next = setting.sum_of_squares(&next);
+            let of_next = objective(&next, left_by_next);
+            if of_next <= before {
+                (at, left, after) = (next, left_by_next, of_next);
+                break;
+            }
+        }
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
-        let left = setting.residuals(&at).norm_squared();
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
         if step >= FEWEST_STEPS && before - after < CONVERGED * before {
             break;
