@@ -173,10 +173,7 @@ async fn an_upload_that_was_insisted_on_is_kept_shown_and_never_released() {
     // nothing of it reaches a controller or a later job
     let export = app.get(&format!("{path}/export?format=mastering")).await;
     assert_eq!(export.status, 422, "{}", export.text());
-    let networks = app
-        .get(&format!("/v1/robots/{robot}/networks"))
-        .await
-        .ok(200);
+    let networks = app.get(&format!("{robot}/networks")).await.ok(200);
     assert_eq!(networks["items"], json!([]), "{networks}");
     let gates = app.get(&format!("{path}/gates")).await.ok(200);
     let mut gate = gates["gates"].as_array().unwrap().iter();
