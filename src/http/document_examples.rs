@@ -88,7 +88,11 @@ impl Examples {
         for (status, response) in &mut operation.responses.responses {
             if let (true, RefOr::T(response)) = (status.starts_with('2'), response) {
                 for (media_type, content) in &mut response.content {
-                    complete(media_type, content, of_operation(&id, media_type));
+                    // every JSON answer has a schema, and its example follows from that
+                    let own = (media_type != "application/json")
+                        .then(|| of_operation(&id, media_type))
+                        .flatten();
+                    complete(media_type, content, own);
                 }
             }
         }

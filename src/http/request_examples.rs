@@ -29,7 +29,7 @@ const URDF: &str = r#"<?xml version="1.0"?>
 </robot>
 "#;
 
-/// The example of a body whose type is not JSON, or whose JSON has no schema.
+/// The example of a body whose type is not JSON, or of a request whose JSON has no schema.
 pub fn of_operation(operation_id: &str, media_type: &str) -> Option<Value> {
     Some(match (operation_id, media_type) {
         ("createFrames", "text/csv") => sweeps().into(),
