@@ -68,7 +68,7 @@ FAULTS = [
     Fault("a target that was mounted anew is shared", "core", "a_target_of_one_name_that_was_mounted_anew", [
         ("tested.filter(|tested| tested.probability < alarm)", "tested.filter(|tested| tested.probability < 0.0 * alarm)")], "src/calibration"),
     Fault("a base points into the floor", "core", "the_base_of_a_description_is_upright", [
-        ("axes[0].direction.z < NOTHING - 1.0", "axes[0].direction.z < NOTHING - 2.0")], "src/exchange"),
+        ("axes[0].direction.z < ROUNDING - 1.0", "axes[0].direction.z < NOTHING - 2.0")], "src/exchange"),
     Fault("clocks with two differences are taken", "core", "what_cannot_be_joined_says", [
         ("if !ties.are_contradictory {", "if true || !ties.are_contradictory {")], "src/measurement"),
     # Rotations, noise and scale
@@ -79,7 +79,7 @@ FAULTS = [
     Fault("any rotation fits", "service", "a_set_whose_rotations_do_not_fit", [
         ("let by_rotation = || missed(&|point| Some(point.rotation_rad?[1]), no_fit_rad);", "let by_rotation = || missed(&|point| Some(0.0 * point.rotation_rad?[1]), no_fit_rad);")], "src/calibration"),
     Fault("any stated noise is right", "core", "a_stated_noise_far_above", [
-        ("let is_overstated = self.ratio * OVERSTATED * OVERSTATED < redundant as f64;", "let is_overstated = self.ratio * OVERSTATED * OVERSTATED < 0.0 * redundant as f64;")], "src/calibration"),
+        ("let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < redundant as f64;", "let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < 0.0 * redundant as f64;")], "src/calibration"),
     Fault("an instrument that is off is released", "service", "a_reference_states_the_scale", [
         ("let passes = reference.at_reach_std_mm <= MAX_SCALE * found_mm;", "let passes = reference.at_reach_std_mm >= 0.0 * found_mm;")], "src/release"),
     Fault("a work frame of any station", "service", "a_work_frame_is_measured_from_the_station", [
@@ -116,7 +116,7 @@ FAULTS = [
     Fault("what fits nothing has not changed", "core", "of_points_that_fit_no_robot", [
         ("if request.previous.is_some() && !is_no_fit {", "if request.previous.is_some() && (!is_no_fit || true) {")], "src/calibration"),
     Fault("nine times worse is as good", "service", "a_session_several_times_worse", [
-        ("(times >= WORSE).then_some(times)", "(times >= 10.0 * WORSE).then_some(times)")], "src/calibration"),
+        ("(times >= REPORTED_ERROR_RATIO).then_some(times)", "(times >= 10.0 * WORSE).then_some(times)")], "src/calibration"),
     Fault("a work frame of another set-up is used", "core", "a_work_frame_from_another_set_up_is_refused", [
         ("if is_measuring && !is_own && from.provenance", "if false && !is_own && from.provenance")], "src/operations"),
     Fault("a drawing in inches is kept", "service", "a_work_frame_whose_points_do_not_fit_is_refused", [
@@ -173,7 +173,7 @@ FAULTS = [
     Fault("an instrument that is off is right", "service", "states_the_scale_of_the_instrument", [
         ("self.error.abs() > COVERAGE * self.std", "self.error.abs() > 100.0 * COVERAGE * self.std")], "src/calibration"),
     Fault("a withdrawn set comes back with another seed", "service", "with_another_seed", [
-        ("(a - b).abs() <= SAME", "a == b"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src"),
+        ("(a - b).abs() <= RELATIVE_TOLERANCE", "a == b"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src"),
     Fault("a set is compared on its own points", "service", "on_points_that_neither_was_fitted_to", [
         ("if session.is_independent() && is_new", "if session.verification.evidence != crate::wire::report_shape::Evidence::None && is_new")], "src/release"),
     Fault("a set is compared on the active set's points", "service", "points_that_the_active_set_was_fitted_to", [
@@ -192,7 +192,7 @@ FAULTS = [
     Fault("an outlier is in the delivered fit", "core", "rows_that_do_not_belong_and_segments", [
         ("for row in without_weight.chain(unfitted) {", "for row in without_weight.chain(unfitted).take(0) {")], "src/calibration"),
     Fault("motions of set-ups without points", "core", "a_base_that_moved_after_the_last", [
-        (".find(|setup| n_of(*setup) >= FEWEST_OF_SETUP)", ".find(|_| true)")], "src/calibration"),
+        (".find(|setup| n_of(*setup) >= MIN_OF_SETUP)", ".find(|_| true)")], "src/calibration"),
     Fault("outliers are searched once", "core", "gross_rows_swapped_labels_and_a_slip_cost_nothing", [
         ("const MAX_SEARCHES: usize = 4;", "const MAX_SEARCHES: usize = 1;")], "src/calibration"),
     Fault("a knocked tool is one target", "core", "reflectors_that_were_knocked_at_once", [
@@ -302,7 +302,7 @@ FAULTS = [
         ("status = case when cancel_requested_at_ms is null then 'succeeded' else 'cancelled' end", "status = 'succeeded'")]),
     # Release
     Fault("a broken beam decides a release", "core", "one_outlier", [
-        ("match points.len() >= FEWEST && n_outliers", "match points.is_empty() && points.len() >= FEWEST && n_outliers")]),
+        ("match points.len() >= MIN_POINTS && n_outliers", "match points.is_empty() && points.len() >= MIN_POINTS && n_outliers")]),
     Fault("the uncertainty of a figure is not counted", "service", "the_tolerance_counts_the_uncertainty", [
         ("if figure + expanded <= tolerance", "if figure <= tolerance || expanded.is_nan()")], "src/release"),
     Fault("the schema does not count it", "service", "the_schema_itself_counts_the_uncertainty", [
@@ -330,9 +330,9 @@ FAULTS = [
     Fault("a gate that fails open", "service", "no_better_than_nominal", [
         ("session.is_evidence && !session.verification.is_better", "session.is_evidence && session.seq == -1")]),
     Fault("a placement that hides a joint is evidence", "core", "whose_last_joint_hardly_moves", [
-        ("let is_hidden = left_mm > LEFT * whole_mm && share < SHOWN;", "let is_hidden = left_mm > LEFT * whole_mm && share < 0.0;")]),
+        ("let is_hidden = left_mm > MIN_LEFT_SHARE * whole_mm && share < SHOWN;", "let is_hidden = left_mm > MIN_LEFT_SHARE * whole_mm && share < 0.0;")]),
     Fault("a change during a session is a few outliers", "core", "changes_during_a_session", [
-        ("run.n_configurations >= FEWEST_OF_RUN", "run.n_configurations >= 1000")]),
+        ("run.n_configurations >= MIN_OF_RUN", "run.n_configurations >= 1000")]),
     Fault("a copy at another scale is a session", "core", "another_scale_makes", [
         ("effects.set_column(6, &(row.here_mm / size_mm));", "effects.set_column(6, &(0.0 * row.here_mm));")]),
     Fault("one of two joint maps is offered", "core", "two_explanations_of_a_symmetric_arm", [
@@ -348,10 +348,10 @@ FAULTS = [
     Fault("a blank is a reason", "service", "nothing_to_read", [
         ("!text.is_empty() && !text.chars().any(is_readable)", "text.trim().is_empty() && !text.is_empty()")], "src/wire"),
     Fault("what does not fit is evidence", "service", "session_that_does_not_fit", [
-        ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9"),
+        ("const MAX_ERROR_RATIO: f64 = 10.0", "const MAX_ERROR_RATIO: f64 = 1e9"),
         ("set_mm.min(typical(0)) > farthest_mm", "set_mm.min(typical(0)) > 1e9 * farthest_mm")], "src/calibration/validation/session_fit.rs"),
     Fault("a robot that has changed is evidence", "service", "a_base_that_is_off_in_the_base_frame", [
-        ("const FAR: f64 = 10.0", "const FAR: f64 = 1e9")], "src/calibration/validation/session_fit.rs"),
+        ("const MAX_ERROR_RATIO: f64 = 10.0", "const MAX_ERROR_RATIO: f64 = 1e9")], "src/calibration/validation/session_fit.rs"),
     Fault("the same points count as a session", "service", "the_same_points_uploaded_again", [
         ("rows.len() as f64 > MAX_REPEATED", "0.0 > MAX_REPEATED")]),
     Fault("no look at the active set", "service", "worse_than_the_active_one", [

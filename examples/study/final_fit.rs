@@ -47,7 +47,7 @@ pub fn study(arguments: &[String]) {
          and the kinds of corrections stay. The report's errors, F and convergence are those of the fit that was verified; its parameters, uncertainties \
          and identifiability those of the delivered one. `final` in the report has the number of points, their rms by the links alone, and `moved_mm`: \
          the mean distance of the tool between both fits at 200 configurations over the workspace, with base and flange anchored to the robot's own axes. \
-         The gate `final_fit_near_verified` of a release refuses more than twice the verified rms.\n"
+         The gate `final_fit_near_verified` of a release refuses more than twice the verified rms (with corrections, if any was kept).\n"
     );
     println!(
         "The verified parameters are delivered instead with `final_fit: identify_subset`, in preset `paper`, with `refine: false`, and where more rows are \

@@ -28,7 +28,7 @@ use nalgebra::{DMatrix, DMatrixView, Vector3};
 const CONFIDENCE: f64 = 0.95;
 
 /// If the scatter of the points exceeds the expected scatter by this factor, other parameters may have changed as well.
-const MORE: f64 = 1.5;
+const MAX_SCATTER_RATIO: f64 = 1.5;
 
 /// An earlier identification.
 #[derive(Clone, Debug, PartialEq)]
@@ -195,7 +195,8 @@ fn others_changed(
                 std_mm: libm::hypot(earlier.noise.std_mm, of_held?.scatter_mm),
                 ..earlier.noise
             };
-            let is_more = own.std_mm > MORE * expected.std_mm && own.is_more_than(&expected);
+            let is_more =
+                own.std_mm > MAX_SCATTER_RATIO * expected.std_mm && own.is_more_than(&expected);
             is_more.then(|| {
                 format!(
                     "the points scatter by {:.4} mm (one standard deviation of a coordinate), where {:.4} mm are expected",

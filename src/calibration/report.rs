@@ -369,7 +369,7 @@ pub const BASE_NOT_CHECKED: &str = "base_not_checked";
 /// Warning: there are few points for the number of fitted base and target parameters.
 pub const FEW_VERIFY_POINTS: &str = "few_verify_points";
 /// Minimum number of configurations for evidence, however often each was read.
-pub const FEWEST_TO_PROVE: usize = 5;
+pub const MIN_TO_PROVE: usize = 5;
 
 impl CalibrationReport {
     /// True if the verify points are evidence for a release: they fit the robot, are numerous enough, and are not those of a quick check.
@@ -385,7 +385,7 @@ impl CalibrationReport {
             .map(|point| point.configuration.as_str())
             .collect();
         self.quick_check.is_none()
-            && configurations.len() >= FEWEST_TO_PROVE
+            && configurations.len() >= MIN_TO_PROVE
             && self
                 .warnings
                 .iter()

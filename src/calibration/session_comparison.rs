@@ -26,14 +26,14 @@ use crate::measurement::{Frame, MeasurementSet, Subset};
 /// Code of the warning that the robot has changed.
 pub const ROBOT_CHANGED: &str = "robot_changed";
 /// A change by more than this share of what a fresh robot is expected to be off (1 mm, 0.3°) is a jump.
-const JUMP: f64 = 0.2;
+const JUMP_SHARE: f64 = 0.2;
 /// A collision changes few parameters: at most this share of the combinations that both sessions determine.
-const FEW: f64 = 0.35;
+const MAX_COLLISION_SHARE: f64 = 0.35;
 /// Maximum number of changes that are listed by name. Further changes are only counted.
 const LISTED: usize = 6;
 
 /// Smallest probability that is written as a number.
-const LEAST_PROBABILITY: f64 = 1e-9;
+const MIN_PROBABILITY: f64 = 1e-9;
 
 /// Compares `own`, the estimate of the request's session, with the previous session that the request names. `None` if there is none, or if nothing
 /// can be identified from it alone.
@@ -202,7 +202,7 @@ pub fn scale_remark(request: &CalibrationRequest) -> String {
 
 /// A probability as written in messages.
 pub fn probability_in_words(probability: f64) -> String {
-    match probability < LEAST_PROBABILITY {
+    match probability < MIN_PROBABILITY {
         true => "below 1e-9".into(),
         false => format!("{probability:.1e}"),
     }
@@ -211,8 +211,11 @@ pub fn probability_in_words(probability: f64) -> String {
 fn kind(changes: &[Change], n_combinations: usize, reach_mm: f64) -> ChangeKind {
     let jumps = changes
         .iter()
-        .any(|c| c.delta.abs() > JUMP * prior_scale(&c.parameters[0], reach_mm));
-    match (jumps, changes.len() as f64 <= FEW * n_combinations as f64) {
+        .any(|c| c.delta.abs() > JUMP_SHARE * prior_scale(&c.parameters[0], reach_mm));
+    match (
+        jumps,
+        changes.len() as f64 <= MAX_COLLISION_SHARE * n_combinations as f64,
+    ) {
         (false, _) => ChangeKind::Drift,
         (true, true) => ChangeKind::Collision,
         (true, false) => ChangeKind::Rebuilt,

@@ -33,9 +33,9 @@ pub const SESSIONS_DIFFER: &str = "sessions_differ";
 /// Refusal code: a target of one name is at different places of the tool.
 const TARGET_MOUNTED_ANEW: &str = "target_mounted_anew";
 /// Minimum redundancy for a session's own noise estimate. With less, the pooled noise of all sessions is used.
-const FEWEST_REDUNDANT: f64 = 10.0;
+const MIN_REDUNDANT: f64 = 10.0;
 /// Lower limit of a session's noise as a share of the largest one, so that no session decides alone.
-const LEAST_NOISE_SHARE: f64 = 0.1;
+const MIN_NOISE_SHARE: f64 = 0.1;
 
 /// The checks of `calibrate` that need no fit. They also run when a job is posted. For several sessions, each must be identifiable alone, and none
 /// may repeat another.
@@ -317,12 +317,12 @@ fn noises_mm(sessions: &[Noise]) -> Vec<f64> {
         .iter()
         .map(|noise| noise.freedom * noise.std_mm * noise.std_mm);
     let of_all_mm = (squares.sum::<f64>() / freedom).sqrt();
-    let own = |noise: &Noise| match noise.freedom < FEWEST_REDUNDANT {
+    let own = |noise: &Noise| match noise.freedom < MIN_REDUNDANT {
         true => of_all_mm,
         false => noise.std_mm,
     };
     let all: Vec<f64> = sessions.iter().map(own).collect();
-    let least_mm = LEAST_NOISE_SHARE * all.iter().copied().fold(0.0, f64::max);
+    let least_mm = MIN_NOISE_SHARE * all.iter().copied().fold(0.0, f64::max);
     match least_mm > 0.0 {
         true => all
             .into_iter()

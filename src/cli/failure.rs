@@ -9,7 +9,7 @@ use std::time::Duration;
 /// Longest wait before a retry, even if `Retry-After` is longer: a person is waiting.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 /// Wait before a retry without a `Retry-After`, or after a lost connection.
-const AGAIN_AFTER: Duration = Duration::from_secs(1);
+const RETRY_DELAY: Duration = Duration::from_secs(1);
 
 /// Why a request failed.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl Failed {
     /// The wait before a retry, if a retry makes sense.
     pub fn again_after(&self) -> Option<Duration> {
         match self {
-            Self::Lost(_) => Some(AGAIN_AFTER),
+            Self::Lost(_) => Some(RETRY_DELAY),
             Self::Busy(after, _) => Some(*after),
             Self::Final(_) => None,
         }
@@ -78,7 +78,7 @@ fn wait(headers: &HeaderMap) -> Duration {
         .get(RETRY_AFTER)
         .and_then(|value| value.to_str().ok()?.trim().parse().ok());
     retry_after
-        .map_or(AGAIN_AFTER, Duration::from_secs)
+        .map_or(RETRY_DELAY, Duration::from_secs)
         .min(LONGEST_WAIT)
 }
 

@@ -66,7 +66,7 @@ pub fn history(arguments: &HistoryArguments) -> anyhow::Result<()> {
 }
 
 /// Significance level: below this probability the links count as different.
-const UNLIKELY: f64 = 0.01;
+const SIGNIFICANCE_LEVEL: f64 = 0.01;
 
 /// Text about the test of two sessions. Only a difference of the links is a change of the robot; the base changes with the instrument's position.
 fn tested(test: &SessionTest) -> String {
@@ -74,7 +74,7 @@ fn tested(test: &SessionTest) -> String {
         p if p < 1e-4 => "below 0.0001".to_owned(),
         p => format!("{p:.4}"),
     };
-    let verdict = match test.probability < UNLIKELY {
+    let verdict = match test.probability < SIGNIFICANCE_LEVEL {
         true => "the links differ beyond chance",
         false => "the links do not differ beyond chance",
     };

@@ -124,7 +124,7 @@ fn first_group_end(nominal: &[Link]) -> usize {
 }
 
 /// d of the last link is off by at most this many usual errors of a link. A larger change contains the length of a tool.
-const MOST_USUAL_ERRORS: f64 = 3.0;
+const MAX_USUAL_ERRORS: f64 = 3.0;
 
 /// A reflector that the paper's model holds at the flange's origin. If it is ahead of it, d of the last link contains its length, and positions do
 /// not show how much of the change is an error of the link.
@@ -170,7 +170,7 @@ pub fn usual_error_of_last_d_mm(nominal: &[Link]) -> f64 {
 
 /// True if d of the last link contains the length of a tool: it changed by more than the errors of links.
 pub fn contains_tool(identified: &[Link], nominal: &[Link]) -> bool {
-    let most_mm = MOST_USUAL_ERRORS * usual_error_of_last_d_mm(nominal);
+    let most_mm = MAX_USUAL_ERRORS * usual_error_of_last_d_mm(nominal);
     change_of_last_d_mm(identified, nominal).abs() > most_mm
 }
 

@@ -1,7 +1,7 @@
 //! Points of a fixture that fit its drawing roughly, and still leave a doubt: one point is off, all scatter more than is stated, nothing checks them, or
 //! they lie in one plane and do not show a mirrored drawing.
 
-use crate::compensation::work_frame::{FEWEST_POINTS, FixturePoint, WorkFrame, is_flat};
+use crate::compensation::work_frame::{FixturePoint, MIN_POINTS, WorkFrame, is_flat};
 use crate::identification::statistics::distributions::{chi_square_tail, f_quantile, f_tail};
 use nalgebra::{Unit, Vector3};
 use std::fmt;
@@ -9,7 +9,7 @@ use std::fmt;
 /// Probability of a false alarm for a fixture whose points have noise alone.
 const FALSE_ALARM: f64 = 1e-3;
 /// Another point explains the misfit as well if what is left without it exceeds the smallest remainder with at least this probability.
-const AS_GOOD: f64 = 0.01;
+const MIN_PROBABILITY: f64 = 0.01;
 /// Noise below this share of the largest residual is rounding.
 const ROUNDING: f64 = 1e-6;
 
@@ -58,7 +58,7 @@ impl FixtureDoubt {
     pub fn of(points: &[FixturePoint], frame: &WorkFrame, std_mm: f64) -> Option<Self> {
         let n = points.len();
         let z = frame.t_reference_work.rotation * Vector3::z_axis();
-        if n == FEWEST_POINTS {
+        if n == MIN_POINTS {
             return Some(Self::Unchecked { z });
         }
         let residuals_mm = &frame.residuals_mm;
@@ -74,7 +74,8 @@ impl FixtureDoubt {
             let of_point = (all_mm2 - best.squares_mm2) / 3.0;
             let chance = f_tail(of_point / variance_mm2.max(f64::MIN_POSITIVE), 3.0, freedom);
             if all_mm2 > 0.0 && chance * (n as f64) < FALSE_ALARM {
-                let as_good = f_quantile(AS_GOOD, freedom, freedom) * freedom * variance_mm2;
+                let as_good =
+                    f_quantile(MIN_PROBABILITY, freedom, freedom) * freedom * variance_mm2;
                 let candidates = without.iter().filter(|other| other.squares_mm2 <= as_good);
                 return Some(Self::Point {
                     candidates: candidates.map(|other| other.point).collect(),

@@ -6,11 +6,11 @@ use std::fmt;
 
 /// Threshold of the rms as a share of the spread of the measured points: their rms distance from their centre. Noise of this size turns the
 /// frame by some tenths of a degree. The check of uploads has the same share of the reach.
-const FITS: f64 = 0.01;
+const FITS_PER_REACH: f64 = 0.01;
 /// Threshold of the rms in units of the stated standard uncertainty of a coordinate, if that is larger. Noise alone gives at most √3.
 const FITS_STD: f64 = 5.0;
 /// A mistake has to explain this factor of the rms to be named.
-const BETTER: f64 = 5.0;
+const MIN_IMPROVEMENT: f64 = 5.0;
 /// Exchanged points are looked for among this many points with the largest residuals.
 const MAX_EXCHANGED: usize = 20;
 const MM_PER_INCH: f64 = 25.4;
@@ -42,7 +42,7 @@ impl FixtureMisfit {
     /// The misfit of the points to the frame that was fitted to them; `None` if they fit. `std_mm` is their stated uncertainty, 0 if none is.
     pub fn of(points: &[FixturePoint], frame: &WorkFrame, std_mm: f64) -> Option<Self> {
         let rms_mm = frame.rms_mm();
-        let accepted_mm = (FITS * spread_mm(points)).max(FITS_STD * std_mm);
+        let accepted_mm = (FITS_PER_REACH * spread_mm(points)).max(FITS_STD * std_mm);
         if rms_mm <= accepted_mm {
             return None;
         }
@@ -54,7 +54,7 @@ impl FixtureMisfit {
             .into_iter()
             .filter_map(without)
             .min_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|(_, left_mm)| BETTER * left_mm <= rms_mm);
+            .filter(|(_, left_mm)| MIN_IMPROVEMENT * left_mm <= rms_mm);
         Some(Self {
             rms_mm,
             accepted_mm,

@@ -14,7 +14,7 @@ use nalgebra::{
 };
 
 /// A rotation of the tool counts as the displacement that it causes at this distance, as a share of the reach: 0.5 m on an arm of 2.5 m.
-const LEVER: f64 = 0.2;
+const LEVER_PER_REACH: f64 = 0.2;
 /// Directions in which the tool moves by less than this share of the reach per rad of all joints are damped: within about 1.6° of a wrist's
 /// singularity. On an arm of 2.5 m, such directions can amplify an error of 1 mm into more than 6° of joint motion.
 const SINGULAR: f64 = 4e-3;
@@ -23,8 +23,8 @@ const MAX_DAMPING: f64 = 4e-3;
 /// Maximum change of a joint, in addition to the largest identified joint offset: 10°.
 const MAX_CHANGE_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 /// A target counts as reached to within this share of the reach (1 µm on an arm of 2.5 m), and 0.0001°.
-const REACHED: f64 = 4e-7;
-/// See [`REACHED`].
+const TOLERANCE_PER_REACH: f64 = 4e-7;
+/// See [`TOLERANCE_PER_REACH`].
 const REACHED_RAD: f64 = 1e-4 * std::f64::consts::PI / 180.0;
 /// A target that is left by more than this share of the reach is not reached, even if the arm is stretched and therefore singular.
 const OUT_OF_REACH: f64 = 0.01;
@@ -35,7 +35,7 @@ const MAX_STEPS: usize = 40;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 1_000;
 
-/// ∂(tool)/∂(controller's joint values): displacement as a share of the reach, then rotation times [`LEVER`], per rad. Columns beyond the last joint
+/// ∂(tool)/∂(controller's joint values): displacement as a share of the reach, then rotation times [`LEVER_PER_REACH`], per rad. Columns beyond the last joint
 /// are 0.
 type Jacobian = SMatrix<f64, 6, MAX_LINKS>;
 type Joints = SVector<f64, MAX_LINKS>;
@@ -361,7 +361,7 @@ impl<'a> Compensation<'a> {
             if goal.mode == Mode::Pose {
                 by_model
                     .fixed_view_mut::<3, 1>(3, joint)
-                    .copy_from(&(axis * LEVER));
+                    .copy_from(&(axis * LEVER_PER_REACH));
             }
         }
         let mut by_controller = Jacobian::zeros();
@@ -384,7 +384,7 @@ impl Miss {
         let (t, r) = (
             self.translation_mm / self.reach_mm,
             if mode == Mode::Pose {
-                self.rotation_rad * LEVER
+                self.rotation_rad * LEVER_PER_REACH
             } else {
                 Vector3::zeros()
             },
@@ -397,7 +397,7 @@ impl Miss {
     }
 
     fn is_reached(&self, mode: Mode) -> bool {
-        self.translation_mm.norm() <= REACHED * self.reach_mm
+        self.translation_mm.norm() <= TOLERANCE_PER_REACH * self.reach_mm
             && (mode == Mode::Position || self.rotation_rad.norm() <= REACHED_RAD)
     }
 }

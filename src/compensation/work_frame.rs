@@ -4,13 +4,13 @@ use crate::identification::least_squares::start::rigid_motion;
 use nalgebra::{IsometryMatrix3, Matrix3, Matrix6, SMatrix, Vector3};
 
 /// Minimum number of points: three, not on a line.
-pub const FEWEST_POINTS: usize = 3;
+pub const MIN_POINTS: usize = 3;
 /// Points count as on a line if the second largest spread is below this share of the largest. The rotation about the line would then be ten times
 /// less certain than the other rotations.
 const ON_A_LINE: f64 = 0.1;
 /// Points lie in a plane if the smallest spread is below this share of the middle one: a mirrored drawing would then be off by less than most
 /// drawings.
-const FLAT: f64 = 0.01;
+const FLAT_SPREAD: f64 = 0.01;
 /// Heights above this many times the noise show a mirrored drawing.
 const SHOWN: f64 = 3.0;
 /// Heights below this share of the middle spread are rounding.
@@ -48,7 +48,7 @@ struct Spread {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WorkFrameError {
     /// Fewer than three points.
-    #[error("a frame needs at least {FEWEST_POINTS} points")]
+    #[error("a frame needs at least {MIN_POINTS} points")]
     TooFew,
     /// The points are on a line, or at one place.
     #[error("the points lie on a line, so the turn about it is unknown: add a point beside it")]
@@ -72,7 +72,7 @@ impl WorkFrame {
     /// [`WorkFrameError`] for fewer than three points, or points on a line.
     pub fn measured(points: &[FixturePoint], std_mm: f64) -> Result<Self, WorkFrameError> {
         let n = points.len();
-        if n < FEWEST_POINTS {
+        if n < MIN_POINTS {
             return Err(WorkFrameError::TooFew);
         }
         let (nominal, measured): (Vec<_>, Vec<_>) =
@@ -146,7 +146,7 @@ pub fn is_flat(points: &[FixturePoint], noise_mm: f64) -> bool {
     let nominal: Vec<Vector3<f64>> = points.iter().map(|p| p.nominal_mm).collect();
     let [smallest, middle, _] = spreads(&nominal);
     let shown_mm = SHOWN * noise_mm * (points.len() as f64).sqrt();
-    smallest <= (FLAT * middle).min(shown_mm.max(ROUNDING * middle))
+    smallest <= (FLAT_SPREAD * middle).min(shown_mm.max(ROUNDING * middle))
 }
 
 /// Spread of points along their principal axes, ascending, mm.

@@ -7,7 +7,7 @@ use crate::kinematics::forward::t_previous_link;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
 /// Lengths and cosines below this are rounding.
-const NOTHING: f64 = 1e-9;
+const ROUNDING: f64 = 1e-9;
 
 /// Links, with the transforms before the first and after the last one: T_root_tip(q) = `t_root_base` · Π links(q) · `t_flange_tip`.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub struct ImportedLinks {
 pub fn links_of_chain(chain: &Chain) -> ImportedLinks {
     let axes = chain.axes();
     let t_root_tip = chain.t_root_tip(&vec![0.0; axes.len()]);
-    let is_upside_down = axes[0].direction.z < NOTHING - 1.0;
+    let is_upside_down = axes[0].direction.z < ROUNDING - 1.0;
     // The base's x axis has to meet axis 1, which may be off the vertical by the rounding of a description's digits. So the base is where axis 1 is
     // in the root's plane z = 0.
     let first = &axes[0];
@@ -134,15 +134,15 @@ fn towards(
         let origin = axis.point_mm + z * (from_mm - axis.point_mm).dot(&z);
         let pierced = next.point_mm + v * ((origin - next.point_mm).dot(&z) / v.dot(&z));
         let x = pierced - origin;
-        return framed(origin, if x.norm() > NOTHING { &x } else { old_x }, &z);
+        return framed(origin, if x.norm() > ROUNDING { &x } else { old_x }, &z);
     }
     let square = normal.norm_squared();
     let origin = axis.point_mm + z * (between.cross(&v).dot(&normal) / square);
     let length = between.dot(&normal) / normal.norm();
-    let is_forward = if length.abs() > NOTHING {
+    let is_forward = if length.abs() > ROUNDING {
         length > 0.0
     } else {
-        normal.dot(old_x) >= -NOTHING
+        normal.dot(old_x) >= -ROUNDING
     };
     framed(origin, &(if is_forward { normal } else { -normal }), &z)
 }

@@ -11,7 +11,7 @@ const SAME_MM: f64 = 1.0;
 const SAME_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// A chain is a corrected description instead of the nominal one if its worst axis fits the identified robot better by this factor. Its distance from
 /// the nominal one must also exceed [`ROUNDING`].
-const NEARER: f64 = 0.5;
+const CORRECTED_TO_NOMINAL: f64 = 0.5;
 /// Rounding of a description: 0.01 mm or 0.001°, as a share of [`SAME_MM`] and [`SAME_RAD`].
 const ROUNDING: f64 = 0.01;
 /// Below this the axes are parallel, and the position along their common direction is not determined.
@@ -90,8 +90,9 @@ pub fn transplanted(
         links: identified.to_vec(),
         ..nominal.clone()
     };
-    let nearer = laid_onto(chain, &corrected)
-        .is_some_and(|(.., of_corrected)| misfit(&of_corrected) < NEARER * misfit(&worst));
+    let nearer = laid_onto(chain, &corrected).is_some_and(|(.., of_corrected)| {
+        misfit(&of_corrected) < CORRECTED_TO_NOMINAL * misfit(&worst)
+    });
     if nearer && misfit(&worst) > ROUNDING {
         return Err(Mismatch::Corrected {
             name: name.clone(),

@@ -7,10 +7,10 @@ use std::f64::consts::TAU;
 /// twentieth free at either end, and the physics stays the same just beyond the last pose.
 const MARGIN: f64 = 0.2;
 /// Minimum of this margin, rad (2°).
-const LEAST_MARGIN_RAD: f64 = 0.035;
+const MIN_MARGIN_RAD: f64 = 0.035;
 /// Combinations of joints count as measured up to this multiple of the largest squared (Mahalanobis) distance of a measured pose from the others.
 /// Random poses of the same kind stay below it.
-const FARTHER: f64 = 1.5;
+const DISTANCE_MARGIN: f64 = 1.5;
 /// Upper limit of the leverage. A pose that the others do not determine at all has leverage 1; near that, its distance from the others cannot be
 /// computed.
 const HIGHEST_LEVERAGE: f64 = 0.8;
@@ -48,7 +48,7 @@ impl MeasuredRegion {
         }
         // a joint that hardly moves is limited by its range; here it counts as if it had moved by the margin
         let mut covariance =
-            DMatrix::from_diagonal_element(n_joints, n_joints, LEAST_MARGIN_RAD * LEAST_MARGIN_RAD);
+            DMatrix::from_diagonal_element(n_joints, n_joints, MIN_MARGIN_RAD * MIN_MARGIN_RAD);
         for q in poses.clone() {
             let off = DVector::from_fn(n_joints, |j, _| q[j] - mean_rad[j]);
             covariance.ger(1.0 / n, &off, &off, 1.0);
@@ -91,7 +91,7 @@ impl MeasuredRegion {
         };
         let joints = (0..turned.len()).map(beyond).fold(f64::MIN, f64::max);
         let together = if self.farthest > 0.0 {
-            self.distance(&turned) / (FARTHER * self.farthest) - 1.0
+            self.distance(&turned) / (DISTANCE_MARGIN * self.farthest) - 1.0
         } else {
             0.0
         };
@@ -105,7 +105,7 @@ impl MeasuredRegion {
     }
 
     fn margin_rad(&self, joint: usize) -> f64 {
-        (MARGIN * (self.highest_rad[joint] - self.lowest_rad[joint])).max(LEAST_MARGIN_RAD)
+        (MARGIN * (self.highest_rad[joint] - self.lowest_rad[joint])).max(MIN_MARGIN_RAD)
     }
 
     /// The joint value, shifted by whole turns to be nearest to the middle of the measured range.

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// Standard uncertainties that differ by less than this share count as equal. No calibration certificate states more digits.
-const ALIKE: f64 = 1e-9;
+const EQUAL_SHARE: f64 = 1e-9;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 1000;
 /// Allowed asymmetry of a covariance, as a share of its largest entry. It allows for values with six digits in a file.
@@ -83,7 +83,7 @@ impl PositionNoise {
 
     /// True if the noise is the same in all directions.
     pub fn is_alike(&self) -> bool {
-        self.std_mm.max() - self.std_mm.min() <= ALIKE * self.std_mm.max()
+        self.std_mm.max() - self.std_mm.min() <= EQUAL_SHARE * self.std_mm.max()
     }
 
     /// Whitening matrix W for this noise plus an independent isotropic part with standard deviation s = `beside_mm`. All rows of W · residual have

@@ -333,7 +333,7 @@ pub fn n_shared_points(a: &MeasurementSet, b: &MeasurementSet) -> usize {
     };
     let is_known = |p: &&Point| {
         let near = around(p).filter_map(|cell| known.get(&cell)).flatten();
-        near.take(MOST_COMPARED).any(|other| same(other, p))
+        near.take(MAX_COMPARED).any(|other| same(other, p))
     };
     b.points.iter().filter(is_known).count()
 }
@@ -349,4 +349,4 @@ const SAME_READING_RAD: f64 = 1.1e-5;
 /// Coordinates closer than this count as the same reading, mm. One of them may be rounded to 0.01 mm.
 const SAME_POSITION_MM: f64 = 0.006;
 /// Maximum number of nearby points that a point is compared with.
-const MOST_COMPARED: usize = 200;
+const MAX_COMPARED: usize = 200;

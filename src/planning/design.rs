@@ -17,9 +17,9 @@ const EXTRA_ROWS: usize = 12;
 /// Combinations that move the tool by less than this share of the largest, squared, are not counted.
 const MOVES: f64 = 1e-12;
 /// A combination is known already if its prior information is at least this many times that of a new robot.
-const KNOWN: f64 = 100.0;
+const KNOWN_PRIOR_RATIO: f64 = 100.0;
 /// Minimum relative decrease of the criterion for an exchange.
-const GAIN: f64 = 1e-9;
+const MIN_RELATIVE_DECREASE: f64 = 1e-9;
 
 type Lanes = [f64; LANES];
 /// A symmetric matrix of each lane, of which only the lower triangle is used.
@@ -97,7 +97,10 @@ impl<'a, const ROWS: usize> Design<'a, ROWS> {
         let least = MOVES * moves.max();
         let n_moving = moves.iter().filter(|value| **value > least).count();
         let known = self.prior.symmetric_eigenvalues();
-        let n_known = known.iter().filter(|value| **value > KNOWN).count();
+        let n_known = known
+            .iter()
+            .filter(|value| **value > KNOWN_PRIOR_RATIO)
+            .count();
         n_moving.saturating_sub(n_known)
     }
 
@@ -123,7 +126,7 @@ impl<'a, const ROWS: usize> Design<'a, ROWS> {
                 } else {
                     self.criterion() - gain
                 };
-                let keep = best == old || after >= before * (1.0 - GAIN);
+                let keep = best == old || after >= before * (1.0 - MIN_RELATIVE_DECREASE);
                 self.change(if keep { old } else { best }, true);
                 // move the new candidate from the last place to the slot
                 let last = self.chosen.len() - 1;

@@ -24,7 +24,7 @@ const N_WORKSPACE: usize = 256;
 /// Seed of these configurations. It is the same for every plan, so that plans can be compared.
 const WORKSPACE_SEED: u64 = 0;
 /// Number of random configurations that are tried for each required candidate.
-const TRIES: usize = 20;
+const TRIES_PER_CANDIDATE: usize = 20;
 /// Number of times that each of several set-ups is planned, each time with what the others contribute.
 const ROUNDS: usize = 3;
 
@@ -230,11 +230,14 @@ fn candidates(request: &PlanRequest<'_>, set_up: usize) -> Result<Candidates, To
         even: vec![],
     };
     let mut tried = 0;
-    for batch in 0..TRIES as u64 {
+    for batch in 0..TRIES_PER_CANDIDATE as u64 {
         let drawn = random_configurations(
             request.robot,
             n,
-            request.seed.wrapping_mul(TRIES as u64).wrapping_add(batch),
+            request
+                .seed
+                .wrapping_mul(TRIES_PER_CANDIDATE as u64)
+                .wrapping_add(batch),
         );
         for (i, q) in drawn.into_iter().enumerate() {
             let is_even = i % 2 == 0;

@@ -30,7 +30,7 @@ pub struct ComparedRms {
 impl ComparedRms {
     /// True if the set is not worse than the active one beyond chance: by at most two standard errors, and by at most a tenth.
     pub fn is_as_good(&self) -> bool {
-        let chance_mm = (2.0 * self.std_mm).min(CHANCE * self.active_mm);
+        let chance_mm = (2.0 * self.std_mm).min(MAX_CHANCE_SHARE * self.active_mm);
         self.set_mm <= self.active_mm + chance_mm.max(SAME_MM)
     }
 }
@@ -38,9 +38,9 @@ impl ComparedRms {
 /// Difference of errors below which two parameter sets are equally good, mm: a tenth of a laser tracker's uncertainty over an arm's reach.
 pub const SAME_MM: f64 = 0.001;
 /// Largest share of the active set's error that counts as chance, however few the points are.
-const CHANCE: f64 = 0.1;
+const MAX_CHANCE_SHARE: f64 = 0.1;
 /// Fewer points say little of their own scatter, which then counts as 0.
-const FEWEST_FOR_SCATTER: usize = 12;
+const MIN_FOR_SCATTER: usize = 12;
 /// Points with errors above this multiple of the rms are left out of the scatter.
 const CLIPPED: f64 = 4.0;
 
@@ -164,7 +164,7 @@ fn robust_rms(errors_mm: impl Iterator<Item = [f64; 3]>) -> ComparedRms {
         .filter(|(active, own)| active.max(*own) <= largest_mm)
         .map(|(active, own)| own * own - active * active)
         .collect();
-    if differences.len() < FEWEST_FOR_SCATTER {
+    if differences.len() < MIN_FOR_SCATTER {
         differences.clear();
     }
     ComparedRms {

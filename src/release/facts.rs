@@ -1,7 +1,7 @@
 //! Derives verification facts from a job's report.
 
 use crate::calibration::quick_check::CHECK_CHANGED;
-use crate::calibration::report::{BASE_NOT_CHECKED, FEWEST_TO_PROVE};
+use crate::calibration::report::{BASE_NOT_CHECKED, MIN_TO_PROVE};
 use crate::calibration::request::VerifySource;
 use crate::calibration::{
     CalibrationReport, CalibrationRequest, DOES_NOT_FIT, HeldOut, MISSES_SESSION, RobustComparison,
@@ -163,7 +163,7 @@ pub fn identification_facts(
         },
         evidence: match n_points {
             ..MIN_VERIFY_POINTS => Evidence::None,
-            _ if n_verified_configurations(request, report) < FEWEST_TO_PROVE => Evidence::None,
+            _ if n_verified_configurations(request, report) < MIN_TO_PROVE => Evidence::None,
             _ if report.evidence == Evidence::None => Evidence::None,
             _ if is_far_off || has_warning(report, INSISTED) => Evidence::None,
             _ if is_verified_anew
@@ -244,7 +244,7 @@ pub fn session_facts(
     } else {
         Fit::Fits
     };
-    let is_small = request.set.n_distinct_configurations() < FEWEST_TO_PROVE;
+    let is_small = request.set.n_distinct_configurations() < MIN_TO_PROVE;
     // Without the errors at the identification it cannot be decided whether the session fits.
     // A check can be evidence against a set. Its few poses are no evidence for a release.
     let counts = request.held_out.is_some()

@@ -21,15 +21,15 @@ use crate::wire::policy::DecisionRule;
 use std::cmp::Ordering;
 
 /// Minimum number of configurations for which an uncertainty is stated.
-pub const FEWEST_CONFIGURATIONS: usize = 5;
+pub const MIN_CONFIGURATIONS: usize = 5;
 /// Probability that the mean square error over the workspace is below the upper end of the interval.
-const BELOW: f64 = 0.975;
+const UPPER_PROBABILITY: f64 = 0.975;
 /// Half-width of the 95 % interval of a normal variable, in standard deviations.
 const COVERAGE: f64 = 1.959_963_984_540_054;
 /// Largest number of independent equations of a configuration.
 const PER_CONFIGURATION: f64 = 3.0;
 /// Lower bound of the degrees of freedom. No uncertainty is stated if all equations together give fewer.
-const LEAST_FREEDOM: f64 = 1.0;
+const MIN_FREEDOM: f64 = 1.0;
 
 /// The decision rule in force. A robot without a policy has the default. A policy without a rule was stored by an older version, which compared the
 /// figure alone.
@@ -62,7 +62,7 @@ pub fn expanded_mm(
     let n: usize = configurations.iter().map(|own| own.n_points).sum();
     let most = PER_CONFIGURATION * c;
     let share = 1.0 - n_fitted as f64 / most;
-    if configurations.len() < FEWEST_CONFIGURATIONS || share * most < LEAST_FREEDOM {
+    if configurations.len() < MIN_CONFIGURATIONS || share * most < MIN_FREEDOM {
         return None;
     }
     let sum_mm2: f64 = configurations.iter().map(|own| own.sum_mm2).sum();
@@ -73,8 +73,8 @@ pub fn expanded_mm(
     // Without any scatter, the number of degrees of freedom is the largest possible.
     let freedom = (2.0 * mean_mm2 * mean_mm2 / variance).min(most);
     let freedom = if freedom.is_nan() { most } else { freedom };
-    let left = (freedom * share).max(LEAST_FREEDOM);
-    let upper_mm2 = mean_mm2 * freedom.max(left) / chi_square_quantile(BELOW, left);
+    let left = (freedom * share).max(MIN_FREEDOM);
+    let upper_mm2 = mean_mm2 * freedom.max(left) / chi_square_quantile(UPPER_PROBABILITY, left);
     let of_sample = upper_mm2.sqrt() - mean_mm2.sqrt();
     let expanded = libm::hypot(of_sample, COVERAGE * instrument_std_mm);
     expanded.is_finite().then_some(expanded)

@@ -1,7 +1,7 @@
 //! The gates that compare with the tolerance of the robot's policy.
 
 use crate::release::gate_facts::StoredFacts;
-use crate::release::guard_band::{FEWEST_CONFIGURATIONS, Within, within};
+use crate::release::guard_band::{MIN_CONFIGURATIONS, Within, within};
 use crate::wire::policy::DecisionRule;
 use crate::wire::release::Gate;
 use crate::wire::verification::Verification;
@@ -145,8 +145,8 @@ fn in_words(figure: &Figure<'_>, within: Within, tolerance: f64) -> String {
         Within::InGuardBand => format!(
             "{said}. It lies in the guard band: verify on more configurations, so that the uncertainty becomes smaller"
         ),
-        Within::Unknown if figure.found.n_points < FEWEST_CONFIGURATIONS => format!(
-            "{said}. {} points are too few to state one: verify on at least {FEWEST_CONFIGURATIONS} configurations",
+        Within::Unknown if figure.found.n_points < MIN_CONFIGURATIONS => format!(
+            "{said}. {} points are too few to state one: verify on at least {MIN_CONFIGURATIONS} configurations",
             figure.found.n_points
         ),
         Within::Unknown => format!(

@@ -29,12 +29,12 @@ pub fn warning(code: &str) -> String {
 
 /// Warnings that are typical of a wrong file. If the uploader overrode a refusal with `insist`, no advice is added to them, because the warning
 /// repeats the text of the refusal.
-const LOOKS_OF_A_WRONG_FILE: [&str; 3] = ["session_does_not_fit", "no_fit", "joint_map_suspect"];
+const WRONG_FILE_WARNINGS: [&str; 3] = ["session_does_not_fit", "no_fit", "joint_map_suspect"];
 
 /// Why a warning matters and what to do about it. `among` are all warnings of the report. Empty for an unknown code, as of another version.
 pub fn advice(code: &str, among: &[Warning]) -> Vec<&'static str> {
     let is_insisted = among.iter().any(|other| other.code == "insisted_upload");
-    if is_insisted && LOOKS_OF_A_WRONG_FILE.contains(&code) {
+    if is_insisted && WRONG_FILE_WARNINGS.contains(&code) {
         return vec![];
     }
     let texts = ["MATTERS", "REMEDIES"].map(|table| WORDS.get(&(table, code)).copied());

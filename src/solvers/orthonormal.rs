@@ -5,19 +5,19 @@ use multiversion::multiversion;
 use nalgebra::DMatrix;
 
 /// A matrix with at most this number of rows is reduced at once.
-pub const FEWEST_ROWS: usize = 6_000;
+pub const MIN_ROWS: usize = 6_000;
 /// Number of rows that are reduced at a time: they fit into a processor's cache.
 const ROWS_AT_ONCE: usize = 600;
 /// Number of passes. The second one makes the columns orthonormal to rounding [Yamamoto 2015, Cholesky QR 2, with Householder's triangle instead of
 /// Cholesky's].
-const PASSES: usize = 2;
+const N_PASSES: usize = 2;
 
 /// Q of A = Q·R, rows × columns. For a tall matrix, R is computed from blocks of rows, and Q is A·R⁻¹.
 pub fn orthonormal(mut matrix: DMatrix<f64>) -> DMatrix<f64> {
-    if matrix.nrows() <= FEWEST_ROWS || matrix.ncols() == 0 {
+    if matrix.nrows() <= MIN_ROWS || matrix.ncols() == 0 {
         return matrix.qr().q();
     }
-    for _ in 0..PASSES {
+    for _ in 0..N_PASSES {
         let r = triangle(&matrix);
         let n_rows = matrix.nrows();
         divide(matrix.as_mut_slice(), n_rows, r.as_slice());
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn a_tall_matrix_gets_orthonormal_columns_that_span_its_own() {
-        for rows in [50, FEWEST_ROWS + 1, 3 * FEWEST_ROWS + 7] {
+        for rows in [50, MIN_ROWS + 1, 3 * MIN_ROWS + 7] {
             // columns that are nearly parallel, and differ in size by a million
             let a = DMatrix::from_fn(rows, 9, |i, j| {
                 let (x, scale) = (i as f64 / rows as f64, libm::pow(10.0, j as f64 - 4.0));

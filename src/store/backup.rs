@@ -6,10 +6,10 @@ use super::database::DATABASE;
 use super::open::{make_private_dir, make_private_file};
 use super::{Engine, Error, Result, Store};
 
-pub(super) const QUERIES_SQLITE: &[&str] = &[INTO];
+pub(super) const QUERIES_SQLITE: &[&str] = &[VACUUM_INTO];
 
 // Copies one consistent state, without deleted rows. Readers and writers are not blocked.
-const INTO: &str = "vacuum into $1";
+const VACUUM_INTO: &str = "vacuum into $1";
 
 /// Copies the database into `directory`, which must be new or empty, and waits until the copy is on the disk.
 ///
@@ -43,7 +43,7 @@ pub async fn write(store: &Store, directory: &Path) -> Result<()> {
     })?;
     // `vacuum into` accepts an existing file if it is empty.
     make_private_file(&file).map_err(failed)?;
-    sqlx::query(INTO)
+    sqlx::query(VACUUM_INTO)
         .bind(path)
         .execute(store.readers())
         .await?;

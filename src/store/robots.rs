@@ -99,7 +99,7 @@ pub(super) const ALL_QUERIES: &[&str] = &[
     LOCK_OF_JOB,
     BY_ID,
     ASK_FOR_CHECK,
-    FITS_AGAIN,
+    END_CHECK,
     CHECKED_NOW,
 ];
 
@@ -133,7 +133,7 @@ const BY_ID: &str = rows_after!(own_columns!(), "robot");
 
 const ASK_FOR_CHECK: &str = "update robot set check_job_id = $2, check_seq = $3 where id = $1";
 
-const FITS_AGAIN: &str =
+const END_CHECK: &str =
     "update robot set check_job_id = null where id = $1 and check_job_id is not null";
 
 const CHECKED_NOW: &str = "
@@ -204,7 +204,7 @@ pub async fn begin_check(tx: &mut Tx, id: &str, job_id: &str, seq: i64) -> Resul
 
 /// Ends the state `check_robot`, because a session fits the robot.
 pub async fn end_check(tx: &mut Tx, id: &str, job_id: &str) -> Result<()> {
-    let changed = sqlx::query(FITS_AGAIN)
+    let changed = sqlx::query(END_CHECK)
         .bind(id)
         .execute(tx.connection())
         .await?;

@@ -6,11 +6,11 @@ use tokio::time::timeout;
 
 use super::{Engine, Result, Store};
 
-pub(super) const QUERIES_POSTGRES: &[&str] = &[HOLDER];
+pub(super) const QUERIES_POSTGRES: &[&str] = &[LOCK_HOLDER];
 
 // The session that has blocked writers for the longest time. This session does not wait for a lock itself. Either other sessions wait for it, or it
 // holds the head of the audit chain, which every write needs. `state_change` is the time at which the session last began or finished a statement.
-const HOLDER: &str = "
+const LOCK_HOLDER: &str = "
     select cast(extract(epoch from clock_timestamp() - holder.state_change) * 1000 as bigint) as held_ms,
         case when holder.state like 'idle in transaction%' then 1 else 0 end as is_idle
     from pg_stat_activity holder
@@ -50,7 +50,7 @@ pub async fn stuck_writers(store: &Store) -> Result<Option<Stuck>> {
     if store.engine() == Engine::Sqlite {
         return Ok(stuck_sqlite_writers(store).await);
     }
-    let holder: Option<(i64, i32)> = sqlx::query_as(HOLDER)
+    let holder: Option<(i64, i32)> = sqlx::query_as(LOCK_HOLDER)
         .fetch_optional(store.readers())
         .await?;
     Ok(holder.map(|(held_ms, is_idle)| Stuck {

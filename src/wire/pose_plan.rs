@@ -22,7 +22,7 @@ pub const MAX_CANDIDATES: usize = 50_000;
 /// Maximum number of set-ups.
 pub const MAX_SET_UPS: usize = 10;
 /// Minimum number of configurations of a set-up. An identification needs as many to find the base.
-const FEWEST_PER_SET_UP: usize = 6;
+const MIN_PER_SET_UP: usize = 6;
 /// Maximum number of boxes.
 pub const MAX_BOXES: usize = 32;
 /// Maximum number of measurement sets in `measured`.
@@ -372,11 +372,11 @@ impl PosePlanBody {
             return;
         }
         let fewest = self.shares().into_iter().min().unwrap_or(0);
-        if n > 0 && fewest < FEWEST_PER_SET_UP {
+        if n > 0 && fewest < MIN_PER_SET_UP {
             let detail = format!(
-                "{} configurations for {n} set-ups: they take at least {}, {FEWEST_PER_SET_UP} each, because each of them has a base to find",
+                "{} configurations for {n} set-ups: they take at least {}, {MIN_PER_SET_UP} each, because each of them has a base to find",
                 self.n_configurations,
-                n * FEWEST_PER_SET_UP
+                n * MIN_PER_SET_UP
             );
             checker.note("/set_ups", "too_few_configurations", detail);
         }

@@ -11,7 +11,7 @@ pub const MAX_LENGTHS: usize = 100;
 /// Longest text about the instrument and its certificate.
 pub const MAX_INSTRUMENT: usize = 500;
 /// A measured length differs from its certificate by at most this share. More is a mistake of the unit or of the pair.
-const MOST_OFF: f64 = 0.01;
+const MAX_RELATIVE_ERROR: f64 = 0.01;
 /// Largest length, mm.
 const MAX_LENGTH_MM: f64 = 100_000.0;
 /// Smallest standard uncertainty of a length, mm.
@@ -20,7 +20,7 @@ const MIN_STD_MM: f64 = 1e-6;
 const MAX_STD_MM: f64 = 10.0;
 /// A length that misses the common scale of all lengths by more than this many of its standard uncertainties contradicts them: by chance in one of two
 /// million right lengths.
-const MOST_STDS: f64 = 5.0;
+const MAX_STDS: f64 = 5.0;
 /// Name of a reference without a name.
 const DEFAULT_NAME: &str = "reference";
 
@@ -101,7 +101,7 @@ impl ReferenceBody {
                 MAX_LENGTH_MM,
                 "a length, mm",
             );
-            let is_off = (item.measured_mm / item.nominal_mm - 1.0).abs() > MOST_OFF;
+            let is_off = (item.measured_mm / item.nominal_mm - 1.0).abs() > MAX_RELATIVE_ERROR;
             if item.nominal_mm > 0.0 && is_off {
                 let detail = format!(
                     "{} mm were measured of {} mm: more than 1 % off. Check the unit, and that both are of the same length",
@@ -126,7 +126,7 @@ impl ReferenceBody {
         let all = self.items.iter().enumerate();
         let worst = all.max_by(|(_, a), (_, b)| left(a).abs().total_cmp(&left(b).abs()));
         match worst {
-            Some((i, item)) if left(item).abs() > MOST_STDS => Err(Invalid::at(
+            Some((i, item)) if left(item).abs() > MAX_STDS => Err(Invalid::at(
                 &format!("/items/{i}/measured_mm"),
                 "contradictory_lengths",
                 format!(

@@ -13,7 +13,7 @@ use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Minimum number of identify points for fitting a set-up's motion. With fewer, the motion stays as it was found from all points.
-pub const FEWEST_OF_SETUP: usize = 3;
+pub const MIN_OF_SETUP: usize = 3;
 
 /// The arrangement of a set's points.
 #[derive(Clone, Debug, PartialEq)]

@@ -13,11 +13,11 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) const MAX_SEARCHES: usize = 4;
 
 /// A run of fewer outlying rows of a target is gross errors. A run of this many or more may be a target that moved.
-const FEWEST_MOVED: usize = 3;
+const MIN_MOVED: usize = 3;
 /// An isolated row that deviates by more than this share of the reach is a gross error, not a motion: 8 mm on an arm of 1.7 m.
 const GROSS_PER_REACH: f64 = 5e-3;
 /// In a segment of suspects, an outlier deviates by more than this multiple of the median.
-const STANDS_OUT: f64 = 2.0;
+const MIN_TIMES_MEDIAN: f64 = 2.0;
 
 /// The fit to all points except the gross errors.
 pub(super) struct WithoutGross {
@@ -45,7 +45,7 @@ pub(super) fn without_gross(
         let known: BTreeSet<usize> = gross.iter().copied().collect();
         let rest = arrangement.order.iter().filter(|p| !known.contains(p));
         let rest: Vec<usize> = rest.copied().collect();
-        let lone = lone_suspects(observed, &rest, outliers.as_ref(), FEWEST_MOVED);
+        let lone = lone_suspects(observed, &rest, outliers.as_ref(), MIN_MOVED);
         let lone: BTreeSet<usize> = lone.into_iter().collect();
         let together = outlying_together(observed, &rest, outliers.as_ref());
         let together: BTreeSet<usize> = together.into_iter().collect();
@@ -128,7 +128,9 @@ pub(super) fn lone_suspects(
             };
             let stands_out = |p: &usize| {
                 segment.len() < shortest_segment
-                    || sizes.get(p).is_some_and(|size| *size > STANDS_OUT * median)
+                    || sizes
+                        .get(p)
+                        .is_some_and(|size| *size > MIN_TIMES_MEDIAN * median)
             };
             lone.extend(segment.iter().copied().filter(stands_out));
         }

@@ -2,7 +2,7 @@
 
 use crate::calibration::Error;
 use crate::calibration::preparation::arrangement::{
-    Arrangement, FEWEST_OF_SETUP, FittedTargets, motion, standing, with_moved_targets,
+    Arrangement, FittedTargets, MIN_OF_SETUP, motion, standing, with_moved_targets,
 };
 use crate::calibration::preparation::observe::{Observed, free_parameters};
 use crate::calibration::preparation::placement::{nominal_model, placed};
@@ -49,7 +49,7 @@ fn moving(arrangement: &Arrangement, points: &[usize]) -> Vec<usize> {
     let in_reverse = arrangement.order.iter().rev();
     let held = std::iter::once(arrangement.resting())
         .chain(in_reverse.map(|point| arrangement.setups[*point]))
-        .find(|setup| n_of(*setup) >= FEWEST_OF_SETUP)
+        .find(|setup| n_of(*setup) >= MIN_OF_SETUP)
         .unwrap_or(arrangement.resting());
     (0..arrangement.motions.len())
         .filter(|setup| *setup != held && n_of(*setup) > 0)
@@ -184,7 +184,7 @@ fn move_setups(
     };
     let mut largest = 0.0f64;
     for (k, setup) in moving.into_iter().enumerate() {
-        if n_of(arrangement, points, setup) < FEWEST_OF_SETUP {
+        if n_of(arrangement, points, setup) < MIN_OF_SETUP {
             continue;
         }
         let (shift_mm, turn_rad) = columns.motion(&solution[n_seen + 6 * k..n_seen + 6 * k + 6]);

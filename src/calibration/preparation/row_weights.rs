@@ -26,13 +26,13 @@ use std::ops::ControlFlow;
 /// Maximum number of rounds of fit and weights; three to five are usual.
 const ROUNDS: usize = 12;
 /// The rounds end when both standard deviations change by less than this share.
-const FOUND: f64 = 1e-3;
+const CONVERGED: f64 = 1e-3;
 /// Minimum redundancy of a class. With less, both classes are estimated together, in their usual ratio.
-const LEAST_FREEDOM: f64 = 10.0;
+const MIN_FREEDOM: f64 = 10.0;
 /// The ratio of both standard deviations may differ from the usual ratio by this factor at most.
-const MOST_APART: f64 = 100.0;
+const MAX_RATIO_FACTOR: f64 = 100.0;
 /// Smallest variance, as a share of the usual one. At this level, residuals are rounding errors.
-const LEAST_VARIANCE: f64 = 1e-18;
+const MIN_VARIANCE: f64 = 1e-18;
 /// Number of bisections in the search for a variance.
 const HALVINGS: usize = 200;
 
@@ -130,7 +130,7 @@ pub fn weigh(problem: &mut Problem<'_>, watch: &Watch<'_>) {
             is_by_direction,
         };
         let next = estimated(problem, &rows, &found, &weighed, reach_mm);
-        let near = |a: f64, b: f64| (a - b).abs() <= FOUND * b;
+        let near = |a: f64, b: f64| (a - b).abs() <= CONVERGED * b;
         let is_found = near(next.position_mm, noise.position_mm)
             && near(next.rotation_rad, noise.rotation_rad);
         (noise, model) = (next, found.model);
@@ -240,7 +240,7 @@ fn estimated(
     };
     let of_position = usual(&position, length_mm);
     let of_rotation = usual(&rotation, angle_rad);
-    if position.freedom < LEAST_FREEDOM || rotation.freedom < LEAST_FREEDOM {
+    if position.freedom < MIN_FREEDOM || rotation.freedom < MIN_FREEDOM {
         let both = [of_position, of_rotation].concat();
         let scale = variance_over_usual(&both, position.freedom + rotation.freedom).sqrt();
         return Noise {
@@ -253,7 +253,8 @@ fn estimated(
     let (position, rotation) = (of(&of_position, &position), of(&of_rotation, &rotation));
     Noise {
         position_mm: position * length_mm,
-        rotation_rad: rotation.clamp(position / MOST_APART, position * MOST_APART) * angle_rad,
+        rotation_rad: rotation.clamp(position / MAX_RATIO_FACTOR, position * MAX_RATIO_FACTOR)
+            * angle_rad,
     }
 }
 
@@ -318,7 +319,7 @@ fn classes(
     classes
 }
 
-/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`. Terms are (square, stated², usual²). [`LEAST_VARIANCE`] if the stated
+/// The factor c² for which Σ square/(stated² + c²·usual²) equals `freedom`. Terms are (square, stated², usual²). [`MIN_VARIANCE`] if the stated
 /// noise is sufficient.
 pub(super) fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f64 {
     let freedom = freedom.max(1.0);
@@ -327,9 +328,9 @@ pub(super) fn variance_over_usual(terms: &[(f64, f64, f64)], freedom: f64) -> f6
         terms.iter().map(term).sum()
     };
     if terms.iter().all(|(_, stated, _)| *stated == 0.0) {
-        return (sum(1.0) / freedom).max(LEAST_VARIANCE);
+        return (sum(1.0) / freedom).max(MIN_VARIANCE);
     }
-    let (mut low, mut high) = (LEAST_VARIANCE, 1.0 / LEAST_VARIANCE);
+    let (mut low, mut high) = (MIN_VARIANCE, 1.0 / MIN_VARIANCE);
     if sum(low) <= freedom {
         return low;
     }

@@ -21,7 +21,7 @@ use crate::solvers::least_squares::Iteration;
 use crate::solvers::watch::Watch;
 
 /// Significance level: the points contradict the priors if such a loss of fit has a smaller probability by chance.
-const CONTRADICTED: f64 = 1e-4;
+const SIGNIFICANCE_LEVEL: f64 = 1e-4;
 
 /// A fault of a prior.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -277,7 +277,7 @@ pub fn warnings(problem: &Problem<'_>, model: &KinematicModel) -> Vec<Warning> {
     let n = known.priors.all.len() as f64;
     let visible_mm = problem.decomposition.visible_mm;
     let variance = (without / freedom).max(visible_mm * visible_mm);
-    if f_tail((with - without).max(0.0) / n / variance, n, freedom) < CONTRADICTED {
+    if f_tail((with - without).max(0.0) / n / variance, n, freedom) < SIGNIFICANCE_LEVEL {
         let says = |prior: &Prior| {
             let parameter = &problem.parameters[prior.parameter];
             let unit = if parameter.is_angle() { "°" } else { " mm" };

@@ -13,10 +13,10 @@ use nalgebra::{Rotation3, Vector3};
 use std::collections::BTreeMap;
 
 /// Minimum number of poses of a target from one set-up.
-const FEWEST_POSES: usize = 8;
-/// A turned pose is off by more than this, rad (2°), and by more than [`TIMES_MEDIAN`] times the median.
-const LEAST_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
-const TIMES_MEDIAN: f64 = 10.0;
+const MIN_POSES: usize = 8;
+/// A turned pose is off by more than this, rad (2°), and by more than [`MIN_TIMES_MEDIAN`] times the median.
+const MIN_TURN_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+const MIN_TIMES_MEDIAN: f64 = 10.0;
 
 /// A pose that is turned against the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,7 +91,7 @@ fn groups(observed: &Observed, arrangement: &Arrangement) -> impl Iterator<Item 
     }
     groups
         .into_values()
-        .filter(|points| points.len() >= FEWEST_POSES)
+        .filter(|points| points.len() >= MIN_POSES)
 }
 
 /// Flange in the base frame and target in the measuring frame of each pose.
@@ -116,7 +116,7 @@ fn turned_of(links: &[Link], observed: &Observed, points: &[usize]) -> Vec<Turne
     let mut sorted = angles_rad.clone();
     sorted.sort_by(f64::total_cmp);
     let median_rad = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-    let limit_rad = LEAST_RAD.max(TIMES_MEDIAN * median_rad);
+    let limit_rad = MIN_TURN_RAD.max(MIN_TIMES_MEDIAN * median_rad);
     let turned = |(point, angle_rad): (&usize, &f64)| {
         (*angle_rad > limit_rad).then_some(TurnedPose {
             point: *point,

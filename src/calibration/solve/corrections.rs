@@ -1,7 +1,7 @@
 //! Searches for corrections of effects that links cannot describe, after the links are identified. The identified links do not change.
 
 use crate::calibration::outcome::delivery::delivered;
-use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
+use crate::calibration::preparation::arrangement::MIN_OF_SETUP;
 use crate::calibration::preparation::observe::stated_scale_mm;
 use crate::calibration::problem::Problem;
 use crate::calibration::report::Warning;
@@ -24,11 +24,11 @@ const USUAL_MOUNTING_STD_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// Uncertainty of the gravity direction from a levelled instrument, in the base frame: the level is good to thousandths of a degree, and the rotation of
 /// the base, with the nominal robot placed on the points, to a tenth.
 const LEVELLED_STD_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// Gravity contradicts the mounting if it deviates by more than this number of its standard deviations, and by more than `LEAST_TILT_RAD` (0.5°).
+/// Gravity contradicts the mounting if it deviates by more than this number of its standard deviations, and by more than `MIN_TILT_RAD` (0.5°).
 const CONTRADICTED_SIGMAS: f64 = 3.0;
-const LEAST_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const MIN_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Maximum number of points for identifying corrections, evenly selected: many more than there are unknowns.
-const MOST_POINTS: usize = 3_000;
+const MAX_POINTS: usize = 3_000;
 /// An rms of residuals below this share of the reach is rounding, with nothing to explain: 1 µm on an arm of 1.7 m.
 const EXACT_PER_REACH: f64 = 1e-3 / 1700.0;
 
@@ -73,7 +73,7 @@ struct Points {
 }
 
 impl Points {
-    /// The identify points with the weights of the request's loss, thinned evenly to [`MOST_POINTS`].
+    /// The identify points with the weights of the request's loss, thinned evenly to [`MAX_POINTS`].
     fn new(problem: &Problem<'_>, model: &KinematicModel) -> Self {
         let weighted = problem.loss.reweighted(model, &problem.identify);
         let clusters = problem.observed.clusters(Subset::Identify);
@@ -81,7 +81,7 @@ impl Points {
             .filter(|row| problem.observed.subsets[*row] == Subset::Identify);
         let all = weighted.into_iter().zip(clusters).zip(rows);
         let counting: Vec<_> = all.filter(|((o, _), _)| o.weight > 0.0).collect();
-        let step = counting.len().div_ceil(MOST_POINTS).max(1);
+        let step = counting.len().div_ceil(MAX_POINTS).max(1);
         let taken: Vec<_> = counting.into_iter().step_by(step).collect();
         let session = |row: usize| problem.request.set.points[row].session.clone();
         let stations = problem.stations();
@@ -93,7 +93,7 @@ impl Points {
                 .for_each(|station| n_of[*station] += 1);
         }
         // too few points do not place a set-up: it stays where the links have it
-        let placed = |row: usize| stations[row].filter(|station| n_of[*station] >= FEWEST_OF_SETUP);
+        let placed = |row: usize| stations[row].filter(|station| n_of[*station] >= MIN_OF_SETUP);
         let set_ups: Vec<Option<usize>> = taken.iter().map(|(_, row)| placed(*row)).collect();
         let is_one = set_ups.iter().all(Option::is_none);
         Self {
@@ -157,7 +157,7 @@ pub fn level_contradicts_mounting(problem: &Problem<'_>) -> Option<Warning> {
     let tilt_rad = stated.gravity_in_base.angle(&by_level.gravity_in_base);
     let std_rad = libm::hypot(stated.std_rad, by_level.std_rad);
     let sigmas = tilt_rad / std_rad;
-    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| {
+    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > MIN_TILT_RAD).then(|| {
         let detail = format!(
             "by the level of the instrument gravity is {:.1}° from the mounting as it is stated: {sigmas:.1} times the {:.2}° (one standard deviation) \
              to which both are known. Check how the robot is mounted, and whether the instrument was levelled (instrument_levelled)",
@@ -199,7 +199,7 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
         Some(_) => "the mounting as it is stated",
         None => "a floor, on which a robot stands where no mounting is stated",
     };
-    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > LEAST_TILT_RAD).then(|| {
+    (sigmas > CONTRADICTED_SIGMAS && tilt_rad > MIN_TILT_RAD).then(|| {
         let detail = format!(
             "the robot sags as if it hung {:.1}° from {as_known}: {sigmas:.1} times the {:.2}° (one standard deviation) to which that is known. Check how it is \
              mounted, and state it with the robot",

@@ -15,7 +15,7 @@ use crate::identification::model::objective::{Observation, weighted_residuals};
 /// The models are compared if the rms exceeds this share of the reach: 0.17 mm on an arm of 1.7 m. Measured robots leave 0.1 to 0.4 mm.
 const COMPARED_PER_REACH: f64 = 1e-4;
 /// The complete model must fit better by this factor.
-const BETTER: f64 = 5.0;
+const MIN_IMPROVEMENT: f64 = 5.0;
 
 /// Code of the warning.
 pub const MODEL_TOO_SMALL: &str = "model_too_small";
@@ -55,7 +55,7 @@ pub fn warning(
     // if the paper's model does not fit at all, it is enough that the complete model fits
     let limit_mm = no_fit_mm(&request.robot.links);
     let is_remedy = fit_mm > limit_mm && complete_mm < 0.5 * limit_mm;
-    if complete_mm * BETTER > fit_mm && !is_remedy {
+    if complete_mm * MIN_IMPROVEMENT > fit_mm && !is_remedy {
         return Ok(None);
     }
     let target = fit.targets_mm.first().copied().unwrap_or_default();

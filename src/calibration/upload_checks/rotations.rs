@@ -16,8 +16,8 @@ use std::collections::BTreeMap;
 const MAX_POSES: usize = 100;
 /// Minimum number of poses, if the positions determine the base or if they do not. In the first case the target alone is unknown, in the second case
 /// three poses would leave nine equations for six unknowns.
-const FEWEST_POSES: usize = 3;
-const FEWEST_WITHOUT_BASE: usize = 4;
+const MIN_POSES: usize = 3;
+const MIN_WITHOUT_BASE: usize = 4;
 /// With the right convention and no joint far off, four of five poses fit to this angle, rad (1°).
 const FITS_RAD: f64 = std::f64::consts::PI / 180.0;
 /// A fifth of the poses is off by more than this only if the rotations are wrong, or if a joint is unmastered, rad (5°).
@@ -25,7 +25,7 @@ pub const OFF_RAD: f64 = 5.0 * FITS_RAD;
 /// Four of five angles are below this many times a stated standard deviation of one component; by noise alone they are below 2.2 times.
 const STATED_STDS: f64 = 4.0;
 /// Another reading has to fit better by this factor.
-const BETTER: f64 = 5.0;
+const MIN_IMPROVEMENT: f64 = 5.0;
 
 /// One way to read the rotations of a file, and how well the nominal robot then fits.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,7 +87,7 @@ pub fn suspicion(robot: &Robot, set: &MeasurementSet) -> Option<String> {
         own_rad.to_degrees()
     );
     if let Some(best) =
-        best(&placed, &poses, others).filter(|best| BETTER * best.most_rad <= own_rad)
+        best(&placed, &poses, others).filter(|best| MIN_IMPROVEMENT * best.most_rad <= own_rad)
     {
         return Some(format!(
             "{off}. Read as {} four of five fit to {:.2}°: say so, or write them as stated",
@@ -188,8 +188,8 @@ impl<'a> Placed<'a> {
     /// Angle that four of five poses keep after the target, and the base if it is unknown, is rotated for the best fit, rad.
     fn most_rad(&self, poses: &[&Point], rotations: &[Rotation3<f64>]) -> Option<f64> {
         let fewest = match self.base {
-            Some(_) => FEWEST_POSES,
-            None => FEWEST_WITHOUT_BASE,
+            Some(_) => MIN_POSES,
+            None => MIN_WITHOUT_BASE,
         };
         if poses.len() < fewest || poses.len() != rotations.len() {
             return None;

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// A joint that moves less than this over the whole set hardly separates its link from the neighbouring links, rad (20°).
 const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 /// Points with a smaller spread than this do not show the workspace: rms distance from their centre, as a share of the arm's reach.
-const SMALL_CLOUD: f64 = 0.1;
+const SMALL_SPREAD_PER_REACH: f64 = 0.1;
 
 /// Joints that hardly move (numbered from 0) and their ranges, rad.
 pub fn still_joints(set: &MeasurementSet) -> Vec<(usize, f64)> {
@@ -46,7 +46,7 @@ pub fn narrow_cloud_mm(robot: &Robot, set: &MeasurementSet) -> Option<(f64, f64)
         away.sum::<f64>()
     });
     let spread_mm = (squares.sum::<f64>() / set.points.len() as f64).sqrt();
-    (spread_mm < SMALL_CLOUD * reach_mm).then_some((spread_mm, reach_mm))
+    (spread_mm < SMALL_SPREAD_PER_REACH * reach_mm).then_some((spread_mm, reach_mm))
 }
 
 /// Why a session is no evidence: its points have a small spread, a joint other than the last one hardly moves, or a joint's zero is taken up by base
@@ -61,7 +61,7 @@ pub fn shows_little(
     if let Some((spread_mm, reach_mm)) = narrow_cloud_mm(robot, set) {
         reasons.push(format!(
             "its points lie within {spread_mm:.0} mm (rms) of their centre; {:.0} mm are needed, a tenth of the arm's {reach_mm:.0} mm",
-            SMALL_CLOUD * reach_mm
+            SMALL_SPREAD_PER_REACH * reach_mm
         ));
     }
     let last = robot.links.len().saturating_sub(1);

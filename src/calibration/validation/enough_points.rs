@@ -1,10 +1,10 @@
 //! Whether points are enough to verify on, before anything is fitted: what they can be used for, and how many numbers of base and targets are fitted to
 //! them.
 
-use crate::calibration::preparation::arrangement::FEWEST_OF_SETUP;
+use crate::calibration::preparation::arrangement::MIN_OF_SETUP;
 use crate::calibration::preparation::equations::n_equations;
 use crate::calibration::preparation::observe::{observe_to_verify, observe_verify_set};
-use crate::calibration::report::{FEW_VERIFY_POINTS, FEWEST_TO_PROVE, Warning};
+use crate::calibration::report::{FEW_VERIFY_POINTS, MIN_TO_PROVE, Warning};
 use crate::calibration::request::CalibrationRequest;
 use crate::calibration::validation::coverage::shows_little;
 use crate::calibration::validation::verification_set::{
@@ -21,7 +21,7 @@ use nalgebra::IsometryMatrix3;
 /// If p numbers are refitted to m equations, the refit leaves the share 1 − p/m of the squared error visible, on average. A set is refused if this
 /// share is below one third: with as many equations as numbers, every robot fits. For positions of one target, nine numbers are refitted, so that
 /// five points (15 equations) are enough.
-const LEAST_SHARE_SEEN: (usize, usize) = (1, 3);
+const MIN_SHARE_SEEN: (usize, usize) = (1, 3);
 /// At most one in this many points of a verification set may be identical, bit for bit, to a point that is identified from. A pose that was measured
 /// twice may repeat by chance; a file that was uploaded twice repeats in every row.
 const MAX_SHARED: usize = 10;
@@ -74,12 +74,12 @@ pub fn serves(request: &CalibrationRequest, refit: bool) -> Serves {
         is_placed.then(|| fit_base_and_targets(&request.robot.links, &points, set.n_targets()));
     let n_placed = n_placed_where(refit, set);
     let n_points = set.points.len();
-    let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(FEWEST_TO_PROVE);
+    let needed = (FEW_RESIDUALS * n_placed).div_ceil(3).max(MIN_TO_PROVE);
     let is_few = few_verify_points(n_points, n_placed).is_some()
-        || set.n_distinct_configurations() < FEWEST_TO_PROVE;
+        || set.n_distinct_configurations() < MIN_TO_PROVE;
     let of_targets = match set.n_targets() {
         1 => format!("{needed} configurations are"),
-        _ => format!("{needed} points from at least {FEWEST_TO_PROVE} configurations are"),
+        _ => format!("{needed} points from at least {MIN_TO_PROVE} configurations are"),
     };
     if is_few {
         Serves::Scores(format!(
@@ -154,17 +154,17 @@ fn check_enough(
         .points
         .iter()
         .map(|p| &p.station)
-        .find(|station| n_stations > 1 && of_station(station) < FEWEST_OF_SETUP);
+        .find(|station| n_stations > 1 && of_station(station) < MIN_OF_SETUP);
     if let Some(station) = small {
         let detail = format!(
-            "station {:?} has {} points to verify on, its base takes at least {FEWEST_OF_SETUP}: measure more there, or leave it out",
+            "station {:?} has {} points to verify on, its base takes at least {MIN_OF_SETUP}: measure more there, or leave it out",
             station.as_deref().unwrap_or(""),
             of_station(station)
         );
         return Err(unusable("under_determined", detail));
     }
     // 1 − p/m ≥ a/b, in integers
-    let (a, b) = LEAST_SHARE_SEEN;
+    let (a, b) = MIN_SHARE_SEEN;
     let needed = (b * n_refitted).div_ceil(b - a).max(1);
     let found = n_equations(observations, needed);
     if found < needed {

@@ -28,15 +28,15 @@ use crate::kinematics::reach_mm;
 use std::cmp::Ordering;
 
 /// Minimum number of configurations of a check.
-pub const FEWEST_CONFIGURATIONS: usize = 5;
+pub const MIN_CONFIGURATIONS: usize = 5;
 /// The usual number of configurations.
 const USUAL_CONFIGURATIONS: usize = 10;
 /// Maximum number of points of a check. The test uses the joint covariance of all their coordinates, and a larger set is a session to verify on.
-pub const MOST_POINTS: usize = 300;
+pub const MAX_POINTS: usize = 300;
 /// Maximum number of changed parameters that count as an explanation.
 const FEW_CAUSES: usize = 3;
 /// Two robots are the same if their flange positions differ by less than this share of the reach.
-const SAME: f64 = 1e-9;
+const SAME_ROBOT_PER_REACH: f64 = 1e-9;
 
 /// The released set that is checked.
 #[derive(Clone, Copy, Debug)]
@@ -62,22 +62,22 @@ pub fn check_quick_check(
     identified: &KinematicModel,
 ) -> Result<(), Error> {
     let n = request.set.n_distinct_configurations();
-    if n < FEWEST_CONFIGURATIONS {
-        let more = FEWEST_CONFIGURATIONS - n;
+    if n < MIN_CONFIGURATIONS {
+        let more = MIN_CONFIGURATIONS - n;
         return Err(unusable(
             "under_determined",
             format!(
-                "a quick check takes at least {FEWEST_CONFIGURATIONS} arm configurations ({USUAL_CONFIGURATIONS} are usual), and this set has {n}: measure at \
+                "a quick check takes at least {MIN_CONFIGURATIONS} arm configurations ({USUAL_CONFIGURATIONS} are usual), and this set has {n}: measure at \
                  least {more} more, with every joint moving"
             ),
         ));
     }
     let n_points = request.set.points.len();
-    if n_points > MOST_POINTS {
+    if n_points > MAX_POINTS {
         return Err(unusable(
             "too_many_points",
             format!(
-                "a quick check takes at most {MOST_POINTS} points, and this set has {n_points}: a verification says more"
+                "a quick check takes at most {MAX_POINTS} points, and this set has {n_points}: a verification says more"
             ),
         ));
     }
@@ -131,7 +131,7 @@ fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate)
     let observed = observe_to_verify(request).all;
     let mut observations: Vec<Observation> =
         observed.iter().map(Observation::position_alone).collect();
-    let nearest = SAME * reach_mm(&plain.links);
+    let nearest = SAME_ROBOT_PER_REACH * reach_mm(&plain.links);
     let is_same = plain.links.len() == kept.model.links.len()
         && observations.iter().all(|o| {
             let flange = |model: &KinematicModel| {

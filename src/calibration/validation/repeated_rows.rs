@@ -36,19 +36,19 @@ const SAME_READING_RAD: f64 = 1e-9;
 /// A session that repeats more than this share of its rows is not a new measurement. A smaller share is allowed, because a home pose may recur.
 const MAX_REPEATED: f64 = 0.1;
 /// Minimum number of repeated rows for judging noise.
-const FEWEST_ROWS: usize = 10;
+const MIN_ROWS: usize = 10;
 /// Earlier uploads whose positions differ by up to this multiple of the smallest difference are tested by the noise of the positions, because the
 /// robot is fitted to each of them. If one of them is repeated, all others are tested as well.
-const NEAR: f64 = 1.2;
+const MAX_DIFFERENCE_RATIO: f64 = 1.2;
 /// And a difference as of rounded numbers, as a share of the reach: 0.01 mm of 2 m.
 const ROUNDED_PER_REACH: f64 = 5e-6;
 /// Maximum number of earlier uploads that are tested so. Of a copy, the others count as repeated.
-const MOST_TESTED: usize = 50;
+const MAX_TESTED: usize = 50;
 /// Positions follow the readings if the slope of their regression is at least this (1 for noise-free readings).
 const FOLLOWS: f64 = 0.5;
 /// Positions that differ by more than this multiple of the residuals of both fits were measured anew: the robot has changed. A fit of 30 parameters
 /// to 36 equations leaves 0.4 of the noise.
-const FAR: f64 = 6.0;
+const MEASURED_ANEW_RATIO: f64 = 6.0;
 /// A significant slope differs from zero by this number of standard errors: by chance once in some millions.
 const SIGNIFICANT: f64 = 5.0;
 /// A row is clipped to this multiple of the median. A single outlier that was measured again does not prove that all rows were.
@@ -79,17 +79,18 @@ impl RepeatedRows {
         }
         // of a copy, the original is the nearest: a new measurement differs by its own noise as well
         alike.sort_by(|a, b| a.1.median_mm.total_cmp(&b.1.median_mm));
-        let is_testable = |alike: &Alike<'_>| alike.pairs.len() >= FEWEST_ROWS;
+        let is_testable = |alike: &Alike<'_>| alike.pairs.len() >= MIN_ROWS;
         let mut testable = alike.iter().filter(|(_, alike)| is_testable(alike));
         let nearest_mm = testable.next().map_or(0.0, |(_, a)| a.median_mm);
-        let near_mm = NEAR * nearest_mm + ROUNDED_PER_REACH * reach_mm(&robot.links);
+        let near_mm =
+            MAX_DIFFERENCE_RATIO * nearest_mm + ROUNDED_PER_REACH * reach_mm(&robot.links);
         let (mut n_tested, mut is_copy) = (0, false);
         for (index, alike) in &alike {
             let is_new = is_testable(alike) && {
                 let is_tested = alike.median_mm <= near_mm || is_copy;
                 n_tested += usize::from(is_tested);
                 // of a copy, every older upload may be the original
-                let is_tested = is_tested && n_tested <= MOST_TESTED;
+                let is_tested = is_tested && n_tested <= MAX_TESTED;
                 match is_tested {
                     true => later.noise_is_new(alike),
                     false => !is_copy,
@@ -191,7 +192,7 @@ impl<'a> Later<'a> {
     fn alike_rows<'b>(&self, placed: &PlacedRows, earlier: Cow<'b, MeasurementSet>) -> Alike<'b> {
         let mut pairs = placed.same_poses(self.robot, self.set, &earlier);
         let mut r_later_earlier = Rotation3::identity();
-        if pairs.len() >= FEWEST_ROWS {
+        if pairs.len() >= MIN_ROWS {
             let of_pair = |pair: &Pair| {
                 let before = earlier.points[pair.earlier_row].position_mm;
                 (before, self.set.points[pair.row].position_mm)
@@ -241,7 +242,8 @@ impl<'a> Later<'a> {
         let after = of_pairs(&|pair| residual(after, &self.set.points[pair.row]));
         // noise that was added to a copy is among the residuals of one of the fits
         let exceeds = |residuals: &[Vector3<f64>]| {
-            alike.median_mm > FAR * median(residuals.iter().map(Vector3::norm)).unwrap_or(0.0)
+            alike.median_mm
+                > MEASURED_ANEW_RATIO * median(residuals.iter().map(Vector3::norm)).unwrap_or(0.0)
         };
         let is_far = exceeds(&after);
         if !is_far && !runs_against(after, -1.0) {
@@ -262,7 +264,7 @@ impl<'a> Later<'a> {
 
 /// True if the positions follow the joint readings from one visit of a pose to the next.
 fn positions_follow_readings(pairs: &[Pair]) -> bool {
-    if pairs.len() < FEWEST_ROWS {
+    if pairs.len() < MIN_ROWS {
         return false;
     }
     let vectors: Vec<(Vector3<f64>, Vector3<f64>)> = pairs

@@ -10,11 +10,11 @@ use crate::solvers::median::median;
 const OUTLYING: f64 = 3.0;
 /// Lower limit of the outlier threshold, as a share of the first robot's median error: the second robot may match half of the points by chance, or in
 /// a simulation.
-const NEVER_OUTLYING: f64 = 0.25;
+const MIN_OUTLIER_SHARE: f64 = 0.25;
 /// At most one point in this many (and one of fewer points) may be set aside. More outliers are no accident, and then all points count.
-const ONE_IN: usize = 20;
+const POINTS_PER_OUTLIER: usize = 20;
 /// With fewer points, none is set aside.
-const FEWEST: usize = 10;
+const MIN_POINTS: usize = 10;
 
 /// Errors of two robots on the points that count.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +88,7 @@ pub fn after_errors_mm(points: &[[f64; 3]]) -> Vec<Option<f64>> {
 fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
     let medians_mm =
         [0, 1, 2].map(|of| median(points.iter().map(|point| point[of])).unwrap_or(f64::INFINITY));
-    let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(NEVER_OUTLYING * medians_mm[0]));
+    let limits_mm = medians_mm.map(|mm| (OUTLYING * mm).max(MIN_OUTLIER_SHARE * medians_mm[0]));
     // a faulty measurement is equally wrong for both robots; a point at which their own errors differ counts
     let alike_mm = limits_mm.into_iter().fold(0.0, f64::max);
     let is_outlier = |point: &[f64; 3]| {
@@ -97,7 +97,7 @@ fn set_aside(points: &[[f64; 3]]) -> Vec<bool> {
     };
     let outliers: Vec<bool> = points.iter().map(is_outlier).collect();
     let n_outliers = outliers.iter().filter(|outlier| **outlier).count();
-    match points.len() >= FEWEST && n_outliers <= points.len().div_ceil(ONE_IN) {
+    match points.len() >= MIN_POINTS && n_outliers <= points.len().div_ceil(POINTS_PER_OUTLIER) {
         true => outliers,
         false => vec![false; points.len()],
     }

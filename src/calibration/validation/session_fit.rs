@@ -19,24 +19,24 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// A valid set has errors on another session below this multiple of its errors on its own held-out points: an order of magnitude.
-const FAR: f64 = 10.0;
+const MAX_ERROR_RATIO: f64 = 10.0;
 /// An error above this multiple is reported. Between sessions of the measured robots the ratio is 1.0 to 1.5, and other poses or another temperature
 /// may double it.
-const WORSE: f64 = 3.0;
+const REPORTED_ERROR_RATIO: f64 = 3.0;
 /// The nominal robot's errors depend on the poses. Between two sessions of one robot they differ by less than this factor.
-const AS_BEFORE: f64 = 2.0;
+const MAX_NOMINAL_RATIO: f64 = 2.0;
 /// Smallest error that serves as a reference, as a share of the robot's reach: neither robots nor trackers repeat a pose better.
-const FINEST: f64 = 1e-5;
+const MIN_REFERENCE_PER_REACH: f64 = 1e-5;
 /// Ratio of rms to median of the length of a 3-D normal error: √3 over 1.5382. A few outliers do not move a median.
 const RMS_OVER_MEDIAN: f64 = 1.126;
 /// The errors of a [`FarRun`] are above this multiple of the session's own typical error as well.
 const FAR_OF_TYPICAL: f64 = 3.0;
 /// Minimum number of successive configurations of a [`FarRun`].
-const FEWEST_OF_RUN: usize = 4;
+const MIN_OF_RUN: usize = 4;
 /// Maximum number of points for estimating the scatter of a session.
 const MAX_FITTED: usize = 2_000;
 /// Minimum share of the equations that is assumed to be left by a fit of the session: priors hold what few points do not determine.
-const LEAST_LEFT: f64 = 0.25;
+const MIN_FREE_SHARE: f64 = 0.25;
 /// Minimum number of equations per fitted number for estimating the scatter of a session.
 const EQUATIONS_PER_NUMBER: usize = 2;
 
@@ -49,18 +49,18 @@ pub struct HeldOut {
     pub identified_rms_mm: f64,
 }
 
-/// Ratio of a set's error on a session to its error when it was identified, both rms, mm. `None` below [`WORSE`]: such ratios occur between sessions
+/// Ratio of a set's error on a session to its error when it was identified, both rms, mm. `None` below [`REPORTED_ERROR_RATIO`]: such ratios occur between sessions
 /// of an unchanged robot.
 pub fn times_worse(session_mm: f64, identified_mm: f64, links: &[Link]) -> Option<f64> {
-    let times = session_mm / identified_mm.max(FINEST * reach_mm(links));
-    (times >= WORSE).then_some(times)
+    let times = session_mm / identified_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links));
+    (times >= REPORTED_ERROR_RATIO).then_some(times)
 }
 
 /// Ratio of a set's error on a session to that of a robot fitted to this session alone (`scatter_mm`, 0 if there are too few points), both rms, mm.
-/// `None` below [`WORSE`].
+/// `None` below [`REPORTED_ERROR_RATIO`].
 fn times_its_scatter(session_mm: f64, scatter_mm: f64, links: &[Link]) -> Option<f64> {
-    let times = session_mm / scatter_mm.max(FINEST * reach_mm(links));
-    (scatter_mm > 0.0 && times >= WORSE).then_some(times)
+    let times = session_mm / scatter_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links));
+    (scatter_mm > 0.0 && times >= REPORTED_ERROR_RATIO).then_some(times)
 }
 
 /// [`own_scatter_mm`] as expected at points that were not fitted, from at most [`MAX_FITTED`] points.
@@ -69,12 +69,12 @@ fn expected_scatter_mm(model: &KinematicModel, observations: &[Observation]) -> 
     let some: Vec<Observation> = observations.iter().step_by(step).cloned().collect();
     let n_numbers = complete_parameters(model.links.len(), model.targets_mm.len()).len();
     let left = 1.0 - n_numbers as f64 / (3 * some.len()).max(1) as f64;
-    own_scatter_mm(model, &some) / left.max(LEAST_LEFT).sqrt()
+    own_scatter_mm(model, &some) / left.max(MIN_FREE_SHARE).sqrt()
 }
 
 /// Smallest error that [`times_worse`] reports, mm.
 pub fn least_worth_a_word_mm(identified_mm: f64, links: &[Link]) -> f64 {
-    WORSE * identified_mm.max(FINEST * reach_mm(links))
+    REPORTED_ERROR_RATIO * identified_mm.max(MIN_REFERENCE_PER_REACH * reach_mm(links))
 }
 
 /// Scatter of a session about a robot that is fitted to this session alone. It is computed only if the answer depends on it.
@@ -121,19 +121,19 @@ pub fn session_fit(
             false => Fit::Fits,
         };
     };
-    let finest_mm = FINEST * reach_mm(&robot.links);
+    let finest_mm = MIN_REFERENCE_PER_REACH * reach_mm(&robot.links);
     let nominal_mm = held_out.nominal_rms_mm.max(finest_mm);
     let expected_mm = held_out.identified_rms_mm.max(finest_mm);
-    if set_mm <= FAR * expected_mm {
+    if set_mm <= MAX_ERROR_RATIO * expected_mm {
         return Fit::Fits;
     }
     // If the session's own scatter is far larger than the set's error on held-out points, the session cannot tell a good set from a bad one. The
     // cause is a coarse instrument, rounded joint values or play. The scatter is limited to the nominal robot's error on held-out points: a file that
     // nothing fits has no scatter of its own that could explain it.
     let scatter_mm = own_scatter_mm().min(nominal_mm);
-    if set_mm <= FAR * scatter_mm {
+    if set_mm <= MAX_ERROR_RATIO * scatter_mm {
         Fit::DoesNotFit
-    } else if typical(0) <= AS_BEFORE * nominal_mm {
+    } else if typical(0) <= MAX_NOMINAL_RATIO * nominal_mm {
         Fit::SetFarOff
     } else {
         Fit::DoesNotFit
@@ -215,7 +215,7 @@ pub struct FarRun {
     pub rows: Vec<usize>,
 }
 
-/// The longest run of at least [`FEWEST_OF_RUN`] configurations whose errors are all above [`FAR`] times those of the held-out points. `order` has the
+/// The longest run of at least [`MIN_OF_RUN`] configurations whose errors are all above [`MAX_ERROR_RATIO`] times those of the held-out points. `order` has the
 /// rows of `points` in measuring order. Rows that are wrong one by one, as those of a lost beam, are outliers and no run.
 pub fn far_run(
     points: &[PointErrors],
@@ -227,9 +227,12 @@ pub fn far_run(
         let [_, links_mm, corrected_mm] = points[*row].errors_mm();
         links_mm.min(corrected_mm)
     };
-    let expected_mm = held_out.identified_rms_mm.max(FINEST * reach_mm(links));
+    let expected_mm = held_out
+        .identified_rms_mm
+        .max(MIN_REFERENCE_PER_REACH * reach_mm(links));
     // the points of a coarse session are far off one by one
-    let limit_mm = (FAR * expected_mm).max(FAR_OF_TYPICAL * typical_mm(order.iter().map(error_mm)));
+    let limit_mm = (MAX_ERROR_RATIO * expected_mm)
+        .max(FAR_OF_TYPICAL * typical_mm(order.iter().map(error_mm)));
     let runs = order.chunk_by(|a, b| (error_mm(a) > limit_mm) == (error_mm(b) > limit_mm));
     let far = runs.filter(|rows| error_mm(&rows[0]) > limit_mm);
     let run = |rows: &[usize]| {
@@ -243,7 +246,7 @@ pub fn far_run(
         }
     };
     far.map(run)
-        .filter(|run| run.n_configurations >= FEWEST_OF_RUN)
+        .filter(|run| run.n_configurations >= MIN_OF_RUN)
         .max_by_key(|run| run.n_configurations)
 }
 

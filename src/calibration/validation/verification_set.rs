@@ -4,7 +4,7 @@
 //! Steps are searched with the links held at the robot that fits best. No robot parameter is taken from these points.
 
 use crate::calibration::Error;
-use crate::calibration::preparation::arrangement::{Arrangement, FEWEST_OF_SETUP};
+use crate::calibration::preparation::arrangement::{Arrangement, MIN_OF_SETUP};
 use crate::calibration::preparation::motions::fit_motions;
 use crate::calibration::preparation::observe::Observed;
 use crate::calibration::preparation::placed_weights::weigh_placed;
@@ -23,9 +23,9 @@ use crate::measurement::{MeasurementSet, Subset};
 use crate::solvers::watch::Watch;
 
 /// Number of rounds of placement and weighing by direction. The weights depend little on the placement.
-const WEIGHINGS: usize = 2;
+const WEIGHTING_ROUNDS: usize = 2;
 /// Minimum number of residuals per placed number for judging single points.
-const PER_NUMBER: usize = 2;
+const MIN_RESIDUALS_PER_NUMBER: usize = 2;
 
 /// The points of a verification set, prepared for scoring.
 pub struct Layout<'a> {
@@ -100,20 +100,21 @@ impl<'a> Layout<'a> {
         let placing = placing(request, set, model);
         let mut fitted = observed.clone();
         fitted.subsets.fill(Subset::Identify);
-        let (screening, arrangement) =
-            match 3 * set.points.len() > PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets()) {
-                true => screen(&placing, &mut fitted, watch)?,
-                false => {
-                    let arrangement = Arrangement::of(&placing);
-                    (
-                        Screening {
-                            targets: arrangement.fitted_targets(&fitted),
-                            ..Screening::default()
-                        },
-                        arrangement,
-                    )
-                }
-            };
+        let (screening, arrangement) = match 3 * set.points.len()
+            > MIN_RESIDUALS_PER_NUMBER * (6 * n_stations(set) + 3 * set.n_targets())
+        {
+            true => screen(&placing, &mut fitted, watch)?,
+            false => {
+                let arrangement = Arrangement::of(&placing);
+                (
+                    Screening {
+                        targets: arrangement.fitted_targets(&fitted),
+                        ..Screening::default()
+                    },
+                    arrangement,
+                )
+            }
+        };
         let is_placed_anew =
             refit || n_stations(set) > 1 || screening.steps.iter().any(|step| !step.is_one_point);
         let mut measured = observed;
@@ -170,7 +171,7 @@ impl<'a> Layout<'a> {
         };
         let (mut placed, mut arranged) = fit(&mut observed)?;
         if is_by_direction(self.request, self.set) {
-            for _ in 0..WEIGHINGS {
+            for _ in 0..WEIGHTING_ROUNDS {
                 let n_placed = self.n_refitted();
                 let laid_out = (&arranged, self.screening.outliers.as_slice());
                 weigh_placed(self.set, &mut observed, laid_out, &placed.model, n_placed);
@@ -221,7 +222,7 @@ impl<'a> Layout<'a> {
             let (measured, predicted): (Vec<_>, Vec<_>) = fitted
                 .map(|o| (o.position_mm, corrected.position(&o.q_rad, o.target)))
                 .unzip();
-            if measured.len() < FEWEST_OF_SETUP {
+            if measured.len() < MIN_OF_SETUP {
                 continue;
             }
             let motion = rigid_motion(&measured, &predicted);

@@ -6,9 +6,9 @@ use crate::calibration::quick_check::{DetectableChange, LikeliestCause};
 /// Four equations per identified number, with three equations per pose. Numbers of poses are multiples of five, and at least ten.
 const EQUATIONS_PER_NUMBER: usize = 4;
 const STEP: usize = 5;
-const FEWEST: usize = 10;
+const MIN_POSES: usize = 10;
 /// More poses than this are a calibration, not a check.
-const MOST_OF_CHECK: usize = 40;
+const MAX_CHECK_POSES: usize = 40;
 /// Number of parameters of a base and of a target.
 const BASE: usize = 6;
 const TARGET: usize = 3;
@@ -50,7 +50,7 @@ pub struct Found<'a> {
 /// Number of poses for identifying `n_numbers` parameters. If base and targets are unknown, their parameters have to be included.
 pub fn poses_for(n_numbers: usize) -> usize {
     let needed = (EQUATIONS_PER_NUMBER * n_numbers).div_ceil(3);
-    needed.div_ceil(STEP).max(FEWEST / STEP) * STEP
+    needed.div_ceil(STEP).max(MIN_POSES / STEP) * STEP
 }
 
 /// What to measure next.
@@ -67,7 +67,7 @@ pub fn what_next(found: &Found<'_>) -> String {
             names(hidden)
         ),
         hidden => format!(
-            "{said}. In the instrument's frame, base and reflector are placed anew, and these poses do not show {}: to check these too, measure {FEWEST} poses in the \
+            "{said}. In the instrument's frame, base and reflector are placed anew, and these poses do not show {}: to check these too, measure {MIN_POSES} poses in the \
              base frame",
             names(hidden)
         ),
@@ -111,7 +111,7 @@ fn holds(found: &Found<'_>) -> String {
 
 fn cannot_tell(found: &Found<'_>) -> String {
     if found.is_repeat {
-        return format!("measure {FEWEST} poses now, and check with these");
+        return format!("measure {MIN_POSES} poses now, and check with these");
     }
     if !found.is_tested {
         return format!(
@@ -138,7 +138,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
             false => "",
         };
         return format!(
-            "measure {FEWEST} other poses, {moved}{frame}; or {}",
+            "measure {MIN_POSES} other poses, {moved}{frame}; or {}",
             full(found)
         );
     }
@@ -146,9 +146,9 @@ fn cannot_tell(found: &Found<'_>) -> String {
     let times = found.times_blind.max(1.0);
     let n = (found.n_configurations as f64 * times * times).ceil() as usize;
     let n = n.max(found.n_configurations + 1).div_ceil(STEP) * STEP;
-    if n > MOST_OF_CHECK {
+    if n > MAX_CHECK_POSES {
         return format!(
-            "poses like these would take {n}: measure other ones, {FEWEST} {moved}, in the base frame if there is one; or {}",
+            "poses like these would take {n}: measure other ones, {MIN_POSES} {moved}, in the base frame if there is one; or {}",
             full(found)
         );
     }
@@ -176,11 +176,11 @@ fn changed(found: &Found<'_>) -> String {
     };
     let step = if cause.name.starts_with("base") {
         format!(
-            "set the base frame up anew, or look whether instrument or robot was moved, and check again with {FEWEST} poses"
+            "set the base frame up anew, or look whether instrument or robot was moved, and check again with {MIN_POSES} poses"
         )
     } else if cause.name.starts_with("target") {
         format!(
-            "look whether the reflector sits where it did, and check again with {FEWEST} poses. If the tool was changed, calibrate it from {} poses with the \
+            "look whether the reflector sits where it did, and check again with {MIN_POSES} poses. If the tool was changed, calibrate it from {} poses with the \
              wrist turned",
             poses_for(TARGET + placement(found))
         )

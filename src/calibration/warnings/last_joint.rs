@@ -19,7 +19,7 @@ use std::ops::ControlFlow;
 /// reversed joint do not fit at all.
 const NEAR_PER_REACH: f64 = 0.01;
 /// Maximum number of points that other readings are tried on, evenly selected.
-const MOST_POINTS: usize = 600;
+const MAX_POINTS: usize = 600;
 
 /// Another reading of the last joint: its value times `sign`, plus `coupling` times the value of the joint before it.
 #[derive(Clone, Copy)]
@@ -157,7 +157,7 @@ fn noise_of(problem: &Problem<'_>, reading: Reading) -> Option<Noise> {
     };
     let trusted = problem.trusted();
     let counting: Vec<_> = trusted.iter().filter(|o| o.weight > 0.0).collect();
-    let step = counting.len().div_ceil(MOST_POINTS).max(1);
+    let step = counting.len().div_ceil(MAX_POINTS).max(1);
     let points: Vec<Observation> = counting.into_iter().step_by(step).map(read).collect();
     let links = &problem.nominal.links;
     let start = fit_base_and_targets(links, &points, problem.screening.targets.len());

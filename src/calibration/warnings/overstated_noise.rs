@@ -10,9 +10,9 @@ use crate::measurement::Subset;
 pub const NOISE_OVERSTATED: &str = "noise_overstated";
 
 /// The stated noise is overstated if it is more than this many times the scatter. Model errors only add to the scatter.
-const OVERSTATED: f64 = 3.0;
+const MIN_TIMES_SCATTER: f64 = 3.0;
 /// Minimum number of redundant equations for the comparison. With them, right statements are this far off by chance in fewer than one of 10⁶ files.
-const FEWEST_REDUNDANT: usize = 20;
+const MIN_REDUNDANT: usize = 20;
 
 /// Stated noise and scatter, one standard deviation of a coordinate of the position, or of one component of the rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,8 +50,8 @@ impl Sums {
         unit: &'static str,
     ) -> Option<OverstatedNoise> {
         let redundant = (3 * self.n).checked_sub(n_parameters)?;
-        let is_overstated = self.ratio * OVERSTATED * OVERSTATED < redundant as f64;
-        (redundant >= FEWEST_REDUNDANT && is_overstated).then(|| OverstatedNoise {
+        let is_overstated = self.ratio * MIN_TIMES_SCATTER * MIN_TIMES_SCATTER < redundant as f64;
+        (redundant >= MIN_REDUNDANT && is_overstated).then(|| OverstatedNoise {
             stated: per_unit * (self.stated / self.n as f64).sqrt(),
             scatter: per_unit * (self.scatter / redundant as f64).sqrt(),
             unit,

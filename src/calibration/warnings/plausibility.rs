@@ -116,9 +116,9 @@ pub fn joint_counted_otherwise(
 }
 
 /// Minimum uncertainty of the tool somewhere in the workspace for a warning, as a multiple of the error at the measured points.
-const UNCERTAIN: f64 = 5.0;
+const MIN_TIMES_ERROR: f64 = 5.0;
 /// Minimum uncertainty of the tool for a warning as a share of the reach: 0.01 mm on an arm of 1.7 m, the accuracy of the best trackers.
-const LEAST_UNCERTAIN_PER_REACH: f64 = 0.01 / 1700.0;
+const MIN_UNCERTAIN_PER_REACH: f64 = 0.01 / 1700.0;
 /// Minimum relative error common to all lengths for a warning: the expansion of steel for 20 K.
 const SCALE: f64 = 2e-4;
 /// Minimum of that error in its standard deviations. It must also exceed the bound that a robot's own errors exceed in one of a hundred cases,
@@ -154,7 +154,8 @@ pub fn warnings(report: &CalibrationReport, nominal: &[Link]) -> Vec<Warning> {
             .max(0.0)
             .sqrt()
     });
-    let noticed_mm = (UNCERTAIN * measured_mm).max(LEAST_UNCERTAIN_PER_REACH * reach_mm(nominal));
+    let noticed_mm =
+        (MIN_TIMES_ERROR * measured_mm).max(MIN_UNCERTAIN_PER_REACH * reach_mm(nominal));
     if let Some(of_poses_mm) = of_poses_mm.filter(|mm| *mm > noticed_mm) {
         let detail = format!(
             "elsewhere in the workspace the tool may be off by {of_poses_mm:.3} mm (one standard deviation) though the points fit to {measured_mm:.3} mm: \

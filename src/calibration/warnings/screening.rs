@@ -15,9 +15,9 @@ use crate::measurement::Subset;
 /// Maximum number of points listed with their sizes in a detail; `rows` has all of them.
 const LISTED: usize = 20;
 /// A verify point is an extrapolation if the identified robot's uncertainty there exceeds this multiple of the largest at the fitted points.
-const BEYOND: f64 = 2.0;
+const EXTRAPOLATION_RATIO: f64 = 2.0;
 /// A warning is given if more than this share of the verify points are extrapolations.
-const MANY_BEYOND: f64 = 0.1;
+const MAX_EXTRAPOLATED_SHARE: f64 = 0.1;
 
 /// The warnings about outliers, steps and drift. `asked` is the loss that the request asks for. `delivered` is the arrangement of points from which a
 /// base is identified; `None` for points that only verify.
@@ -63,7 +63,7 @@ pub fn extrapolated(
     };
     let largest = |stds: &[(usize, f64)]| stds.iter().map(|(_, std)| *std).fold(0.0, f64::max);
     let (fitted, to_verify) = (largest(&stds(Subset::Identify)), stds(Subset::Verify));
-    let limit_mm = (BEYOND * fitted).max(scatter_mm);
+    let limit_mm = (EXTRAPOLATION_RATIO * fitted).max(scatter_mm);
     let beyond: Vec<(usize, f64)> = to_verify
         .iter()
         .copied()
@@ -78,7 +78,7 @@ pub fn extrapolated(
         largest(&beyond),
     );
     let rows: Vec<usize> = beyond.iter().map(|(row, _)| *row).collect();
-    let are_many = rows.len() as f64 > MANY_BEYOND * to_verify.len() as f64;
+    let are_many = rows.len() as f64 > MAX_EXTRAPOLATED_SHARE * to_verify.len() as f64;
     are_many.then_some(Warning {
         code: "verify_extrapolates",
         detail,

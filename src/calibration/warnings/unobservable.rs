@@ -24,9 +24,9 @@ const FIRST_ORDER: f64 = 1e-3;
 /// Distance from the reflector of the tool point that the warning is judged at, as a share of the reach (100 mm of 1.7 m).
 const TOOL_PER_REACH: f64 = 100.0 / 1700.0;
 /// The warning is given if the uncertainty of this tool point exceeds this multiple of the scatter of the points.
-const UNCERTAIN: f64 = 5.0;
+const MIN_TIMES_SCATTER: f64 = 5.0;
 /// Unobservable directions that move this tool point by less than this share of the scatter do not matter.
-const NEGLIGIBLE: f64 = 0.1;
+const NEGLIGIBLE_SHARE: f64 = 0.1;
 /// The standard deviations are of first order. For rotations above 20° they only say that the rotation is not known.
 const SMALL_TURN_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
@@ -59,12 +59,12 @@ pub fn warning(
     };
     let reach_mm = reach_mm(&problem.request.robot.links);
     let is_seen = match uncertainty {
-        Some(_) => TOOL_PER_REACH * reach_mm * all.turn_rad < UNCERTAIN * scatter_mm,
+        Some(_) => TOOL_PER_REACH * reach_mm * all.turn_rad < MIN_TIMES_SCATTER * scatter_mm,
         None => {
             let tool_mm = all.shift_mm + TOOL_PER_REACH * reach_mm * all.turn_rad;
             let is_rounding =
                 all.shift_mm < NOTICED_PER_REACH * reach_mm && all.turn_rad < NOTICED_RAD;
-            is_rounding || tool_mm < NEGLIGIBLE * scatter_mm
+            is_rounding || tool_mm < NEGLIGIBLE_SHARE * scatter_mm
         }
     };
     if is_seen && !may_be_reversed {

@@ -19,7 +19,7 @@ use std::borrow::Cow;
 /// ones.
 const STEPS: usize = 20;
 /// Minimum number of steps, in which the variance settles too.
-const FEWEST_STEPS: usize = 4;
+const MIN_STEPS: usize = 4;
 /// A step is halved at most this many times; one that still does not lower the objective ends the fit.
 const HALVINGS: usize = 8;
 /// The fit has converged when a step lowers the objective by less than this share.
@@ -332,7 +332,7 @@ pub fn fit(setting: &Setting<'_>, start: &Fitted, terms: &[Term]) -> Option<Fitt
         // degrees of freedom used up: trace((AᵀA + σ²Λ)⁻¹·AᵀA)
         let used = x.len() as f64 - at.variance * cholesky.inverse().diagonal().dot(&linear.prior);
         at.variance = left / (linear.residuals.len() as f64 - used).max(1.0);
-        if step >= FEWEST_STEPS && before - after < CONVERGED * before {
+        if step >= MIN_STEPS && before - after < CONVERGED * before {
             break;
         }
     }

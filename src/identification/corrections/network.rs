@@ -15,9 +15,9 @@ const HIDDEN: usize = 10;
 /// Number of passes over the samples.
 const EPOCHS: usize = 300;
 /// Minimum number of configurations. With fewer there is not enough left to learn from after links and physics are identified.
-const FEWEST_CONFIGURATIONS: usize = 30;
+const MIN_CONFIGURATIONS: usize = 30;
 /// Maximum number of samples, evenly selected.
-const MOST_SAMPLES: usize = 1_000;
+const MAX_SAMPLES: usize = 1_000;
 
 /// Residuals of the cross-validation of the other corrections.
 pub(super) struct FoldedResiduals<'a> {
@@ -54,7 +54,7 @@ pub(super) fn choose_network(
     go_on: &mut dyn FnMut() -> bool,
 ) -> Option<Tried> {
     let folds = folded.folds;
-    if folded.n_configurations < FEWEST_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
+    if folded.n_configurations < MIN_CONFIGURATIONS || !neighbours_agree(setting, fitted) {
         return None;
     }
     let left =
@@ -143,7 +143,7 @@ fn whitened_from_base(fitted: &Fitted, o: &Observation, v: Vector3<f64>) -> Vect
 /// residual of the nearest other configuration exceeds its standard error.
 fn neighbours_agree(setting: &Setting<'_>, fitted: &Fitted) -> bool {
     let residuals = setting.linear(fitted).residuals;
-    let step = setting.observations.len().div_ceil(MOST_SAMPLES).max(1);
+    let step = setting.observations.len().div_ceil(MAX_SAMPLES).max(1);
     let points: Vec<usize> = (0..setting.observations.len()).step_by(step).collect();
     let distance = |a: usize, b: usize| -> f64 {
         let (a, b) = (
@@ -181,7 +181,7 @@ fn samples(
     points: &[usize],
     left: impl Fn(usize) -> Vector3<f64>,
 ) -> Samples {
-    let step = points.len().div_ceil(MOST_SAMPLES).max(1);
+    let step = points.len().div_ceil(MAX_SAMPLES).max(1);
     let taken: Vec<usize> = points.iter().copied().step_by(step).collect();
     Samples {
         poses: taken

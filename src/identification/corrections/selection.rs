@@ -16,9 +16,9 @@ use crate::kinematics::{Corrections, ResidualNetwork};
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// All kept corrections together must win by this number of standard errors, because each of them may have won by one standard error through luck.
-const TOGETHER: f64 = 2.0;
+const STANDARD_ERRORS_TOGETHER: f64 = 2.0;
 /// Minimum number of configurations for judging unseen ones.
-const FEWEST_CONFIGURATIONS: usize = 10;
+const MIN_CONFIGURATIONS: usize = 10;
 
 /// The selected corrections.
 pub struct Selected {
@@ -102,7 +102,7 @@ pub fn select(
     let divisions = divisions(clusters, sessions, seed);
     let folds = divisions
         .first()
-        .filter(|folds| folds.n_clusters >= FEWEST_CONFIGURATIONS)?;
+        .filter(|folds| folds.n_clusters >= MIN_CONFIGURATIONS)?;
     let mut best = fit(setting, links, &[])?;
     let (mut error, mut residuals) = unseen(setting, &best, &divisions)?;
     let links_alone = error.clone();
@@ -165,7 +165,7 @@ pub fn select(
     }
     if evidence.iter().any(|e| e.kept) {
         let mut all = links_alone.evidence(&error, "all_together");
-        all.kept = all.gain_mm2 > TOGETHER * all.standard_error_mm2;
+        all.kept = all.gain_mm2 > STANDARD_ERRORS_TOGETHER * all.standard_error_mm2;
         evidence.iter_mut().for_each(|e| e.kept &= all.kept);
         evidence.push(all);
     }

@@ -19,7 +19,7 @@ const FIRST_SIGMA: f64 = 1e-6;
 /// Maximum number of rounds of least squares and noise.
 const ROUNDS: usize = 15;
 /// The rounds end when σ and the widths change by less than this share.
-const FOUND: f64 = 1e-3;
+const CONVERGED: f64 = 1e-3;
 /// Least squares of a round ends if a step gains less than this share of the sum of squares: a thousandth of a standard deviation.
 const SMALLEST_GAIN: f64 = 1e-10;
 /// Least squares of a round also ends if a step is shorter than this share of the coordinates.
@@ -189,7 +189,7 @@ pub fn estimate(
             found.termination,
             Termination::Stopped | Termination::CostReached
         );
-        if is_over || found.evidence.is_near(&before, FOUND) {
+        if is_over || found.evidence.is_near(&before, CONVERGED) {
             break;
         }
     }

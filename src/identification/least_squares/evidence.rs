@@ -24,12 +24,12 @@ const TAILS: f64 = 2.0;
 /// Maximum number of updates.
 const UPDATES: usize = 100;
 /// The updates end when noise and widths change by less than this share.
-const FOUND: f64 = 1e-4;
+const CONVERGED: f64 = 1e-4;
 /// Minimum number of determined coordinates for estimating the width of a kind.
-const TOLD_BY: f64 = 0.5;
+const MIN_DETERMINED: f64 = 0.5;
 
 /// See [`Noise::is_more_than`].
-const CHANCE: f64 = 1e-3;
+const SIGNIFICANCE_LEVEL: f64 = 1e-3;
 
 /// Noise and widths.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,7 +63,7 @@ impl Noise {
     /// True if the larger noise is significant: samples of the same noise differ as much in fewer than one of a thousand cases.
     pub fn is_more_than(&self, other: &Self) -> bool {
         let ratio = self.std_mm / other.std_mm;
-        f_tail(ratio * ratio, self.freedom, other.freedom) < CHANCE
+        f_tail(ratio * ratio, self.freedom, other.freedom) < SIGNIFICANCE_LEVEL
     }
 }
 
@@ -176,7 +176,7 @@ impl Evidence {
                 squares += coordinate * coordinate / (tail * tail);
                 determined += posterior.data_share[j];
             }
-            if determined > TOLD_BY {
+            if determined > MIN_DETERMINED {
                 next.widened[k] = (squares / determined).sqrt().max(1.0);
             }
             let g2 = next.widened[k] * next.widened[k];
@@ -385,7 +385,7 @@ impl Triangle {
     ) -> Evidence {
         for _ in 0..UPDATES {
             let next = evidence.updated(self, problem, x, least_sigma_mm);
-            let is_found = next.is_near(&evidence, FOUND);
+            let is_found = next.is_near(&evidence, CONVERGED);
             evidence = next;
             if is_found {
                 break;

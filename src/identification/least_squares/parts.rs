@@ -9,9 +9,9 @@ use nalgebra::{DMatrix, DVector};
 /// Number of blocks of a part. Its derivatives by forty coordinates fit into a processor's cache.
 const BLOCKS_AT_ONCE: usize = 200;
 /// Problems with at most this number of blocks stay in one part: their matrix is small.
-const FEWEST_BLOCKS: usize = 1_000;
+const MIN_BLOCKS: usize = 1_000;
 /// Number of parts between two questions whether to go on.
-const PARTS_BETWEEN: usize = 10;
+const PARTS_PER_CHECK: usize = 10;
 
 /// A problem that is too large for one matrix, in parts.
 pub struct Parts<'a> {
@@ -25,7 +25,7 @@ impl<'a> Parts<'a> {
         let n = problem.n_blocks();
         let first = (0..n).step_by(BLOCKS_AT_ONCE);
         let part = |i: usize| problem.part(i..n.min(i + BLOCKS_AT_ONCE));
-        (n > FEWEST_BLOCKS).then(|| Self {
+        (n > MIN_BLOCKS).then(|| Self {
             parts: first.map(part).collect(),
             n_coordinates: problem.variables.len(),
         })
@@ -35,7 +35,7 @@ impl<'a> Parts<'a> {
     pub fn sum_of_squares(&self, x: &[f64], watch: &Watch<'_>) -> f64 {
         let (mut sum, mut residuals) = (0.0, Vec::new());
         for (i, part) in self.parts.iter().enumerate() {
-            if i % PARTS_BETWEEN == 0 && !watch.goes_on() {
+            if i % PARTS_PER_CHECK == 0 && !watch.goes_on() {
                 return f64::INFINITY;
             }
             residuals.clear();
@@ -50,7 +50,7 @@ impl<'a> Parts<'a> {
     pub fn triangle(&self, x: &[f64], watch: &Watch<'_>) -> Triangle {
         let mut triangle = Triangle::empty(self.n_coordinates);
         for (i, part) in self.parts.iter().enumerate() {
-            if i % PARTS_BETWEEN == 0 && !watch.goes_on() {
+            if i % PARTS_PER_CHECK == 0 && !watch.goes_on() {
                 break;
             }
             let mut residuals = vec![0.0; part.n_rows()];

@@ -46,7 +46,7 @@ pub fn usual_mm_per_rad(reach_mm: f64) -> f64 {
 }
 
 /// Minimum of σ as a share of the reach: a picometre on an arm of a metre, the last digit of any file.
-pub const LEAST_SIGMA: f64 = 1e-12;
+pub const MIN_SIGMA: f64 = 1e-12;
 
 /// Kinds of variables. Variables of a kind have similar errors, and their priors are widened together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -316,7 +316,7 @@ impl<'a> Problem<'a> {
             reference,
             variables: parameters.iter().map(|p| variable(*p, reach_mm)).collect(),
             reach_mm,
-            least_sigma_mm: LEAST_SIGMA * reach_mm,
+            least_sigma_mm: MIN_SIGMA * reach_mm,
             parameters: parameters.to_vec(),
             blocks,
         }

@@ -191,7 +191,7 @@ fn is_good(cost_mm2: f64, observations: &[Observation]) -> bool {
         .iter()
         .map(|o| o.weight * (o.position_mm - centre).norm_squared())
         .sum();
-    cost_mm2 <= GOOD * GOOD * spread_mm2
+    cost_mm2 <= MAX_LEFT_SHARE * MAX_LEFT_SHARE * spread_mm2
 }
 
 /// Base pose and targets in closed form, without refinement: accurate to some millimetres if the data are right. With `is_base_known` the base is
@@ -228,11 +228,11 @@ pub fn align_in_closed_form(
 /// divided evenly, a target could be placed a metre off, depending on where the instrument stands.
 const BASE_FIRST: f64 = 100.0;
 /// Singular values below this share of the largest are rounding.
-const SEEN: f64 = 1e-9;
+const ROUNDING_SHARE: f64 = 1e-9;
 
 /// Nominal kinematics leave less than a hundredth of the points' spread, even with an unmastered joint. If a closed form leaves more, it may be
 /// wrong, and the cube's rotations are tried as well.
-const GOOD: f64 = 0.01;
+const MAX_LEFT_SHARE: f64 = 0.01;
 
 /// With a given rotation, base translation and targets are linear: measured = R·A + R·B·target + t.
 fn with_rotation(
@@ -267,7 +267,7 @@ fn with_rotation(
         .and_then(|svd| {
             svd.solve(
                 &right,
-                SEEN / (BASE_FIRST * BASE_FIRST) * svd.singular_values[0],
+                ROUNDING_SHARE / (BASE_FIRST * BASE_FIRST) * svd.singular_values[0],
             )
             .ok()
         });

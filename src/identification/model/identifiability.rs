@@ -1,7 +1,7 @@
 //! What the data determine: singular values of the scaled identification Jacobian, its rank, and its null space by parameter names.
 
 use crate::identification::model::parameters::Parameter;
-use crate::solvers::orthonormal::{FEWEST_ROWS, triangle};
+use crate::solvers::orthonormal::{MIN_ROWS, triangle};
 use crate::solvers::qr::triangularise;
 use nalgebra::{DMatrix, DVector};
 
@@ -9,10 +9,10 @@ use nalgebra::{DMatrix, DVector};
 /// of 1.7 m, a tenth of the resolution of the best trackers. Below it, the data only add noise to the combination.
 pub const VISIBLE_PER_REACH: f64 = 1e-3 / 1700.0;
 /// A parameter belongs to an unobservable combination if its share is at least this (of the largest).
-const TAKES_PART: f64 = 1e-3;
+const MIN_SHARE: f64 = 1e-3;
 /// Priors determine a combination if they are at most a thousand times wider than the usual errors of robots, and if their parameter has at least
 /// this share in it.
-const SAID: f64 = 1e-3;
+const MIN_PRIOR_RATIO: f64 = 1e-3;
 /// Iteration limit of the singular value decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
@@ -60,7 +60,7 @@ pub fn decompose(mut scaled: DMatrix<f64>, scale: &[f64], visible_mm: f64) -> De
     }
     // R of the QR factorisation of J·S has the same singular values and right vectors, with size p × p
     let n_rows = scaled.nrows();
-    if n_rows > FEWEST_ROWS {
+    if n_rows > MIN_ROWS {
         scaled = triangle(&scaled);
     } else if p > 0 {
         triangularise(scaled.as_mut_slice(), n_rows, &mut vec![0.0; n_rows]);
@@ -178,7 +178,7 @@ impl Decomposition {
         let n_said = parted
             .singular_values
             .iter()
-            .filter(|s| **s >= SAID)
+            .filter(|s| **s >= MIN_PRIOR_RATIO)
             .count();
         let turned = unseen * &parted.directions;
         let mut known = seen.clone().resize_horizontally(seen.ncols() + n_said, 0.0);
@@ -200,7 +200,7 @@ impl Decomposition {
             .map(|row| {
                 let largest = row.iter().fold(0.0f64, |m, v| m.max(v.abs()));
                 (0..p)
-                    .filter(|j| row[*j].abs() >= TAKES_PART * largest)
+                    .filter(|j| row[*j].abs() >= MIN_SHARE * largest)
                     .collect()
             })
             .collect();
@@ -220,7 +220,7 @@ fn reduce_rows(rows: &mut DMatrix<f64>) {
                 }
             }
         }
-        if rows[(pivot_row, pivot_column)].abs() < TAKES_PART {
+        if rows[(pivot_row, pivot_column)].abs() < MIN_SHARE {
             return;
         }
         rows.swap_rows(k, pivot_row);

@@ -20,20 +20,20 @@ use std::collections::BTreeMap;
 /// Probability of reporting a drift if there is none.
 const FALSE_ALARMS: f64 = 0.002;
 /// Number of tests (models and repeated poses) that share the probability of a false alarm.
-const CHANCES: f64 = 4.0;
+const N_TESTS: f64 = 4.0;
 /// Time constants of a warm-up that are tried, as shares of the session.
 const TIME_CONSTANTS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
 /// A ramp is the warm-up with this very long time constant. A ramp has one parameter less.
-const RAMP: f64 = 1e6;
+const RAMP_TIME_CONSTANT: f64 = 1e6;
 /// Maximum number of functions of the random walk, each with a period shorter than the last, and minimum number of points per function.
 const WALK_FUNCTIONS: usize = 20;
 const POINTS_PER_FUNCTION: usize = 4;
 /// Maximum number of points that are used, evenly selected.
-const MOST_POINTS: usize = 3_000;
+const MAX_POINTS: usize = 3_000;
 /// A drift below this share of the noise of a coordinate is not reported, however many points show it.
 const SMALLEST_EFFECT: f64 = 0.25;
 /// Minimum degrees of freedom for a conclusion.
-const FEWEST_FREE: f64 = 12.0;
+const MIN_FREE: f64 = 12.0;
 
 /// Course of a drift over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -213,7 +213,7 @@ impl Session<'_> {
     /// The drift of a session; `None` if none is significant.
     pub fn drift(&self) -> Option<Drift> {
         let n = self.roots.len();
-        let every = n.div_ceil(MOST_POINTS).max(1);
+        let every = n.div_ceil(MAX_POINTS).max(1);
         if every == 1 {
             return self.drift_of_all();
         }
@@ -240,15 +240,14 @@ impl Session<'_> {
         let left = problem.residuals.norm_squared();
         let rows = (3 * self.roots.len()) as f64;
         let freedom = rows - problem.n_fitted as f64 - 4.0;
-        if freedom < FEWEST_FREE || left <= rows * self.linear.rounding_mm * self.linear.rounding_mm
-        {
+        if freedom < MIN_FREE || left <= rows * self.linear.rounding_mm * self.linear.rounding_mm {
             return None;
         }
         let design = design_effect(&problem.residuals, self.clusters.iter().copied());
         let shape = |time_constant: f64| {
             let gain = problem.fitted(&shifts(self.roots, &times, |t| done(t, time_constant)))?;
             let variance = (left - gain.gain).max(f64::MIN_POSITIVE) / freedom * design;
-            let is_ramp = time_constant == RAMP;
+            let is_ramp = time_constant == RAMP_TIME_CONSTANT;
             let n_numbers = if is_ramp { 3.0 } else { 4.0 };
             let n_tried = if is_ramp {
                 1.0
@@ -266,7 +265,7 @@ impl Session<'_> {
                 gain,
             })
         };
-        let shapes = [RAMP].into_iter().chain(TIME_CONSTANTS);
+        let shapes = [RAMP_TIME_CONSTANT].into_iter().chain(TIME_CONSTANTS);
         let best = shapes
             .filter_map(shape)
             .min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
@@ -280,7 +279,7 @@ impl Session<'_> {
         let by_chance = 0.5 * chi_square_tail(likelier, 1.0);
         let repeats = self.by_repeats(&times);
         let of_repeats = repeats.as_ref().map_or(1.0, |repeats| repeats.probability);
-        let limit = FALSE_ALARMS / CHANCES;
+        let limit = FALSE_ALARMS / N_TESTS;
         let is_shown = best.probability <= limit || of_repeats <= limit;
         let noise_mm = (left / freedom).sqrt();
         let vector_mm = Vector3::from_column_slice(best.gain.coefficients.as_slice());
@@ -313,7 +312,7 @@ impl Session<'_> {
         let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
         let time_constant = match best.course {
             Course::WarmUp { time_constant } => time_constant,
-            Course::Steady | Course::Wandering => RAMP,
+            Course::Steady | Course::Wandering => RAMP_TIME_CONSTANT,
         };
         holds_in_random_orders(blocks, self.watch, |places| {
             let mut shuffled = vec![0.0; times.len()];

@@ -24,9 +24,9 @@ const EXCHANGES: usize = 20;
 /// Limit of points times rounds of deletions, and minimum number of rounds. Up to a thousand points are deleted one at a time. Of a hundred thousand
 /// points, a tenth of the possible outliers is deleted at a time.
 const DELETION_WORK: usize = 100_000;
-const FEWEST_DELETIONS: usize = 10;
+const MIN_DELETIONS: usize = 10;
 /// Maximum share of the points that the search treats as outliers.
-const MOST_OUTLIERS: f64 = 0.1;
+const MAX_OUTLIERS: f64 = 0.1;
 /// Number of points between two questions whether to go on.
 const POINTS_AT_ONCE: usize = 5_000;
 /// Median of the length of three standard normal numbers.
@@ -229,7 +229,7 @@ impl<'a> Blocks<'a> {
     /// Deletes points, those with the largest predicted residual first; several at a time if there are many points.
     fn deletions(&self) -> Option<Vec<Vector3<f64>>> {
         let n = self.of.n_points();
-        let n_rounds = (DELETION_WORK / n).max(FEWEST_DELETIONS);
+        let n_rounds = (DELETION_WORK / n).max(MIN_DELETIONS);
         let at_once = most_outliers(n).div_ceil(n_rounds);
         let mut kept = vec![true; n];
         let mut fit = self.keep(&kept)?;
@@ -331,7 +331,7 @@ fn is_outlier(surprise: f64, fit: &Kept, least_scale_mm: f64, n_points: usize) -
 }
 
 fn most_outliers(n_points: usize) -> usize {
-    (MOST_OUTLIERS * n_points as f64).ceil() as usize
+    (MAX_OUTLIERS * n_points as f64).ceil() as usize
 }
 
 /// Sum of the smallest squares, without the share of points that may be outliers.

@@ -7,10 +7,10 @@ use rand::{SeedableRng, rngs::ChaCha8Rng};
 
 /// Maximum number of random orders. An effect must be larger than in every one of them.
 const ORDERS: usize = 199;
-/// Maximum of points times orders, so that a large set takes no longer than a small one; but at least [`FEWEST_ORDERS`].
+/// Maximum of points times orders, so that a large set takes no longer than a small one; but at least [`MIN_ORDERS`].
 const ORDERED_POINTS: usize = 24_000;
 /// Minimum number of random orders.
-const FEWEST_ORDERS: usize = 39;
+const MIN_ORDERS: usize = 39;
 
 /// Design effect: how much more the sums of residuals per configuration vary than sums of independent points; at least 1. `clusters` has the
 /// configuration of each point.
@@ -33,7 +33,7 @@ pub fn holds_in_random_orders(
     mut holds: impl FnMut(&[usize]) -> bool,
 ) -> bool {
     let n_points: usize = blocks.iter().map(Vec::len).sum();
-    let n_orders = (ORDERED_POINTS / n_points.max(1)).clamp(FEWEST_ORDERS, ORDERS);
+    let n_orders = (ORDERED_POINTS / n_points.max(1)).clamp(MIN_ORDERS, ORDERS);
     let mut random = ChaCha8Rng::seed_from_u64(0);
     (0..n_orders).all(|_| {
         if !watch.goes_on() {

@@ -31,17 +31,17 @@ const FALSE_ALARMS: f64 = 0.002;
 /// Gains whose relative difference is smaller belong to the same points.
 const SAME_GAIN: f64 = 1e-9;
 /// A change is tried if the fit leaves at least this share of it visible; less is rounding.
-const SEEN_SHARE: f64 = 1e-3;
+const MIN_VISIBLE_SHARE: f64 = 1e-3;
 /// Minimum ratio of two mean squares: the motion of the points on the smaller side, and the residuals that are left. The points have to have moved
 /// twice as far as points scatter. Simulated and measured campaigns without motion reach 2.7; a slip of 2 mm in noise of 0.3 mm reaches 7.
 const SMALLEST_EFFECT: f64 = 4.0;
 /// Minimum number of points on either side of a motion of the base: twelve coordinates for its six parameters. With three points, only three
 /// coordinates would be left to tell it from outliers, and the noise of a lever arm may hide them.
-const FEWEST_BASE_POINTS: usize = 4;
+const MIN_BASE_POINTS: usize = 4;
 /// Minimum number of points on either side of a motion of the base without a turn. Two points that noise with heavy tails has moved alike are not rare.
-const FEWEST_SHIFTED_POINTS: usize = 3;
+const MIN_SHIFTED_POINTS: usize = 3;
 /// Minimum number of points on either side of a slip of a target. A single point is treated separately.
-const FEWEST_TARGET_POINTS: usize = 2;
+const MIN_TARGET_POINTS: usize = 2;
 
 /// The part that moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -280,7 +280,7 @@ impl Campaign<'_> {
                 .copy_from(&self.columns.target[point]);
             block
         };
-        let fewest = FEWEST_TARGET_POINTS * D / 3;
+        let fewest = MIN_TARGET_POINTS * D / 3;
         self.changes(Moved::AllTargets, places, (fewest, false), block, tried);
     }
 
@@ -299,7 +299,7 @@ impl Campaign<'_> {
             self.changes(
                 Moved::Target(target),
                 &members,
-                (FEWEST_TARGET_POINTS, true),
+                (MIN_TARGET_POINTS, true),
                 |point| self.columns.target[point],
                 &mut tried,
             );
@@ -311,13 +311,13 @@ impl Campaign<'_> {
     }
 
     fn changes_of_base(&self, places: &[usize], tried: &mut Vec<Tried>) {
-        let fewest = (FEWEST_BASE_POINTS, false);
+        let fewest = (MIN_BASE_POINTS, false);
         let block = |point: usize| self.columns.base[point];
         self.changes(Moved::Base, places, fewest, block, tried);
     }
 
     fn changes_of_base_without_turn(&self, places: &[usize], tried: &mut Vec<Tried>) {
-        let fewest = (FEWEST_SHIFTED_POINTS, false);
+        let fewest = (MIN_SHIFTED_POINTS, false);
         let block = |point: usize| self.columns.base_shift(point);
         self.changes(Moved::BaseShift, places, fewest, block, tried);
     }
@@ -352,7 +352,7 @@ impl Campaign<'_> {
             let smallest = (0..D)
                 .map(|i| factor.l_dirty()[(i, i)])
                 .fold(f64::INFINITY, f64::min);
-            if smallest * smallest < SEEN_SHARE * n_minor as f64 {
+            if smallest * smallest < MIN_VISIBLE_SHARE * n_minor as f64 {
                 continue;
             }
             let solution = factor.solve(&score);
@@ -441,7 +441,7 @@ impl Campaign<'_> {
                     self.changes(
                         best.moved,
                         &members,
-                        (FEWEST_TARGET_POINTS, false),
+                        (MIN_TARGET_POINTS, false),
                         |point| self.columns.target[point],
                         &mut tried,
                     );

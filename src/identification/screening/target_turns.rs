@@ -24,12 +24,12 @@ const SMALLEST_EFFECT: f64 = 4.0;
 /// Smallest turn that is told, rad (0.3°): six times the usual error of an angle of a robot.
 const SMALLEST_TURN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// Minimum number of poses on either side.
-const FEWEST_POSES: usize = 3;
+const MIN_POSES: usize = 3;
 /// Rotation vectors are shortened to this many times their median length, so that a few turned poses are no step.
-const LONGEST_TO_MEDIAN: f64 = 3.0;
+const MAX_TO_MEDIAN: f64 = 3.0;
 /// Numbers of base and target in the fit, and of the step.
-const N_FITTED: f64 = 6.0;
-const N_OF_STEP: f64 = 3.0;
+const N_FITTED_PARAMETERS: f64 = 6.0;
+const N_STEP_PARAMETERS: f64 = 3.0;
 
 /// A twist of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,7 @@ pub fn target_turn(
         .collect();
     let mut lengths: Vec<f64> = vectors.iter().map(Vector3::norm).collect();
     lengths.sort_by(f64::total_cmp);
-    let longest = LONGEST_TO_MEDIAN * lengths.get(lengths.len() / 2)?;
+    let longest = MAX_TO_MEDIAN * lengths.get(lengths.len() / 2)?;
     for vector in &mut vectors {
         *vector = vector.cap_magnitude(longest);
     }
@@ -65,7 +65,7 @@ pub fn target_turn(
     let in_order: Vec<usize> = (0..vectors.len()).collect();
     let (first, gain) = largest_gain(&vectors, &in_order)?;
     let rest = vectors.iter().map(Vector3::norm_squared).sum::<f64>() - gain;
-    let freedom = 3.0 * n - N_FITTED - N_OF_STEP;
+    let freedom = 3.0 * n - N_FITTED_PARAMETERS - N_STEP_PARAMETERS;
     let n_minor = first.min(vectors.len() - first) as f64;
     if freedom <= 0.0
         || gain <= gain_of_steady_turn(&vectors)
@@ -78,7 +78,13 @@ pub fn target_turn(
         vectors.iter().flat_map(|v| v.iter().copied()),
     );
     let variance = rest / freedom * design_effect(&flat, configurations.iter().copied());
-    if f_tail(gain / N_OF_STEP / variance, N_OF_STEP, freedom) * n > FALSE_ALARMS {
+    if f_tail(
+        gain / N_STEP_PARAMETERS / variance,
+        N_STEP_PARAMETERS,
+        freedom,
+    ) * n
+        > FALSE_ALARMS
+    {
         return None;
     }
     let mut blocks: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
@@ -106,7 +112,7 @@ fn largest_gain(vectors: &[Vector3<f64>], order: &[usize]) -> Option<(usize, f64
         (k, n_before * n_after / n as f64 * change.norm_squared())
     });
     gains
-        .filter(|(k, _)| (FEWEST_POSES..=n - FEWEST_POSES.min(n)).contains(k))
+        .filter(|(k, _)| (MIN_POSES..=n - MIN_POSES.min(n)).contains(k))
         .max_by(|a, b| a.1.total_cmp(&b.1))
 }
 

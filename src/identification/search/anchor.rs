@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 /// Maximum number of Jacobian entries (32 MB). For larger problems no bound is used.
 const LARGEST: usize = 1 << 22;
 /// The bound takes half a multiply-add per pair of parameters, F about twenty per residual. With more pairs per residual the bound saves nothing.
-const MOST_PAIRS_PER_RESIDUAL: usize = 40;
+const MAX_PAIRS_PER_RESIDUAL: usize = 40;
 /// The relative error of Householder's triangle and of sums of m terms is at most m times a small number of roundings [Higham, Accuracy and Stability
 /// of Numerical Algorithms, 2002, lemma 8.4 and theorem 19.4].
 const ROUNDINGS: f64 = 8.0;
@@ -45,8 +45,7 @@ impl Anchor {
     pub fn at_reference(space: &SearchSpace, observations: &[Observation]) -> Option<Self> {
         let linearisation = Linearisation::of_parameters(space, observations);
         let (p, n_rows) = (space.parameters.len(), linearisation.n_rows());
-        if p == 0 || n_rows < p || n_rows * p > LARGEST || p * p > MOST_PAIRS_PER_RESIDUAL * n_rows
-        {
+        if p == 0 || n_rows < p || n_rows * p > LARGEST || p * p > MAX_PAIRS_PER_RESIDUAL * n_rows {
             return None;
         }
         let roundings = n_rows * (p + 1) + ROUNDINGS_PER_LINK * (space.reference.links.len() + 1);

@@ -33,13 +33,13 @@ struct Screen {
 }
 
 /// The anchor is checked once in this many evaluations.
-const LOOK_AFTER: usize = 8;
+const EVALUATIONS_PER_ANCHOR_CHECK: usize = 8;
 /// It is moved to a particle whose cost is smaller by this factor, because the bound's loss grows with the square of the distance.
-const CLOSER_IN: f64 = 4.0;
+const ANCHOR_COST_RATIO: f64 = 4.0;
 /// Minimum share of the particles whose F the bound saves. With fewer, the bound is not worth its time, a tenth of that of F.
-const WORTH_LOOKING: f64 = 0.2;
+const MIN_SAVED_SHARE: f64 = 0.2;
 /// Number of evaluations without the bound if it saves too little.
-const WITHOUT: usize = 4;
+const PAUSE: usize = 4;
 
 /// Eight particles at a time.
 #[derive(Clone)]
@@ -135,7 +135,7 @@ impl<'a> SwarmCost<'a> {
             .as_ref()
             .filter(|screen| screen.n_without == 0)
             .map(|screen| screen.anchor.bound());
-        let n_threads = if costs.len() * poses.len() < WORTH_A_THREAD {
+        let n_threads = if costs.len() * poses.len() < MIN_WORK_FOR_THREADS {
             1
         } else {
             self.lanes.len()
@@ -172,15 +172,20 @@ impl Screen {
     ) {
         if self.n_without > 0 {
             self.n_without -= 1;
-        } else if (n_out as f64) < WORTH_LOOKING * costs.len() as f64 {
-            self.n_without = WITHOUT;
+        } else if (n_out as f64) < MIN_SAVED_SHARE * costs.len() as f64 {
+            self.n_without = PAUSE;
         }
         self.n_evaluations += 1;
-        if !self.n_evaluations.is_multiple_of(LOOK_AFTER) {
+        if !self
+            .n_evaluations
+            .is_multiple_of(EVALUATIONS_PER_ANCHOR_CHECK)
+        {
             return;
         }
         let best = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]));
-        if let Some(best) = best.filter(|best| costs[*best] * CLOSER_IN <= self.anchor.cost_mm2()) {
+        if let Some(best) =
+            best.filter(|best| costs[*best] * ANCHOR_COST_RATIO <= self.anchor.cost_mm2())
+        {
             for (j, coordinate) in self.coordinates.iter_mut().enumerate() {
                 *coordinate = positions.get(best, j);
             }
@@ -256,7 +261,7 @@ impl SwarmLanes {
 }
 
 /// Threads are used if particles times poses is at least this, in every iteration: about 2 ms of work, compared with some 20 µs for a thread.
-const WORTH_A_THREAD: usize = 1_000_000;
+const MIN_WORK_FOR_THREADS: usize = 1_000_000;
 
 /// The measured poses in the form of the kernel.
 pub fn prepared_poses(space: &SearchSpace, observations: &[Observation]) -> PreparedPoses {

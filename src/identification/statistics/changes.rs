@@ -255,7 +255,7 @@ fn whitened(before: &Estimate, after: &Estimate, common: &[Common]) -> Option<Wh
         effects: whiten(&effects)?,
         n_combinations,
         scale,
-        freedom: 1.0 / spread.max(1.0 / MOST_FREEDOM),
+        freedom: 1.0 / spread.max(1.0 / MAX_FREEDOM),
     })
 }
 
@@ -272,7 +272,7 @@ pub fn usual_error(parameter: Parameter, reach_mm: f64) -> f64 {
 }
 
 /// Degrees of freedom that stand for a known variance.
-const MOST_FREEDOM: f64 = 1e6;
+const MAX_FREEDOM: f64 = 1e6;
 
 /// Prior knowledge that two sessions share: its index in each session, and the standard deviation of the prior.
 struct Known {

@@ -10,11 +10,11 @@ pub const FALSE_ALARMS: f64 = 0.01;
 /// Parameters cannot be told apart if the cosine between their effects on what both sessions see is at least this.
 const SAME_EFFECT: f64 = 0.9999;
 /// See [`alike`].
-const IMPROBABLE: f64 = 3.0;
+const MAX_STDS_APART: f64 = 3.0;
 /// Minimum part of a parameter's effect that the chosen parameters do not explain, for choosing it as well: the sine that belongs to [`SAME_EFFECT`].
-const OWN_EFFECT: f64 = 0.014;
+const MIN_OWN_EFFECT: f64 = 0.014;
 /// A parameter is not named if less than this share of it is observable: its change is then that of other parameters.
-const HARDLY_SEEN: f64 = 0.05;
+const MIN_OBSERVABLE_SHARE: f64 = 0.05;
 /// Iteration limit of an eigenvalue decomposition.
 const EIGEN_ITERATIONS: usize = 10_000;
 
@@ -72,7 +72,7 @@ pub(super) fn named_by_selection(common: &[Common], whitened: &Whitened) -> Vec<
     {
         let explained = |j: &usize| {
             let length = apart.column(*j).norm();
-            if length <= OWN_EFFECT * whitened.effects.column(*j).norm() {
+            if length <= MIN_OWN_EFFECT * whitened.effects.column(*j).norm() {
                 0.0
             } else {
                 (apart.column(*j).dot(&rest) / length).abs()
@@ -150,7 +150,7 @@ fn together(common: &[Common], whitened: &Whitened, chosen: &[usize]) -> Vec<Cha
         delta: fitted[k] * whitened.scale[*j],
         sigmas: fitted[k].abs() / covariance[(k, k)].sqrt(),
     };
-    let hardly_seen = |k: usize| seen[(k, k)] < HARDLY_SEEN;
+    let hardly_seen = |k: usize| seen[(k, k)] < MIN_OBSERVABLE_SHARE;
     let changes = chosen
         .iter()
         .enumerate()
@@ -186,7 +186,7 @@ fn pseudo_inverse(square: DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
 }
 
 /// The parameters with the same effect on everything that both sessions see, the most probable one first. Parameters are left out if they would have
-/// to change by [`IMPROBABLE`] times as many standard deviations.
+/// to change by [`MAX_STDS_APART`] times as many standard deviations.
 fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
     let effects = &whitened.effects;
     let direction = effects.column(chosen).normalize();
@@ -202,7 +202,7 @@ fn alike(whitened: &Whitened, chosen: usize) -> Vec<usize> {
             .total_cmp(&effects.column(*i).norm())
     });
     let most = all.first().map_or(0.0, |j| effects.column(*j).norm());
-    all.retain(|j| IMPROBABLE * effects.column(*j).norm() > most);
+    all.retain(|j| MAX_STDS_APART * effects.column(*j).norm() > most);
     all
 }
 

@@ -20,7 +20,7 @@ pub const SHOWN: f64 = 0.2;
 /// A joint with a smaller range moves little, rad (60°). Its range is extended to a quarter turn to both sides of its middle.
 const SMALL_RANGE_RAD: f64 = FRAC_PI_3;
 /// The placement takes up a zero everywhere if less than this share of it is left over the region: that of the first and last joint.
-const LEFT: f64 = 1e-3;
+const MIN_LEFT_SHARE: f64 = 1e-3;
 /// Number of configurations of the region.
 const N_CONFIGURATIONS: usize = 100;
 /// Seed of the configurations.
@@ -78,7 +78,7 @@ pub fn hidden_zeros(placed: &KinematicModel, stations: &[Vec<&Observation>]) -> 
         .filter_map(|joint| {
             let (left_mm, whole_mm) = everywhere[joint];
             let share = shown[joint].0 / left_mm;
-            let is_hidden = left_mm > LEFT * whole_mm && share < SHOWN;
+            let is_hidden = left_mm > MIN_LEFT_SHARE * whole_mm && share < SHOWN;
             is_hidden.then_some(HiddenZero { joint, share })
         })
         .collect()

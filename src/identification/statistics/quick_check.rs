@@ -27,16 +27,16 @@ pub const LEVEL: f64 = FALSE_ALARMS;
 /// Power: probability with which a change of the stated size is detected.
 pub const POWER: f64 = 0.95;
 /// Minimum noise as a share of the reach: neither robots nor trackers repeat a pose better.
-const FINEST: f64 = 1e-5;
+const MIN_NOISE_PER_REACH: f64 = 1e-5;
 /// Directions of the placement with singular values below this share of the largest are not determined by the points.
-const PLACED: f64 = 1e-9;
+const SINGULAR_SHARE: f64 = 1e-9;
 /// Minimum share of an effect that the placement must leave; less is rounding. For causes it is a share of the largest effect of a usual error.
-const SEEN: f64 = 1e-6;
+const MIN_VISIBLE_SHARE: f64 = 1e-6;
 /// Largest detectable rotation of a zero, rad. If more would be needed, the reflector hardly leaves the joint's axis, and the linearisation does not
 /// hold.
-const MOST_TURN_RAD: f64 = 0.1;
+const MAX_TURN_RAD: f64 = 0.1;
 /// Minimum degrees of freedom of the earlier noise for a decision.
-const FEWEST_FREEDOM: f64 = 5.0;
+const MIN_FREEDOM: f64 = 5.0;
 /// Iteration limit of a decomposition.
 const SVD_ITERATIONS: usize = 10_000;
 
@@ -64,7 +64,7 @@ pub struct Detectable {
     pub change: Option<f64>,
     /// Displacement of the target by that change, rms over these points, mm.
     pub tool_mm: Option<f64>,
-    /// If these poses do not show the change: displacement of the target by a rotation of [`MOST_TURN_RAD`], rms over these points, mm; 0 for shifts.
+    /// If these poses do not show the change: displacement of the target by a rotation of [`MAX_TURN_RAD`], rms over these points, mm; 0 for shifts.
     pub unseen_tool_mm: f64,
 }
 
@@ -123,7 +123,7 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
         ..
     } = *poses;
     let freedom = poses.before.uncertainty.freedom;
-    if freedom < FEWEST_FREEDOM {
+    if freedom < MIN_FREEDOM {
         return Err(Untestable::NoiseUnknown);
     }
     let covariance = covariance_mm2(poses);
@@ -176,7 +176,7 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
         probability: f_tail(statistic / m, m, freedom),
         expected_mm: (covariance.trace() / observations.len() as f64).sqrt(),
         joints: (0..model.links.len())
-            .map(|link| detectable(&zero(link), MOST_TURN_RAD))
+            .map(|link| detectable(&zero(link), MAX_TURN_RAD))
             .collect::<Result<_, _>>()?,
         base: detectable(&placement[..3], f64::INFINITY)?,
         targets: (0..model.targets_mm.len())
@@ -199,7 +199,7 @@ impl Checked {
         let effect = |k: usize| all.effects.column(k).norm();
         let largest = (0..all.parameters.len()).map(effect).fold(0.0, f64::max);
         // effects that the placement absorbs leave only rounding, which explains nothing
-        let is_seen = |k: usize| effect(k) > SEEN * largest;
+        let is_seen = |k: usize| effect(k) > MIN_VISIBLE_SHARE * largest;
         let chosen: Vec<usize> = (0..all.parameters.len())
             .filter(|k| belongs(&all.parameters[*k]) && is_seen(*k))
             .collect();
@@ -268,7 +268,7 @@ fn covariance_mm2(poses: &Poses<'_>) -> DMatrix<f64> {
         errors += known.features.features(model, here) * known.root.rows(p, known.root.nrows() - p);
     }
     let mut covariance = &errors * errors.transpose();
-    let finest_mm = FINEST * model.reach_mm() / 3.0_f64.sqrt();
+    let finest_mm = MIN_NOISE_PER_REACH * model.reach_mm() / 3.0_f64.sqrt();
     let shared_mm2 = known.configuration_std_mm * known.configuration_std_mm;
     for (i, configuration) in poses.configurations.iter().enumerate() {
         let std_mm = known
@@ -302,7 +302,7 @@ pub(super) fn span(placed: &DMatrix<f64>) -> Result<DMatrix<f64>, Untestable> {
     let u = svd.u.ok_or(Untestable::Singular)?;
     let largest = svd.singular_values.max();
     let kept: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|k| svd.singular_values[*k] > PLACED * largest)
+        .filter(|k| svd.singular_values[*k] > SINGULAR_SHARE * largest)
         .collect();
     Ok(u.select_columns(&kept))
 }
@@ -336,7 +336,7 @@ fn smallest(
         }
     };
     let (seen, all) = ((left * &direction).norm(), (whole * &direction).norm());
-    if seen <= SEEN * all {
+    if seen <= MIN_VISIBLE_SHARE * all {
         return unseen;
     }
     let change = shift / seen;

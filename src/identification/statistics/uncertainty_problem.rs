@@ -11,9 +11,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, MatrixXx3, Vector3};
 use std::ops::Range;
 
 /// Significance level for errors that configurations share.
-const CHANCE: f64 = 0.05;
+const SIGNIFICANCE_LEVEL: f64 = 0.05;
 /// Maximum of σc²/σ², for points of a configuration that agree to the last bit.
-const MOST_SHARED: f64 = 1e6;
+const MAX_SHARED: f64 = 1e6;
 /// Number of points that are reduced to a triangle at once, so that memory does not grow with the points.
 const POINTS_AT_ONCE: usize = 200;
 
@@ -317,12 +317,12 @@ impl<'a> Rows<'a> {
             return none;
         }
         let (between, within) = (between_mm2 / n_between, within_mm2.max(0.0) / n_within);
-        if f_tail(between / within, n_between, n_within) >= CHANCE {
+        if f_tail(between / within, n_between, n_within) >= SIGNIFICANCE_LEVEL {
             return none;
         }
         let of_one = weights / n_configurations;
         Shared {
-            ratio: ((between / within - 1.0) / of_one).min(MOST_SHARED),
+            ratio: ((between / within - 1.0) / of_one).min(MAX_SHARED),
             freedom: n_means,
         }
     }

@@ -16,7 +16,7 @@ pub struct Along<'a> {
 }
 
 /// Number of directions that are summed side by side.
-const SIDE_BY_SIDE: usize = 4;
+const DIRECTIONS_AT_ONCE: usize = 4;
 
 /// −sqrt(weight) · Σ raw · direction, for all directions, into rows `first` … of the Jacobian's columns.
 #[inline(always)]
@@ -29,10 +29,10 @@ pub(super) fn combine<const W: usize>(
     jacobian: &mut [f64],
 ) {
     let p = along.moved.len();
-    let mut blocks = along.directions.chunks_exact(p * SIDE_BY_SIDE);
-    let mut columns = jacobian.chunks_exact_mut(n_rows * SIDE_BY_SIDE);
+    let mut blocks = along.directions.chunks_exact(p * DIRECTIONS_AT_ONCE);
+    let mut columns = jacobian.chunks_exact_mut(n_rows * DIRECTIONS_AT_ONCE);
     for (block, columns) in (&mut blocks).zip(&mut columns) {
-        combine_block::<W, SIDE_BY_SIDE>(root_weight, block, raw, first, n_rows, columns);
+        combine_block::<W, DIRECTIONS_AT_ONCE>(root_weight, block, raw, first, n_rows, columns);
     }
     let rest = columns.into_remainder().chunks_exact_mut(n_rows);
     for (direction, column) in blocks.remainder().chunks_exact(p).zip(rest) {

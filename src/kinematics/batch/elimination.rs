@@ -12,16 +12,16 @@ use std::ops::Range;
 
 /// Share of the poses after which the particles are packed. In the paper's swarm one of five particles is left after 16 of 50 poses. Copying one
 /// takes as long as ten of its poses, so that packing twice gains nothing.
-const RANKS_CLOSE_AT: f64 = 0.33;
+const PACK_AFTER_SHARE: f64 = 0.33;
 /// If at most this many of eight particles are left, they are moved to another rank. Otherwise they continue where they are: the remaining poses of
 /// eight particles take as long as moving three and continuing with them there.
-const WORTH_MOVING: usize = 2;
+const MAX_MOVED: usize = 2;
 /// Number of poses after which the last few particles are checked again.
-const LOOK_EVERY: usize = 10;
+const POSES_PER_CHECK: usize = 10;
 /// Minimum number of poses for early exits.
-const FEWEST_POSES: usize = 12;
+const MIN_POSES: usize = 12;
 /// Number of poses that the kernel computes side by side; packing happens at a multiple of it.
-const SIDE_BY_SIDE: usize = 4;
+const POSES_AT_ONCE: usize = 4;
 
 /// Particles that have been evaluated up to the same pose.
 #[derive(Clone, Debug)]
@@ -44,9 +44,9 @@ impl Elimination {
     /// Allocates buffers for robots like these on these poses.
     pub fn new(robots: &LaneRobots, poses: &PreparedPoses) -> Self {
         let n = poses.len();
-        let close_at = (RANKS_CLOSE_AT * n as f64) as usize / SIDE_BY_SIDE * SIDE_BY_SIDE;
-        let close_at = if n >= FEWEST_POSES {
-            close_at.max(SIDE_BY_SIDE)
+        let close_at = (PACK_AFTER_SHARE * n as f64) as usize / POSES_AT_ONCE * POSES_AT_ONCE;
+        let close_at = if n >= MIN_POSES {
+            close_at.max(POSES_AT_ONCE)
         } else {
             n
         };
@@ -72,7 +72,7 @@ impl Elimination {
         let sums = add_squares(robots, poses, 0..self.close_at, Lanes::ZERO);
         let is_left = |(particle, sum): &(&usize, &f64)| !is_out(**sum, costs[**particle]);
         let n_left = particles.iter().zip(&sums.0).filter(is_left).count();
-        if n_left > WORTH_MOVING {
+        if n_left > MAX_MOVED {
             return go_on(
                 robots,
                 poses,
@@ -131,8 +131,8 @@ fn go_on(
     particles: &[usize],
     costs: &mut [f64],
 ) {
-    for start in range.clone().step_by(LOOK_EVERY) {
-        let end = range.end.min(start + LOOK_EVERY);
+    for start in range.clone().step_by(POSES_PER_CHECK) {
+        let end = range.end.min(start + POSES_PER_CHECK);
         sums = add_squares(robots, poses, start..end, sums);
         if particles
             .iter()

@@ -158,7 +158,7 @@ fn words(text: &str) -> Vec<String> {
 }
 
 /// Words next to the name of a joint that do not change its meaning.
-const BESIDE_JOINT: &str = "angle|angolo|pos|position|value|winkel|actual|act|ist";
+const IGNORED_JOINT_WORDS: &str = "angle|angolo|pos|position|value|winkel|actual|act|ist";
 
 fn joint(words: &[&str], unit: Unit) -> Option<Known> {
     let angle = is_angle(unit) || matches!(unit, Unit::Missing | Unit::TwoReadings);
@@ -184,7 +184,7 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
     let rest: Vec<&str> = words
         .iter()
         .copied()
-        .filter(|word| !is_one_of(BESIDE_JOINT, word))
+        .filter(|word| !is_one_of(IGNORED_JOINT_WORDS, word))
         .collect();
     let is_angular = |word: &&str| matches!(*word, "angle" | "winkel" | "angolo");
     let (is_joint, number) = match rest[..] {
@@ -200,7 +200,7 @@ fn joint(words: &[&str], unit: Unit) -> Option<Known> {
 
 /// Words next to the name of a coordinate that do not change its meaning. `tcp`, `nominal` and `target` are not among them, because such columns are
 /// not measurements.
-const BESIDE_POSITION: &str = "pos|position|coord|coordinate|koordinate|meas|measured|measurement|tracker|smr|reflector|\
+const IGNORED_POSITION_WORDS: &str = "pos|position|coord|coordinate|koordinate|meas|measured|measurement|tracker|smr|reflector|\
     actual|ist|laser|value";
 
 fn position(words: &[&str], unit: Unit) -> Option<Known> {
@@ -209,7 +209,7 @@ fn position(words: &[&str], unit: Unit) -> Option<Known> {
     let rest: Vec<&str> = words
         .iter()
         .copied()
-        .filter(|word| !is_one_of(BESIDE_POSITION, word))
+        .filter(|word| !is_one_of(IGNORED_POSITION_WORDS, word))
         .collect();
     let axis = match rest[..] {
         ["x" | "px"] => 0,

@@ -13,7 +13,7 @@ const ROTATIONS: [[&str; 3]; 6] = [
     ["roll", "pitch", "yaw"],
 ];
 /// Words next to such a name that do not change its meaning.
-const BESIDE: [&str; 5] = ["tcp", "actual", "pose", "rot", "tool"];
+const IGNORED_WORDS: [&str; 5] = ["tcp", "actual", "pose", "rot", "tool"];
 
 /// The name of a column without its unit and without words that do not change its meaning; empty for the names of kincal's file format.
 fn bare(name: &str) -> String {
@@ -24,7 +24,8 @@ fn bare(name: &str) -> String {
     let end = lower.find(['[', '(', '{', '（']).unwrap_or(lower.len());
     let words = lower[..end].split(|c: char| !c.is_alphanumeric());
     let units = ["mm", "m", "deg", "rad"];
-    let own = |word: &&str| !word.is_empty() && !BESIDE.contains(word) && !units.contains(word);
+    let own =
+        |word: &&str| !word.is_empty() && !IGNORED_WORDS.contains(word) && !units.contains(word);
     words.filter(own).collect::<Vec<_>>().join(" ")
 }
 

@@ -330,7 +330,7 @@ fn fill(point: &mut Point, column: Column, cell: &str, reading: &Reading) -> Res
 }
 
 /// Texts in cells that mean that nothing was measured.
-const NOTHING: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
+const MISSING_VALUES: [&str; 8] = ["-", "--", "n/a", "na", "nan", "null", "none", "#n/a"];
 /// What joint values may be that no joint has.
 pub const PULSES: &str =
     "if these are pulses of motors or counts of encoders, convert them to degrees";
@@ -338,7 +338,7 @@ pub const PULSES: &str =
 const REMOVE: &str = "remove the row, or put # before it";
 
 fn not_a_number(cell: &str) -> String {
-    let is_nothing = NOTHING.contains(&cell.to_lowercase().as_str());
+    let is_nothing = MISSING_VALUES.contains(&cell.to_lowercase().as_str());
     let condition = match (is_nothing, cell.contains(['\'', '′', '"', '″'])) {
         (true, _) => "",
         (false, true) => {

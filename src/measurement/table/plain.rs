@@ -74,10 +74,10 @@ fn unknown(resolution: &mut Resolution, place: usize, name: String, is_own: bool
 }
 
 /// Words for an uncertainty.
-const UNCERTAIN: &str =
+const UNCERTAINTY_WORDS: &str =
     "sigma|σ|std|stdev|stddev|sd|cov|covariance|variance|var|uncertainty|unc|unsicherheit";
 /// Words next to them in names of uncertainties of a position.
-const BESIDE_UNCERTAIN: &str = "x|y|z|xx|xy|xz|yx|yy|yz|zx|zy|zz|xyz|mm|mm²|um|m|dev|deviation|pos|position|point|total|\
+const IGNORED_UNCERTAINTY_WORDS: &str = "x|y|z|xx|xy|xz|yx|yy|yz|zx|zy|zz|xyz|mm|mm²|um|m|dev|deviation|pos|position|point|total|\
     tracker";
 
 /// Whether a name looks like an uncertainty or a covariance of a position: `sigma_x_mm`, `Std Dev X`, `u_x_mm`, `Ux [mm]`.
@@ -91,9 +91,10 @@ fn looks_uncertain(name: &str) -> bool {
         .filter(|word| !word.is_empty())
         .collect();
     let is_axis = |word: &&str| matches!(*word, "x" | "y" | "z");
-    let is_beside = |word: &&str| is_one_of(BESIDE_UNCERTAIN, word);
-    let (uncertain, beside): (Vec<&str>, Vec<&str>) =
-        words.iter().partition(|word| is_one_of(UNCERTAIN, word));
+    let is_beside = |word: &&str| is_one_of(IGNORED_UNCERTAINTY_WORDS, word);
+    let (uncertain, beside): (Vec<&str>, Vec<&str>) = words
+        .iter()
+        .partition(|word| is_one_of(UNCERTAINTY_WORDS, word));
     let is_uncertain = !uncertain.is_empty() && beside.iter().all(is_beside);
     match words[..] {
         ["u", ref rest @ ..] => rest.first().is_some_and(is_axis) && rest.iter().all(is_beside),

@@ -24,7 +24,7 @@ const COMMANDED: &str = "target|commanded|command|cmd|nominal|nom|soll|desired|s
 const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["quat_w", "quat_x", "quat_y", "quat_z"];
 /// Largest share by which a cell may differ from the value that was read from it.
-const SAME: f64 = 1e-9;
+const RELATIVE_TOLERANCE: f64 = 1e-9;
 
 /// A column with joint values.
 #[derive(Clone, Debug, PartialEq)]
@@ -148,7 +148,9 @@ pub fn read_targets(source: &Source, mapping: &Mapping) -> Result<Targets, Table
                 .map(|place| &source.text[place.clone()]);
             let found = cell.and_then(|cell| value(without_unit(cell).0, decimal));
             let found = found.map(|q| q * column.deg);
-            found.is_some_and(|found| (found - q_deg).abs() <= SAME * q_deg.abs().max(1.0))
+            found.is_some_and(|found| {
+                (found - q_deg).abs() <= RELATIVE_TOLERANCE * q_deg.abs().max(1.0)
+            })
         };
         match joints.iter().zip(&q_deg).all(is_same) {
             true => Ok(TargetRow {

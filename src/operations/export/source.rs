@@ -27,7 +27,7 @@ pub struct Source<'a> {
 const SAME_BASE_MM: f64 = 1e-3;
 const SAME_BASE_RAD: f64 = 1e-6;
 /// The base stands where its frame says if it is turned by at most this many standard deviations of its prior.
-const MOST_BASE_STDS: f64 = 3.0;
+const MAX_BASE_STDS: f64 = 3.0;
 
 impl Source<'_> {
     /// The frame in which mastering offsets are fitted: that of the measured positions if it is the base frame and the base stands there. There joint 1's
@@ -36,7 +36,7 @@ impl Source<'_> {
         let turned_rad = IsometryMatrix3::from(&self.content.t_instrument_base)
             .rotation
             .angle();
-        let is_there = turned_rad <= MOST_BASE_STDS * BASE_RAD;
+        let is_there = turned_rad <= MAX_BASE_STDS * BASE_RAD;
         match self.provenance.measuring_frame {
             Some(Frame::Base) if is_there => Base::Measured,
             _ => Base::Robot,

@@ -12,7 +12,7 @@ const LANES: usize = 8;
 type Lanes = [f64; LANES];
 
 /// Number of outputs that are computed together, so that each loaded input is used more than once.
-const TILE: usize = 4;
+const OUTPUTS_AT_ONCE: usize = 4;
 
 /// Values of all samples, eight samples to a block: `values[block * n_values + value][lane]`. The last block is padded with zeros.
 #[derive(Clone, Debug)]
@@ -148,17 +148,18 @@ fn layer(weights: &[f64], thresholds: &[f64], inputs: &Samples, outputs: &mut Sa
         .zip(outputs.values.chunks_exact_mut(n_out))
     {
         let mut first = 0;
-        while first + TILE <= n_out {
-            let rows: [&[f64]; TILE] =
+        while first + OUTPUTS_AT_ONCE <= n_out {
+            let rows: [&[f64]; OUTPUTS_AT_ONCE] =
                 std::array::from_fn(|r| &weights[(first + r) * n_in..(first + r + 1) * n_in]);
-            let mut sums: [Lanes; TILE] = std::array::from_fn(|r| [-thresholds[first + r]; LANES]);
+            let mut sums: [Lanes; OUTPUTS_AT_ONCE] =
+                std::array::from_fn(|r| [-thresholds[first + r]; LANES]);
             for (j, x) in x.iter().enumerate() {
                 for (row, sum) in rows.iter().zip(&mut sums) {
                     add_product(row[j], x, sum);
                 }
             }
-            y[first..first + TILE].copy_from_slice(&sums);
-            first += TILE;
+            y[first..first + OUTPUTS_AT_ONCE].copy_from_slice(&sums);
+            first += OUTPUTS_AT_ONCE;
         }
         for i in first..n_out {
             let mut sum = [-thresholds[i]; LANES];
@@ -248,16 +249,16 @@ fn propagate(weights: &[f64], deltas: &Samples, hidden: &Samples, hidden_deltas:
         .zip(hidden.values.chunks_exact(n_hidden));
     for ((delta, h), back) in blocks.zip(hidden_deltas.values.chunks_exact_mut(n_hidden)) {
         let mut first = 0;
-        while first + TILE <= n_hidden {
-            let mut sums = [[0.0; LANES]; TILE];
+        while first + OUTPUTS_AT_ONCE <= n_hidden {
+            let mut sums = [[0.0; LANES]; OUTPUTS_AT_ONCE];
             for (o, delta) in delta.iter().enumerate() {
-                let row = &weights[o * n_hidden + first..o * n_hidden + first + TILE];
+                let row = &weights[o * n_hidden + first..o * n_hidden + first + OUTPUTS_AT_ONCE];
                 for (weight, sum) in row.iter().zip(&mut sums) {
                     add_product(*weight, delta, sum);
                 }
             }
-            back[first..first + TILE].copy_from_slice(&sums);
-            first += TILE;
+            back[first..first + OUTPUTS_AT_ONCE].copy_from_slice(&sums);
+            first += OUTPUTS_AT_ONCE;
         }
         for i in first..n_hidden {
             let mut sum = [0.0; LANES];
@@ -281,11 +282,15 @@ fn propagate(weights: &[f64], deltas: &Samples, hidden: &Samples, hidden_deltas:
 fn weight_gradient(deltas: &Samples, inputs: &Samples, sums: &mut [Lanes], gradient: &mut [f64]) {
     let n_in = inputs.n_values;
     for (i, row) in sums[..gradient.len()].chunks_exact_mut(n_in).enumerate() {
-        let mut tiles = row.chunks_exact_mut(TILE);
-        for (tile, j) in (&mut tiles).zip((0..).step_by(TILE)) {
-            tile.copy_from_slice(&correlate::<TILE>(deltas, i, inputs, j));
+        let mut tiles = row.chunks_exact_mut(OUTPUTS_AT_ONCE);
+        for (tile, j) in (&mut tiles).zip((0..).step_by(OUTPUTS_AT_ONCE)) {
+            tile.copy_from_slice(&correlate::<OUTPUTS_AT_ONCE>(deltas, i, inputs, j));
         }
-        for (sum, j) in tiles.into_remainder().iter_mut().zip(n_in - n_in % TILE..) {
+        for (sum, j) in tiles
+            .into_remainder()
+            .iter_mut()
+            .zip(n_in - n_in % OUTPUTS_AT_ONCE..)
+        {
             [*sum] = correlate::<1>(deltas, i, inputs, j);
         }
     }

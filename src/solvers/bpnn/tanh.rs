@@ -22,24 +22,24 @@ const LN_2_HIGH: f64 = 0.693_147_180_369_123_8;
 const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
 
 /// Beyond this, tanh rounds to one.
-const SATURATED: f64 = 20.0;
+const SATURATION: f64 = 20.0;
 
 /// 1.5 · 2⁵²: adding it rounds to the nearest integer, which is then in the low bits.
-const ROUND: f64 = 6_755_399_441_055_744.0;
+const ROUNDING_SHIFT: f64 = 6_755_399_441_055_744.0;
 
 /// tanh x = (e^2x − 1) / (e^2x + 1), accurate to a few units in the last place; NaN stays NaN.
 #[inline(always)]
 pub(super) fn tanh(x: f64) -> f64 {
     let magnitude = x.abs();
     let y = 2.0
-        * if magnitude > SATURATED {
-            SATURATED
+        * if magnitude > SATURATION {
+            SATURATION
         } else {
             magnitude
         };
     // e^y - 1 = 2^n (e^r - 1) + (2^n - 1), with y = n ln 2 + r
-    let shifted = y.mul_add(std::f64::consts::LOG2_E, ROUND);
-    let n = shifted - ROUND;
+    let shifted = y.mul_add(std::f64::consts::LOG2_E, ROUNDING_SHIFT);
+    let n = shifted - ROUNDING_SHIFT;
     let power = f64::from_bits((shifted.to_bits() << 52).wrapping_add(1.0_f64.to_bits()));
     let r = n.mul_add(-LN_2_LOW, n.mul_add(-LN_2_HIGH, y));
     let mut series = INVERSE_FACTORIALS[0];

@@ -8,7 +8,7 @@ use multiversion::multiversion;
 use nalgebra::DMatrix;
 
 /// A triangle needs no decomposition if its singular values are certainly above this multiple of [`SMALLEST_SINGULAR_VALUE`] of the largest.
-const SURELY: f64 = 100.0;
+const CERTAIN_FACTOR: f64 = 100.0;
 
 /// T = R·D⁻¹ and b = Qᵀr with J = Q·R: the step is p = D⁻¹·w with w minimising ‖T·w + b‖.
 pub(super) struct LinearModel {
@@ -147,11 +147,11 @@ fn padded<'a>(jacobian: &DMatrix<f64>, n_rows: usize, padded: &'a mut [f64]) -> 
 /// Algorithms, 2002, theorem 8.12].
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl+fma", "x86_64+avx2+fma"))]
 fn solve(triangle: &[f64], b: &mut [f64]) -> bool {
-    const MOST: usize = 256;
+    const MAX_COLUMNS: usize = 256;
     let n = b.len();
-    let largest = 1.0 / (SURELY * SMALLEST_SINGULAR_VALUE * n as f64);
-    let mut bounds = [1.0; MOST];
-    if n > MOST {
+    let largest = 1.0 / (CERTAIN_FACTOR * SMALLEST_SINGULAR_VALUE * n as f64);
+    let mut bounds = [1.0; MAX_COLUMNS];
+    if n > MAX_COLUMNS {
         return false;
     }
     for j in (0..n).rev() {

@@ -6,7 +6,7 @@ use crate::solvers::qr::{add_scaled, dot, householder};
 use multiversion::multiversion;
 
 /// Columns are kept above this multiple of [`SMALLEST_SINGULAR_VALUE`] of the largest column, and left out below that share divided by this factor.
-const CLEARLY: f64 = 30.0;
+const CLEAR_FACTOR: f64 = 30.0;
 
 /// Buffers of the computation, for n columns.
 pub(super) struct MinimumNorm {
@@ -64,10 +64,10 @@ fn pivot(matrix: &mut [f64], rhs: &mut [f64], order: &mut [usize]) -> Option<usi
         if k == 0 {
             first_norm = norm;
         }
-        if norm <= first_norm * SMALLEST_SINGULAR_VALUE / CLEARLY {
+        if norm <= first_norm * SMALLEST_SINGULAR_VALUE / CLEAR_FACTOR {
             return (k > 0).then_some(k);
         }
-        if norm.is_nan() || norm < first_norm * SMALLEST_SINGULAR_VALUE * CLEARLY {
+        if norm.is_nan() || norm < first_norm * SMALLEST_SINGULAR_VALUE * CLEAR_FACTOR {
             return None;
         }
         if place != k {

@@ -73,7 +73,7 @@ fn least_squares_keep_their_bits() {
     );
     assert_eq!(
         fingerprint(summary.x.iter().chain(&summary.convergence)),
-        LEAST_SQUARES
+        MIN_SQUARES
     );
 }
 
@@ -103,5 +103,5 @@ fn networks_keep_their_bits() {
 
 const RANDOM: u64 = 2_947_509_739_510_288_248;
 const SWARM: u64 = 12_737_460_306_616_367_052;
-const LEAST_SQUARES: u64 = 5_771_292_170_190_846_700;
+const MIN_SQUARES: u64 = 5_771_292_170_190_846_700;
 const NETWORKS: u64 = 18_119_376_138_399_358_786;

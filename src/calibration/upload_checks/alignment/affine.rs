@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 /// With a known base, one of this many compared points is left out, because it may be a gross row.
 const LEFT_OUT: usize = 5;
 /// Components below this share of a vector's length are rounding.
-const SEEN: f64 = 1e-9;
+const ROUNDING_SHARE: f64 = 1e-9;
 
 /// Rotation and origin of a link's frame, mm.
 pub(super) type LinkFrame = (Matrix3<f64>, Vector3<f64>);
@@ -51,7 +51,7 @@ pub(super) fn beyond_affine(positions: &[Vector3<f64>]) -> DMatrix<f64> {
             }
         }
         let left = rest.norm();
-        if left > SEEN * length && basis.len() < n {
+        if left > ROUNDING_SHARE * length && basis.len() < n {
             basis.push(rest / left);
             n_affine += usize::from(i < 4);
         }
@@ -75,7 +75,7 @@ pub(super) fn affine_cost_mm2(beyond_affine: &DMatrix<f64>, frames: &[LinkFrame]
         squares += t.norm_squared();
     }
     // a small ridge, which only bounds unobservable components
-    let ridge = normal.trace() * SEEN + f64::MIN_POSITIVE;
+    let ridge = normal.trace() * ROUNDING_SHARE + f64::MIN_POSITIVE;
     let along = (normal + Matrix3::identity() * ridge)
         .cholesky()
         .map_or(0.0, |decomposed| right.dot(&decomposed.solve(&right)));

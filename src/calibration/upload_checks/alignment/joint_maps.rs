@@ -19,29 +19,29 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 const COMPARED_POINTS: usize = 18;
 /// Minimum number of points of one target for trying all conventions. With fewer, one of them would fit by chance, and only makers' conventions are
 /// tried. Twelve points give 36 equations for the fifteen unknowns of base and target.
-const FEWEST_POINTS: usize = 12;
+const MIN_POINTS: usize = 12;
 /// Number of disjoint selections of points, tried in turn. A gross row spoils the selection that contains it.
 const CHOICES: usize = 2;
 /// Maximum number of joints with a turned zero. The first and the last joint are often unobservable, and the number of conventions grows with each
 /// joint.
-const MOST_TURNED: usize = 3;
+const MAX_TURNED: usize = 3;
 /// Long arms have many sign patterns, so fewer turned zeros are tried. From these numbers of joints on: at most two, at most one, and none.
 const TWO_TURNED_FROM: usize = 7;
 const ONE_TURNED_FROM: usize = 8;
 const NONE_TURNED_FROM: usize = 10;
 /// Conventions whose rms is within this factor of the best one's are equally good. Symmetric arms have several equivalent conventions.
-const AS_GOOD: f64 = 2.0;
+const EQUALLY_GOOD_RATIO: f64 = 2.0;
 /// Maximum number of conventions that are fitted to all points.
 const FITTED: usize = 40;
 /// Maximum number of conventions that are fitted without gross rows.
-const FITTED_THOROUGHLY: usize = 6;
+const MAX_REFITTED: usize = 6;
 /// Number of sign and coupling patterns that are fitted with free joint zeros, in addition to those of makers. The nearest without free zeros are
 /// taken.
 const WITH_ZEROS: usize = 12;
 /// Such a pattern is fitted thoroughly if its rms is within this factor of `fits_mm`.
-const WORTH_A_SEARCH: f64 = 5.0;
+const MAX_REFIT_RATIO: f64 = 5.0;
 /// Minimum number of joints: makers' conventions concern joints 2 and 3.
-const FEWEST_JOINTS: usize = 3;
+const MIN_JOINTS: usize = 3;
 
 /// One possible turning of a joint in a convention, at each of the compared points.
 struct Turning {
@@ -71,7 +71,7 @@ pub(super) fn search(
     fits_mm: f64,
 ) -> Option<(Convention, Fitted)> {
     let of_target = of_one_target(observations);
-    if of_target.len() < FEWEST_POINTS {
+    if of_target.len() < MIN_POINTS {
         return of_makers(links, observations, frame);
     }
     let mut found: Option<(Convention, Fitted)> = None;
@@ -86,7 +86,7 @@ pub(super) fn search(
         // candidates are sorted, simplest first
         let simplest = fits
             .into_iter()
-            .find(|(_, fit)| fit.rms_mm <= AS_GOOD * best_mm);
+            .find(|(_, fit)| fit.rms_mm <= EQUALLY_GOOD_RATIO * best_mm);
         found = match (found, simplest) {
             (Some(a), Some(b)) if b.1.rms_mm >= a.1.rms_mm => Some(a),
             (a, b) => b.or(a),
@@ -106,7 +106,7 @@ fn of_makers(
 ) -> Option<(Convention, Fitted)> {
     let is_other = |convention: &Convention| convention.complexity() > 0;
     let mut fits: Vec<(Convention, Fitted)> = Convention::of_makers(links.len())
-        .filter(|convention| links.len() >= FEWEST_JOINTS && is_other(convention))
+        .filter(|convention| links.len() >= MIN_JOINTS && is_other(convention))
         .filter_map(|convention| {
             let fitted = placed(links, &convention.observations(observations), frame)?;
             Some((convention, fitted))
@@ -114,7 +114,7 @@ fn of_makers(
         .collect();
     let rms_mm = fits.iter().map(|(_, fit)| fit.rms_mm);
     let best_mm = rms_mm.fold(f64::INFINITY, f64::min);
-    fits.retain(|(_, fit)| fit.rms_mm <= AS_GOOD * best_mm);
+    fits.retain(|(_, fit)| fit.rms_mm <= EQUALLY_GOOD_RATIO * best_mm);
     fits.into_iter()
         .min_by_key(|(convention, _)| convention.complexity())
 }
@@ -128,7 +128,7 @@ pub(super) fn search_with_zeros(
     fits_mm: f64,
 ) -> Option<(Convention, Zeroed)> {
     let of_target = of_one_target(observations);
-    if of_target.len() < FEWEST_POINTS || links.len() < FEWEST_JOINTS {
+    if of_target.len() < MIN_POINTS || links.len() < MIN_JOINTS {
         return None;
     }
     let mut search = Search::new(links, &chosen(&of_target, 0), frame);
@@ -170,9 +170,9 @@ fn with_all_zeros(
     };
     let mut quick: Vec<(f64, Convention)> =
         conventions.into_iter().filter_map(with_zeros).collect();
-    quick.retain(|(rms_mm, _)| *rms_mm <= WORTH_A_SEARCH * fits_mm);
+    quick.retain(|(rms_mm, _)| *rms_mm <= MAX_REFIT_RATIO * fits_mm);
     quick.sort_by(|a, b| a.0.total_cmp(&b.0));
-    quick.truncate(FITTED_THOROUGHLY);
+    quick.truncate(MAX_REFITTED);
     let thoroughly = |(_, convention): (f64, Convention)| {
         let points = convention.observations(observations);
         let zeros = with_free_zeros(links, &points, frame, 0.5 * fits_mm)?;
@@ -189,7 +189,7 @@ fn simplest(mut fits: Vec<(Convention, Zeroed)>, fits_mm: f64) -> Option<(Conven
         .iter()
         .map(|(_, zeros)| zeros.rms_mm)
         .fold(f64::INFINITY, f64::min);
-    fits.retain(|(_, zeros)| zeros.rms_mm <= AS_GOOD * best_mm);
+    fits.retain(|(_, zeros)| zeros.rms_mm <= EQUALLY_GOOD_RATIO * best_mm);
     fits.into_iter().min_by(|(a, x), (b, y)| {
         let simpler = a.complexity().cmp(&b.complexity());
         simpler.then(x.largest_rad().total_cmp(&y.largest_rad()))
@@ -215,8 +215,8 @@ fn fitted(
         .fold(f64::INFINITY, f64::min);
     quick
         .into_iter()
-        .filter(|(_, rms_mm)| *rms_mm <= AS_GOOD * best_mm)
-        .take(FITTED_THOROUGHLY)
+        .filter(|(_, rms_mm)| *rms_mm <= EQUALLY_GOOD_RATIO * best_mm)
+        .take(MAX_REFITTED)
         .filter_map(|(convention, _)| {
             let fitted = placed(links, &convention.observations(observations), frame)?;
             Some((convention, fitted))
@@ -264,7 +264,7 @@ fn candidates(
         .iter()
         .map(|tried| tried.cost_mm2)
         .fold(f64::INFINITY, f64::min);
-    let bar_mm2 = (AS_GOOD * AS_GOOD * lowest).max(fits_mm * fits_mm * n);
+    let bar_mm2 = (EQUALLY_GOOD_RATIO * EQUALLY_GOOD_RATIO * lowest).max(fits_mm * fits_mm * n);
     let mut near: Vec<(usize, f64, Convention)> = search
         .tried
         .iter()
@@ -322,7 +322,7 @@ impl<'a> Search<'a> {
                 NONE_TURNED_FROM.. => 0,
                 ONE_TURNED_FROM.. => 1,
                 TWO_TURNED_FROM.. => 2,
-                _ => MOST_TURNED,
+                _ => MAX_TURNED,
             },
             turnings: (0..n)
                 .map(|joint| turnings(links, compared, joint))

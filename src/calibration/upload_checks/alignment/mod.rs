@@ -38,7 +38,7 @@ pub enum Alignment {
 /// The base's rotation is known if its standard deviation is at most this, rad (0.5°).
 const KNOWN_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Least misfit of a nominal robot, as a share of its reach.
-const LEAST_NOISE: f64 = 1e-4;
+const MIN_NOISE: f64 = 1e-4;
 
 /// Code of the refusal of rotations that do not fit.
 pub const ROTATION_SUSPECT: &str = "rotation_suspect";
@@ -80,7 +80,7 @@ pub(super) fn base_rotation(
     let found = placed(links, &observations, frame)?;
     let reach_mm = reach_mm(links, &observations);
     let is_known = frame == Frame::Base || {
-        let noise_mm = found.rms_mm.max(LEAST_NOISE * reach_mm) / 3f64.sqrt();
+        let noise_mm = found.rms_mm.max(MIN_NOISE * reach_mm) / 3f64.sqrt();
         base_rotation_std_rad(&found.model, &observations, noise_mm)
             .is_some_and(|std| std <= KNOWN_RAD)
     };

@@ -19,15 +19,15 @@ use std::collections::BTreeSet;
 /// Hypotheses whose rms differ by less than this factor fit equally well. The most likely one is reported.
 const EQUALLY_GOOD: f64 = 2.0;
 /// Maximum number of hypotheses that are fitted thoroughly.
-const TRIED_THOROUGHLY: usize = 8;
+const MAX_REFITTED: usize = 8;
 /// Minimum number of distinct poses for refusing a set that nothing explains.
-const FEWEST_POSES: usize = 5;
+const MIN_POSES: usize = 5;
 /// A joint that moves less than this shows no direction, rad (20°).
 const SMALL_JOINT_RANGE_RAD: f64 = 0.349;
 /// Maximum number of joints for trying all signs.
-const MOST_JOINTS: usize = 7;
+const MAX_JOINTS: usize = 7;
 /// Minimum number of distinct poses for telling that other signs fit as well.
-const FEWEST_FOR_SIGNS: usize = 12;
+const MIN_FOR_SIGNS: usize = 12;
 /// A set that the nominal robot does not fit.
 pub(super) struct Suspect<'a> {
     robot: &'a Robot,
@@ -117,7 +117,7 @@ impl<'a> Suspect<'a> {
             })
             .collect();
         quick.sort_by(|a, b| a.0.total_cmp(&b.0));
-        quick.truncate(TRIED_THOROUGHLY);
+        quick.truncate(MAX_REFITTED);
         let thoroughly = |(_, hypothesis): (f64, Hypothesis)| {
             let (robot, observations) = self.under(&hypothesis, others);
             let rms_mm = placed(&robot.links, &observations, self.frame)?.rms_mm;
@@ -254,8 +254,8 @@ impl<'a> Suspect<'a> {
     fn other_signs(&self, convention: &Convention, rms_mm: f64) -> Option<Convention> {
         let n = self.robot.links.len();
         let is_simple = convention.coupling == 0.0 && !convention.is_turned();
-        let is_few = self.n_poses() < FEWEST_FOR_SIGNS;
-        if self.frame == Frame::Base || !is_simple || n > MOST_JOINTS || is_few {
+        let is_few = self.n_poses() < MIN_FOR_SIGNS;
+        if self.frame == Frame::Base || !is_simple || n > MAX_JOINTS || is_few {
             return None;
         }
         // points do not show the direction of a joint that hardly moves; that of the last one alone is told separately
@@ -404,7 +404,7 @@ impl<'a> Suspect<'a> {
             mm(nearest_mm),
             mm(self.fits_mm)
         );
-        if zeros.is_none() || nearest_mm <= self.fits_mm || self.n_poses() < FEWEST_POSES {
+        if zeros.is_none() || nearest_mm <= self.fits_mm || self.n_poses() < MIN_POSES {
             return Explanation::Warning {
                 code: "poor_alignment",
                 detail,

@@ -13,12 +13,12 @@ const NAMES: &str = "deleted|delete|del|excluded|exclude|ignore|ignored|skip|ski
 /// Words in the name of a column that never counts: "Status number", "Points used".
 const STATES: &str = "status|state|flag|quality|use|used|verwendet";
 /// Words beside the names in that of a column that counts: "Valid samples".
-const COUNTED: &str =
+const COUNT_WORDS: &str =
     "samples|points|shots|readings|measurements|observations|count|number|n|anzahl";
 /// Maximum number of words of such a name.
 const MAX_WORDS: usize = 3;
 /// Cells that say in any column that a row does not count.
-const PUT_ASIDE: &str = "deleted|invalid|nok|not ok|n.ok|bad|outlier|rejected|reject|excluded|exclude|discard|\
+const REJECTION_WORDS: &str = "deleted|invalid|nok|not ok|n.ok|bad|outlier|rejected|reject|excluded|exclude|discard|\
     discarded|skip|ignore|ungültig|gelöscht|ausreißer|verworfen|n.i.o.|nio|invalide";
 /// Cells that mark a row, in a column without other texts.
 const MARKS: [&str; 6] = ["x", "*", "!", "+", "✓", "✗"];
@@ -65,7 +65,7 @@ impl Flags {
             Flag {
                 place,
                 is_named,
-                is_counted: has(COUNTED) && !has(STATES),
+                is_counted: has(COUNT_WORDS) && !has(STATES),
                 values: BTreeMap::new(),
                 put_aside: None,
             }
@@ -89,7 +89,7 @@ impl Flags {
                 cell: cell.to_owned(),
             };
             let value = cell.to_lowercase();
-            if flag.put_aside.is_none() && is_one_of(PUT_ASIDE, &value) {
+            if flag.put_aside.is_none() && is_one_of(REJECTION_WORDS, &value) {
                 flag.put_aside = Some(marked());
             }
             if !is_full {

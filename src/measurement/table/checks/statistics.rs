@@ -24,7 +24,7 @@ const MIN_MEASURED: usize = 5;
 /// Largest difference of a statistic in a file from its value: the file has at least two decimals, in mm and degrees.
 pub const ROUNDED: f64 = 0.006;
 /// A column tells statistics from measurements if its values spread by this number of roundings.
-const SPREAD: f64 = 100.0;
+const MIN_SPREAD: f64 = 100.0;
 
 /// The statistics that reports print: name, and whether the values alone tell it from a measurement. A first pose may be the minimum of all columns.
 pub const NAMES: [(&str, bool); 8] = [
@@ -67,7 +67,7 @@ impl Column {
                 least,
                 largest,
             ],
-            spreads: largest - least > SPREAD * ROUNDED,
+            spreads: largest - least > MIN_SPREAD * ROUNDED,
         }
     }
 
