@@ -9,7 +9,9 @@ use crate::identification::least_squares::problem::reach_mm;
 use crate::identification::model::objective::weighted_residuals;
 use crate::identification::screening::outliers::{Linearised, Outliers, ROUNDING_PER_REACH};
 use crate::identification::screening::steps::Columns;
+use crate::identification::screening::whitening::Whitener;
 use crate::identification::statistics::misfit::{Misfit, gravity_directions};
+use crate::identification::statistics::variance::kept_ratio;
 use crate::kinematics::Link;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
@@ -27,9 +29,36 @@ pub(super) struct AllFit {
 }
 
 impl AllFit {
-    /// The outliers; none if there are too few points to tell.
+    /// The outliers; none if there are too few points to tell. Links alone miss some poses of a robot that sags by far, and sag hides other outliers: if
+    /// the points show a misfit, the outliers are those beside it.
     pub fn outliers(&self, watch: &Watch<'_>) -> Option<Outliers> {
-        self.linear.outliers(self.least_scale_mm, watch)
+        let found = self.linear.outliers(self.least_scale_mm, watch)?;
+        Some(self.outliers_beside_misfit(&found, watch).unwrap_or(found))
+    }
+
+    /// The outliers beside the misfit. `None` if no misfit is significant, or when the watch stops.
+    fn outliers_beside_misfit(&self, found: &Outliers, watch: &Watch<'_>) -> Option<Outliers> {
+        let all = 0..self.linear.n_points();
+        let is_other = |i: &usize| found.points.binary_search(i).is_err();
+        let others: Vec<usize> = all.clone().filter(is_other).collect();
+        // the points that sag most may be among the outliers, and a few others show too little of it
+        let ratio = self
+            .misfit_ratio(&others, watch)
+            .or_else(|| self.misfit_ratio(&Vec::from_iter(all), watch))?;
+        let whitener = watch
+            .goes_on()
+            .then(|| Whitener::new(&self.features, ratio))??;
+        self.linear
+            .outliers_beside(found, &whitener.expected(), self.least_scale_mm, watch)
+    }
+
+    /// Variance of the misfit over that of the noise, from some of the points. `None` if it is not significant.
+    fn misfit_ratio(&self, points: &[usize], watch: &Watch<'_>) -> Option<f64> {
+        let rows: Vec<usize> = points.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
+        let linear = watch.goes_on().then(|| self.linear.of(points))?;
+        let features = self.features.select_rows(&rows);
+        let (ratio, _) = kept_ratio(&linear.residuals, &linear.basis, &features)?;
+        (ratio > 0.0).then_some(ratio)
     }
 }
 

@@ -12,6 +12,8 @@ use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::add_weighted_square;
 use crate::solvers::watch::Watch;
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, Matrix3, Vector3};
+use std::borrow::Cow;
+use std::cmp::Ordering;
 
 /// Minimum predicted residual of an outlier, in standard deviations: one in 10⁷ normal points.
 const OUTLIER_SIGMAS: f64 = 6.0;
@@ -56,16 +58,35 @@ pub struct Outliers {
     pub scale_mm: f64,
 }
 
+/// Errors that are expected along some directions beside the noise.
+pub struct ExpectedErrors<'a> {
+    /// 3·N × k, orthonormal columns.
+    pub directions: &'a DMatrix<f64>,
+    /// Variance along each direction, relative to that of the noise; k.
+    pub variances: &'a [f64],
+}
+
 /// A problem with the data that every weighted fit needs for each point, computed once.
 struct Blocks<'a> {
     of: &'a Linearised,
+    /// Q, and the directions of expected errors; 3·N × r.
+    basis: Cow<'a, DMatrix<f64>>,
+    /// Noise variance over the prior variance of each coefficient; 0 for those of Q; r.
+    ridge: Vec<f64>,
     /// Qᵀ, r × 3·N: the entries of a point are contiguous.
     transposed: DMatrix<f64>,
     watch: &'a Watch<'a>,
 }
 
-/// Residuals of every point, and the Cholesky factor of the normal matrix.
-type Solved = (Vec<Vector3<f64>>, Cholesky<f64, Dyn>);
+/// A weighted fit.
+struct Solved {
+    /// Residuals of every point.
+    residuals: Vec<Vector3<f64>>,
+    /// Factor of the normal matrix.
+    factor: Cholesky<f64, Dyn>,
+    /// Σ ridge·coefficient², mm².
+    prior_cost: f64,
+}
 
 /// A fit of the linear problem to the kept points.
 struct Kept {
@@ -128,21 +149,51 @@ impl Linearised {
         self.is_overdetermined()
             .then(|| Blocks::new(self, watch).outliers(least_scale_mm))?
     }
+
+    /// The outliers beside the expected errors. The search starts from `found`. `None` when the watch stops.
+    pub fn outliers_beside(
+        &self,
+        found: &Outliers,
+        expected: &ExpectedErrors<'_>,
+        least_scale_mm: f64,
+        watch: &Watch<'_>,
+    ) -> Option<Outliers> {
+        let least_scale_mm = least_scale_mm.max(self.rounding_mm);
+        let mut kept = vec![true; self.n_points()];
+        found.points.iter().for_each(|i| kept[*i] = false);
+        Blocks::beside(self, expected, watch).exchanged(kept, least_scale_mm)
+    }
 }
 
 impl<'a> Blocks<'a> {
     fn new(of: &'a Linearised, watch: &'a Watch<'a>) -> Self {
         Self {
             of,
+            basis: Cow::Borrowed(&of.basis),
+            ridge: vec![0.0; of.basis.ncols()],
             transposed: of.basis.transpose(),
             watch,
         }
     }
 
-    /// Residuals of every point after a fit with these weights, and the factor of its normal matrix. `None` if the matrix is singular, or when the
-    /// watch stops.
+    fn beside(of: &'a Linearised, expected: &ExpectedErrors<'_>, watch: &'a Watch<'a>) -> Self {
+        let (r, k) = (of.basis.ncols(), expected.variances.len());
+        let mut basis = of.basis.clone().resize_horizontally(r + k, 0.0);
+        basis.columns_mut(r, k).copy_from(expected.directions);
+        let mut ridge = vec![0.0; r];
+        ridge.extend(expected.variances.iter().map(|variance| 1.0 / variance));
+        Self {
+            of,
+            transposed: basis.transpose(),
+            basis: Cow::Owned(basis),
+            ridge,
+            watch,
+        }
+    }
+
+    /// A fit with these weights. `None` if the normal matrix is singular, or when the watch stops.
     fn solve(&self, weights: &[f64]) -> Option<Solved> {
-        let r = self.of.basis.ncols();
+        let r = self.basis.ncols();
         let (mut square, mut weighted) = (vec![0.0; r * r], self.of.residuals.clone());
         let points = weights
             .iter()
@@ -157,20 +208,26 @@ impl<'a> Blocks<'a> {
             }
         }
         let side = &self.transposed * weighted;
-        let normal = DMatrix::from_fn(r, r, |row, column| match column <= row {
-            true => square[r * row + column],
-            false => 0.0,
+        let normal = DMatrix::from_fn(r, r, |row, column| match column.cmp(&row) {
+            Ordering::Less => square[r * row + column],
+            Ordering::Equal => square[r * row + column] + self.ridge[row],
+            Ordering::Greater => 0.0,
         });
         // uses only the lower triangle
         let factor = Cholesky::new(normal)?;
         let u = factor.solve(&side);
-        let left = &self.of.residuals - &self.of.basis * u;
-        Some((
-            (0..self.of.n_points())
+        let left = &self.of.residuals - &*self.basis * &u;
+        Some(Solved {
+            residuals: (0..self.of.n_points())
                 .map(|i| left.fixed_rows::<3>(3 * i).into())
                 .collect(),
             factor,
-        ))
+            prior_cost: u
+                .iter()
+                .zip(&self.ridge)
+                .map(|(u, ridge)| ridge * u * u)
+                .sum(),
+        })
     }
 
     /// Q_iᵀ of `n_points` points at a time.
@@ -182,7 +239,11 @@ impl<'a> Blocks<'a> {
 
     fn keep(&self, kept: &[bool]) -> Option<Kept> {
         let weights: Vec<f64> = kept.iter().map(|k| f64::from(u8::from(*k))).collect();
-        let (residuals, factor) = self.solve(&weights)?;
+        let Solved {
+            residuals,
+            factor,
+            prior_cost,
+        } = self.solve(&weights)?;
         let freedom = 3.0 * weights.iter().sum::<f64>() - self.of.basis.ncols() as f64;
         let sum: f64 = residuals
             .iter()
@@ -206,7 +267,7 @@ impl<'a> Blocks<'a> {
         Some(Kept {
             residuals,
             leverages,
-            variance: sum / freedom,
+            variance: (sum + prior_cost) / freedom,
             freedom,
         })
     }
@@ -214,14 +275,14 @@ impl<'a> Blocks<'a> {
     /// The fit of least absolute lengths.
     fn least_lengths(&self) -> Option<Vec<Vector3<f64>>> {
         let mut weights = vec![1.0; self.of.n_points()];
-        let mut residuals = self.solve(&weights)?.0;
+        let mut residuals = self.solve(&weights)?.residuals;
         for _ in 0..REWEIGHTINGS {
             let smallest = 1e-3 * self.of.median_scale(&residuals);
             weights
                 .iter_mut()
                 .zip(&residuals)
                 .for_each(|(w, r)| *w = smallest / r.norm().max(smallest));
-            residuals = self.solve(&weights)?.0;
+            residuals = self.solve(&weights)?.residuals;
         }
         Some(residuals)
     }
@@ -262,7 +323,7 @@ impl<'a> Blocks<'a> {
                 .map(|r| loss.weight(r.norm() / scale))
                 .collect();
             match self.solve(&weights) {
-                Some((next, _)) => residuals = next,
+                Some(next) => residuals = next.residuals,
                 None => break,
             }
         }
@@ -281,11 +342,16 @@ impl<'a> Blocks<'a> {
 
     fn outliers(&self, least_scale_mm: f64) -> Option<Outliers> {
         let (residuals, scale) = self.robust()?;
-        let n = self.of.n_points();
-        let mut kept: Vec<bool> = residuals
+        let kept = residuals
             .iter()
             .map(|r| r.norm() <= OUTLIER_SIGMAS * scale.max(least_scale_mm))
             .collect();
+        self.exchanged(kept, least_scale_mm)
+    }
+
+    /// Includes and excludes points until nothing changes. `kept` says which points are kept at first.
+    fn exchanged(&self, mut kept: Vec<bool>, least_scale_mm: f64) -> Option<Outliers> {
+        let n = self.of.n_points();
         let mut fit = self.keep(&kept).or_else(|| {
             kept = vec![true; n];
             self.keep(&kept)
@@ -301,10 +367,9 @@ impl<'a> Blocks<'a> {
             (kept, fit) = (next, refit);
         }
         let points: Vec<usize> = (0..n).filter(|i| !kept[*i]).collect();
-        let sizes_mm = points.iter().map(|i| fit.residuals[*i].norm()).collect();
         Some(Outliers {
+            sizes_mm: points.iter().map(|i| fit.residuals[*i].norm()).collect(),
             points,
-            sizes_mm,
             scale_mm: fit.variance.sqrt().max(least_scale_mm),
         })
     }

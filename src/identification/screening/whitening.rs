@@ -1,6 +1,6 @@
 //! The linear problem at a fit with correlated errors: a robot's errors are a smooth function of its joints.
 
-use crate::identification::screening::outliers::Linearised;
+use crate::identification::screening::outliers::{ExpectedErrors, Linearised};
 use crate::identification::statistics::variance::misfit_ratio;
 use crate::solvers::orthonormal::orthonormal;
 use crate::solvers::products::{less_product, transposed_times};
@@ -38,6 +38,14 @@ impl Whitener {
             u,
             share: kept.iter().map(|k| ratio * eigen.eigenvalues[*k]).collect(),
         })
+    }
+
+    /// The errors that V expects beside the noise.
+    pub fn expected(&self) -> ExpectedErrors<'_> {
+        ExpectedErrors {
+            directions: &self.u,
+            variances: &self.share,
+        }
     }
 
     /// V^(-1/2)·M.
