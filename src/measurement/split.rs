@@ -54,13 +54,26 @@ pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     Ok(subsets)
 }
 
+/// Number of configurations of each station that stay in identify, if it has as many: its base takes six numbers, and those of the reference station's base
+/// go into every link.
+pub const MIN_OF_STATION: usize = 6;
+
 /// Puts a random share of the configurations, chosen with the seed, into verify and the rest into identify. Returns one subset per point. With
-/// `verify_fraction` 0 all points are in identify.
+/// `verify_fraction` 0 all points are in identify. Of several stations, each is divided for itself; a configuration belongs to the station of its first point.
 pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec<Subset> {
-    let mut configurations = set.configurations();
-    configurations.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-    let n_verify = (verify_fraction * configurations.len() as f64).round() as usize;
-    let verify: BTreeSet<&str> = configurations.into_iter().take(n_verify).collect();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let stations = configurations_by_station(set);
+    let is_one = stations.len() == 1;
+    let mut verify = BTreeSet::new();
+    for mut configurations in stations {
+        configurations.shuffle(&mut random);
+        let n = configurations.len();
+        let mut n_verify = (verify_fraction * n as f64).round() as usize;
+        if !is_one && n >= MIN_OF_STATION {
+            n_verify = n_verify.min(n - MIN_OF_STATION);
+        }
+        verify.extend(configurations.into_iter().take(n_verify));
+    }
     let side = |c: &str| {
         if verify.contains(c) {
             Subset::Verify
@@ -69,6 +82,28 @@ pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec
         }
     };
     set.points.iter().map(|p| side(&p.configuration)).collect()
+}
+
+/// The configurations of each station, both in the order in which they appear.
+fn configurations_by_station(set: &MeasurementSet) -> Vec<Vec<&str>> {
+    let mut stations: Vec<(&Option<String>, Vec<&str>)> = Vec::new();
+    let mut seen = BTreeSet::new();
+    for point in &set.points {
+        if !seen.insert(point.configuration.as_str()) {
+            continue;
+        }
+        match stations
+            .iter_mut()
+            .find(|(label, _)| **label == point.station)
+        {
+            Some((_, configurations)) => configurations.push(&point.configuration),
+            None => stations.push((&point.station, vec![&point.configuration])),
+        }
+    }
+    stations
+        .into_iter()
+        .map(|(_, configurations)| configurations)
+        .collect()
 }
 
 /// True if any row states a subset.

@@ -2,7 +2,7 @@
 
 use crate::data::paper_path;
 use kincal::measurement::csv::{MAX_ISSUES, ParseError, parse};
-use kincal::measurement::{Frame, MeasurementSet, Subset, split};
+use kincal::measurement::{Frame, MeasurementSet, Point, Subset, split};
 use proptest::prelude::*;
 
 const HEADER: &str = "q1_deg,q2_deg,x_mm,y_mm,z_mm";
@@ -274,6 +274,24 @@ fn a_configuration_never_stands_on_both_sides() {
         split::by_column(&set),
         Err(split::Error::ConfigurationOnBothSides { .. })
     ));
+}
+
+/// Six stations of eight configurations each: every station keeps six to identify from, whatever the seed.
+#[test]
+fn every_station_keeps_enough_configurations_to_identify_from() {
+    let points = (0..48).map(|row| Point {
+        station: Some(format!("s{}", row / 8)),
+        configuration: format!("c{row}"),
+        ..Point::empty(6, row)
+    });
+    let set = MeasurementSet::new(Frame::Instrument, points.collect());
+    for seed in 0..20 {
+        let subsets = split::by_fraction(&set, 0.5, seed);
+        for station in subsets.chunks(8) {
+            let identify = station.iter().filter(|s| **s == Subset::Identify).count();
+            assert_eq!(identify, 6, "seed {seed}");
+        }
+    }
 }
 
 proptest! {
