@@ -537,6 +537,36 @@ fn leaning(seed: u64) -> (KinematicModel, Vector3<f64>, MeasurementSet, Normal) 
     (truth, gravity_in_base, set, random)
 }
 
+/// A robot that hangs while a floor is stated sags upwards there: as a negative compliance. One that stands on the floor is not told.
+#[test]
+fn a_robot_that_hangs_while_a_floor_is_stated_is_told() {
+    for seed in 0..6 {
+        for is_hanging in [true, false] {
+            let mut random = Normal::new(560 + seed);
+            let truth = true_robot(&paper_robot(), 1, &mut random);
+            let gravity = if is_hanging { 1.0 } else { -1.0 } * Vector3::z();
+            let point = |(row, q_rad): (usize, Vec<f64>)| Point {
+                position_mm: position_in_gravity(&truth, &q_rad, 0, 1e-3, &gravity)
+                    + random.vector() * 0.03,
+                q_rad,
+                ..Point::empty(6, row)
+            };
+            let plan = poses(60, &mut Normal::new(570 + seed));
+            let points = plan.into_iter().enumerate().map(point).collect();
+            let set = MeasurementSet::new(Frame::Instrument, points);
+            let mut request = CalibrationRequest::new(paper_robot(), set);
+            request.robot.mounting = Some(Mounting {
+                gravity_in_base: -Vector3::z(),
+                std_rad: 2.0f64.to_radians(),
+            });
+            let report = run(&request);
+            let mut warnings = report.warnings.iter();
+            let told = warnings.find(|told| told.code == "mounting_contradicted");
+            assert_eq!(told.is_some(), is_hanging, "seed {seed}: {told:?}");
+        }
+    }
+}
+
 #[test]
 fn a_levelled_instrument_says_where_gravity_is() {
     let mut ratios = Vec::new();

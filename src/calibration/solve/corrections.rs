@@ -15,6 +15,7 @@ use crate::identification::model::objective::{Observation, weighted_residuals};
 use crate::identification::model::pose_rows::rotation_residual_rad;
 use crate::identification::model::priors::Prior;
 use crate::identification::{self, KinematicModel};
+use crate::kinematics::compliance::{moments, rigid_chain};
 use crate::kinematics::{MeasuredRegion, Mounting, reach_mm};
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Vector3};
@@ -199,15 +200,41 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
         Some(_) => "the mounting as it is stated",
         None => "a floor, on which a robot stands where no mounting is stated",
     };
+    if gives_against_gravity(problem, found) {
+        let detail = format!(
+            "the robot gives way against {as_known}, as no arm does: it hangs the other way round, or payload or joint values are not as stated. Check how it \
+             is mounted, and state it with the robot"
+        );
+        return Some(Warning::new("mounting_contradicted", detail));
+    }
     (sigmas > CONTRADICTED_SIGMAS && tilt_rad > MIN_TILT_RAD).then(|| {
         let detail = format!(
-            "the robot sags as if it hung {:.1}° from {as_known}: {sigmas:.1} times the {:.2}° (one standard deviation) to which that is known. Check how it is \
-             mounted, and state it with the robot",
+            "the robot sags as if it hung at least {:.1}° from {as_known}: {sigmas:.1} times the {:.2}° (one standard deviation) to which that is known, and \
+             that holds the figure back. Check how it is mounted, and state it with the robot",
             tilt_rad.to_degrees(),
             std_rad.to_degrees()
         );
         Warning::new("mounting_contradicted", detail)
     })
+}
+
+/// True if gravity does negative work on the joints, Σ M·(K∘M) < 0 over the points: what gives way elastically moves with the load. Only stiffnesses count
+/// that clearly lower the error of points that they were not fitted to.
+fn gives_against_gravity(problem: &Problem<'_>, found: &Found) -> bool {
+    let is_clear = |tried: &Evidence| {
+        let least_mm2 = CONTRADICTED_SIGMAS * tried.standard_error_mm2;
+        tried.kept && tried.kind.starts_with("stiffness") && tried.gain_mm2 > least_mm2
+    };
+    let Some(corrected) = found.corrected.as_ref() else {
+        return false;
+    };
+    let compliance = &corrected.corrections.compliance;
+    let of_pose = |o: &Observation| -> f64 {
+        let moments = moments(&rigid_chain(&corrected.model.links, &o.q_rad), compliance);
+        let joints = compliance.joints_rad.iter().zip(&moments.joints);
+        joints.map(|(k, m)| k.component_mul(m).dot(m)).sum()
+    };
+    found.evidence.iter().any(is_clear) && problem.identify.iter().map(of_pose).sum::<f64>() < 0.0
 }
 
 /// Warning: no corrections were searched for, because priors are stated.
