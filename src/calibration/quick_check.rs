@@ -90,3 +90,5 @@ pub struct QuickCheck {
 pub const CHECK_CHANGED: &str = "check_changed";
 /// Warning: the poses cannot tell whether the set holds.
 pub const CHECK_CANNOT_TELL: &str = "check_cannot_tell";
+/// Maximum number of changed parameters that count as an explanation.
+pub const FEW_CAUSES: usize = 3;

@@ -10,12 +10,12 @@ use super::robots_library::ready_arm;
 use super::table;
 use super::terminal::{Output, plain};
 use super::usage::Usage;
-use crate::calibration::quick_check::CHECK_CHANGED;
+use crate::calibration::quick_check::{CHECK_CANNOT_TELL, CHECK_CHANGED, FEW_CAUSES};
 use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
 };
-use crate::calibration::{CheckVerdict, remedy_of_refusal};
+use crate::calibration::{CheckVerdict, DOES_NOT_FIT, remedy_of_refusal};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
@@ -23,6 +23,7 @@ use crate::operations::rotation_convention::with_best_convention;
 use crate::release::{accept_misfit, accept_rotations, headline, refused_as};
 use crate::report_page::words;
 use crate::report_page::{self, MeasuredSet, Sources};
+use crate::wire::check::CheckReport;
 use crate::wire::job::{JobParts, JobRequestBody, Method};
 use crate::wire::job_answer::{ProgressAnswer, Stage};
 use crate::wire::measurement::{self, MeasurementSet};
@@ -241,19 +242,19 @@ fn print_warning(code: &str, detail: &str) {
 
 /// Fails if the result cannot be used, so that nobody continues with it. `job_id` is the job on a server.
 pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<()> {
-    let changed = report
-        .check
-        .as_ref()
-        .filter(|check| check.verdict == CheckVerdict::Changed);
-    let Some(code) = headline(report) else {
-        return match changed {
-            None => Ok(()),
-            Some(check) => anyhow::bail!(
-                "{} ({CHECK_CHANGED})\nnext: {}",
-                words::warning(CHECK_CHANGED),
-                plain(&check.next)
-            ),
+    let code = headline(report);
+    let check = report.check.as_ref();
+    if let Some(check) = check.filter(|check| decides(check, code)) {
+        let code = match check.verdict {
+            CheckVerdict::Changed => CHECK_CHANGED,
+            CheckVerdict::CannotTell => CHECK_CANNOT_TELL,
+            CheckVerdict::Holds => return Ok(()),
         };
+        let (what, next) = (words::warning(code), plain(&check.next));
+        anyhow::bail!("{what} ({code})\nnext: {next}");
+    }
+    let Some(code) = code else {
+        return Ok(());
     };
     let refused = refused_as(report).map(remedy_of_refusal);
     let next = match code {
@@ -269,12 +270,25 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
         "no_fit" | "session_does_not_fit" => {
             "check the file: is it of this robot, in this frame (--frame), and do the joint values and the position of each row belong together?"
         }
+        "set_far_off" => {
+            "check these points (kincal submit --check): it names what changed. If it is the robot, identify anew; if it is base or tool, set that up anew"
+        }
         _ => "measure more poses, spread over the workspace, and identify from them",
     };
     let page = job_id.map_or(String::new(), |id| {
         format!("\nto look at it: kincal report {id} --html report.html")
     });
     anyhow::bail!("{} ({code})\nnext: {next}{page}", words::no_use(code))
+}
+
+/// Whether the next step is that of the check. A file that does not fit the robot has to be looked at first, unless few changes explain it.
+fn decides(check: &CheckReport, headline: Option<&str>) -> bool {
+    let is_explained = (1..=FEW_CAUSES).contains(&check.likeliest.len());
+    match headline {
+        None => true,
+        Some(DOES_NOT_FIT) => check.verdict == CheckVerdict::Changed && is_explained,
+        Some(_) => false,
+    }
 }
 
 fn print(arguments: &Arguments, report: &Report) -> anyhow::Result<()> {

@@ -4,13 +4,16 @@
 use crate::calibration::method::{After, CheckVerdict};
 use crate::calibration::preparation::observe::observe_to_verify;
 use crate::calibration::quick_check::{
-    CHECK_CANNOT_TELL, CHECK_CHANGED, CheckTest, DetectableChange, LikeliestCause, QuickCheck,
+    CHECK_CANNOT_TELL, CHECK_CHANGED, CheckTest, DetectableChange, FEW_CAUSES, LikeliestCause,
+    QuickCheck,
 };
 use crate::calibration::report::{BASE_NOT_CHECKED, CalibrationReport, DOES_NOT_FIT, Warning};
 use crate::calibration::request::{CalibrationRequest, Estimate};
 use crate::calibration::validation::enough_points::{check_verify, is_placed_anew};
 use crate::calibration::validation::session_fit::{least_worth_a_word_mm, times_worse};
-use crate::calibration::validation::verdict::{NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
+use crate::calibration::validation::verdict::{
+    MISSES_SESSION, NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED,
+};
 use crate::calibration::validation::verification_set::n_stations;
 use crate::calibration::validation::verify::verify;
 use crate::calibration::validation::what_next::{Found, what_next};
@@ -33,8 +36,6 @@ pub const MIN_CONFIGURATIONS: usize = 5;
 const USUAL_CONFIGURATIONS: usize = 10;
 /// Maximum number of points of a check. The test uses the joint covariance of all their coordinates, and a larger set is a session to verify on.
 pub const MAX_POINTS: usize = 300;
-/// Maximum number of changed parameters that count as an explanation.
-const FEW_CAUSES: usize = 3;
 /// Two robots are the same if their flange positions differ by less than this share of the reach.
 const SAME_ROBOT_PER_REACH: f64 = 1e-9;
 
@@ -105,6 +106,8 @@ pub fn check_released(
 ) -> Result<CalibrationReport, Error> {
     check_quick_check(request, &released.robot.plain)?;
     let mut report = verify(request, Some(released.robot), monitor)?;
+    // the test below compares these few points with what the set lets expect; a fit to them alone leaves too few equations
+    report.warnings.retain(|w| w.code != MISSES_SESSION);
     let found = judged(request, released, &report);
     let code = match found.verdict {
         CheckVerdict::Holds => None,
@@ -233,21 +236,15 @@ fn judged(
     let is_blind = |(place, change): &(usize, &DetectableChange)| {
         times(change).is_some_and(|times| times > 1.0) || is_missed(*place)
     };
-    let blind: Vec<&DetectableChange> = detectable
-        .iter()
-        .enumerate()
-        .filter(is_blind)
-        .map(|(_, change)| change)
-        .collect();
     let is_hidden = |(place, change): &(usize, &DetectableChange)| {
         change.change.is_none() && change.unit == "deg" && !is_missed(*place)
     };
-    let hidden: Vec<&DetectableChange> = detectable
-        .iter()
-        .enumerate()
-        .filter(is_hidden)
-        .map(|(_, change)| change)
-        .collect();
+    let places = || detectable.iter().enumerate();
+    let blind: Vec<_> = places().filter(is_blind).map(|(_, c)| c).collect();
+    let hidden: Vec<_> = places().filter(is_hidden).map(|(_, c)| c).collect();
+    // mastering and an exchange of a motor change zeros: nothing holds as long as one of them cannot be seen
+    let changes_zeros = matches!(released.after, Some(After::Mastering | After::Motor));
+    let is_zero_hidden = changes_zeros && !hidden.is_empty();
     let is_far = has(DOES_NOT_FIT) || has(SET_FAR_OFF);
     let is_alarm = |p: f64| p.partial_cmp(&LEVEL).is_none_or(Ordering::is_lt);
     let alarms = checked.is_some_and(|checked| is_alarm(checked.probability));
@@ -260,6 +257,7 @@ fn judged(
         is_no_better: has(NO_BETTER),
         is_base_hidden: has(BASE_NOT_CHECKED),
         is_worse: is_worse || has(WORSE_THAN_IDENTIFIED),
+        is_zero_hidden,
     }
     .in_words();
     let verdict = if is_far || alarms {
@@ -285,8 +283,9 @@ fn judged(
         n_configurations,
         largest_configuration: checked.and_then(|checked| {
             let numbers = request.set.distinct_configurations();
-            let is_largest = |label: &&&str| numbers[**label] == checked.largest_configuration;
-            configurations.iter().find(is_largest).copied()
+            let outstanding = checked.largest_configuration?;
+            let is_outstanding = |label: &&&str| numbers[**label] == outstanding;
+            configurations.iter().find(is_outstanding).copied()
         }),
         n_links: request.robot.links.len(),
         n_targets: request.set.n_targets(),
@@ -294,6 +293,7 @@ fn judged(
         is_tested: tested.is_ok(),
         is_repeat: !released.is_measured_anew,
         is_base_hidden: has(BASE_NOT_CHECKED),
+        is_zero_hidden,
     });
     let reason = reason(&Said {
         verdict,
@@ -383,6 +383,7 @@ struct Doubt {
     is_no_better: bool,
     is_base_hidden: bool,
     is_worse: bool,
+    is_zero_hidden: bool,
 }
 
 impl Doubt {
@@ -412,6 +413,10 @@ impl Doubt {
             (
                 self.is_base_hidden,
                 "the base of the set rests on positions in the base frame, and was placed anew on these points, so a base that moved would not show",
+            ),
+            (
+                self.is_zero_hidden,
+                "the zero of a joint may have changed that these poses do not show",
             ),
         ];
         reasons.into_iter().find(|(is, _)| *is).map(|(_, why)| why)

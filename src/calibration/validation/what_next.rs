@@ -31,7 +31,7 @@ pub struct Found<'a> {
     pub times_blind: f64,
     /// Configurations that were measured.
     pub n_configurations: usize,
-    /// The configuration with the largest part of the statistic.
+    /// The configuration that has most of the statistic, if one stands out.
     pub largest_configuration: Option<&'a str>,
     /// Number of links.
     pub n_links: usize,
@@ -45,6 +45,8 @@ pub struct Found<'a> {
     pub is_repeat: bool,
     /// True if the set has a base that these points do not show.
     pub is_base_hidden: bool,
+    /// True if a zero may have changed that these poses do not show.
+    pub is_zero_hidden: bool,
 }
 
 /// Number of poses for identifying `n_numbers` parameters. If base and targets are unknown, their parameters have to be included.
@@ -132,6 +134,12 @@ fn cannot_tell(found: &Found<'_>) -> String {
             names(joints)
         ),
     };
+    if found.blind.is_empty() && found.is_zero_hidden {
+        return format!(
+            "look at the mastering marks of {}, which these poses do not show; the other joints are where they were",
+            names(found.hidden)
+        );
+    }
     if found.blind.is_empty() {
         let frame = match found.is_base_hidden {
             true => " and in the base frame",
@@ -168,7 +176,7 @@ fn changed(found: &Found<'_>) -> String {
     };
     let again = found.largest_configuration.map_or(String::new(), |label| {
         format!(
-            ". The largest part of it is of configuration {label}: measure that one again, a broken beam looks the same"
+            ". Most of it is of configuration {label}: measure that one again, a broken beam looks the same"
         )
     });
     let [cause] = found.likeliest else {

@@ -28,6 +28,8 @@ pub const LEVEL: f64 = FALSE_ALARMS;
 pub const POWER: f64 = 0.95;
 /// Minimum noise as a share of the reach: neither robots nor trackers repeat a pose better.
 const MIN_NOISE_PER_REACH: f64 = 1e-5;
+/// A configuration with more than this share of the statistic stands out: a broken beam may be the cause.
+const OUTSTANDING_SHARE: f64 = 0.5;
 /// Directions of the placement with singular values below this share of the largest are not determined by the points.
 const SINGULAR_SHARE: f64 = 1e-9;
 /// Minimum share of an effect that the placement must leave; less is rounding. For causes it is a share of the largest effect of a usual error.
@@ -87,8 +89,8 @@ pub struct Checked {
     pub base: Detectable,
     /// Smallest detectable shift of each target, in the least visible direction.
     pub targets: Vec<Detectable>,
-    /// Index of the configuration with the largest part of the statistic.
-    pub largest_configuration: usize,
+    /// Index of the configuration that has more than half of the statistic by itself, if there is one.
+    pub largest_configuration: Option<usize>,
     whitened: Whitened,
 }
 
@@ -182,7 +184,7 @@ pub fn quick_check(poses: &Poses<'_>) -> Result<Checked, Untestable> {
         targets: (0..model.targets_mm.len())
             .map(|t| detectable(&target(t), f64::INFINITY))
             .collect::<Result<_, _>>()?,
-        largest_configuration: largest(&z, poses.configurations),
+        largest_configuration: outstanding(&z, poses.configurations),
         whitened: Whitened {
             difference: z.column(0).into(),
             parameters,
@@ -350,13 +352,14 @@ fn smallest(
     }
 }
 
-fn largest(z: &DMatrix<f64>, configurations: &[usize]) -> usize {
+/// The configuration that has more than [`OUTSTANDING_SHARE`] of the statistic.
+fn outstanding(z: &DMatrix<f64>, configurations: &[usize]) -> Option<usize> {
     let n = configurations.iter().map(|c| c + 1).max().unwrap_or(0);
     let mut of_each = vec![0.0; n];
     for (i, configuration) in configurations.iter().enumerate() {
         of_each[*configuration] += z.rows(3 * i, 3).norm_squared();
     }
-    (0..n)
-        .max_by(|a, b| of_each[*a].total_cmp(&of_each[*b]).then(b.cmp(a)))
-        .unwrap_or(0)
+    of_each
+        .iter()
+        .position(|part| *part > OUTSTANDING_SHARE * z.norm_squared())
 }
