@@ -3,6 +3,7 @@
 use crate::calibration::{
     BASE_FRAME_OFF, implausible_changes, last_joint_zero_remedy, last_joint_zero_unknown,
 };
+use crate::kinematics::reach_mm;
 use crate::release::gate_facts::Facts;
 use crate::release::orientation::Orientation;
 use crate::wire::release::Gate;
@@ -10,6 +11,10 @@ use crate::wire::report_shape::Evidence;
 
 /// Tolerance for equal nominal values: those in a report may have been converted to degrees and back.
 const SAME_NOMINAL: f64 = 1e-6;
+/// The active set is far off if its error is more than this many times that of the candidate on the same points.
+const FAR_OFF: f64 = 10.0;
+/// Smallest error that counts for this ratio, as a share of the reach: neither robots nor trackers repeat a pose better.
+const FINEST_PER_REACH: f64 = 1e-5;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
     if let (Some(robots), Some(stated)) = (facts.serial_number, facts.stated_serial_number)
@@ -80,6 +85,8 @@ pub fn change(facts: &Facts<'_>) -> Gate {
         .into_iter()
         .chain(base.map(|warning| warning.detail.clone()))
         .collect();
+    let is_far = !found.is_empty();
+    let found: Vec<String> = found.into_iter().chain(active_far_off(facts)).collect();
     if found.is_empty() {
         return Gate::new(
             "change_plausible",
@@ -88,7 +95,8 @@ pub fn change(facts: &Facts<'_>) -> Gate {
         );
     }
     let found = found.join("; ");
-    if let Some(unknown) = unknown_because(orientation_of(facts)).filter(|_| !facts.is_rollback) {
+    let is_asked = is_far && !facts.is_rollback;
+    if let Some(unknown) = unknown_because(orientation_of(facts)).filter(|_| is_asked) {
         let detail = format!(
             "{found}, and {unknown}: a reason is not enough here. Identify from a reflector off the last axis, or from two"
         );
@@ -114,6 +122,22 @@ pub fn change(facts: &Facts<'_>) -> Gate {
             Gate::new("change_plausible", false, detail)
         }
     }
+}
+
+/// The points on which the active set is far off where the candidate is not. The robot has changed, or the file is of another robot.
+fn active_far_off(facts: &Facts<'_>) -> Option<String> {
+    let least_mm = FINEST_PER_REACH * reach_mm(&facts.stored.robot.links);
+    let mut compared = facts.comparisons.iter();
+    let far = compared.find_map(|comparison| {
+        let rms = comparison.rms.as_ref().ok()?;
+        (rms.active_mm > FAR_OFF * rms.set_mm.max(least_mm)).then_some((comparison, rms))
+    });
+    far.map(|(comparison, rms)| {
+        format!(
+            "{}: the active set misses by {:.4} mm rms, this one by {:.4} mm: the robot, its tool or its base has changed, or the file is of another robot",
+            comparison.points, rms.active_mm, rms.set_mm
+        )
+    })
 }
 
 fn orientation_of(facts: &Facts<'_>) -> Orientation {

@@ -275,9 +275,10 @@ async fn each_dangerous_upload_carries_a_warning_under_the_normal_policy() {
     let users = Users::new(&app).await;
     let normal = json!({"tolerance_mm": null, "independent_session_required": false, "second_person_required": false});
     let expected: [(&str, &[&str]); 7] = [
-        ("stale base", &["improved_on_active"]),
-        ("another robot of the same model", &["improved_on_active"]),
-        ("a scale of 0.1 %", &["scale_suspect", "improved_on_active"]),
+        // refused until somebody says why the active set is far off
+        ("stale base", &["change_plausible"]),
+        ("another robot of the same model", &["change_plausible"]),
+        ("a scale of 0.1 %", &["scale_suspect", "change_plausible"]),
         // The position of the reflector is identified, so a longer tool is no error of the robot.
         ("wrong tool", &["placement_changed"]),
         ("duplicate poses", &["duplicate_poses"]),
