@@ -186,6 +186,11 @@ pub async fn create(
         let kept = upload_check::diagnose(&app, caller, &robot_id, misfit, insist, unread).await?;
         upload.keep(kept);
     }
+    let sha256 = canonical::sha256_hex(&submission.body);
+    let other = measurement_sets::other_robot(&app.store, &robot_id, &sha256).await?;
+    upload
+        .warnings
+        .extend(other.as_deref().map(same_file_elsewhere));
     let reading = upload.reading.as_ref();
     let new = NewMeasurementSet {
         robot_id,
@@ -193,7 +198,7 @@ pub async fn create(
         frame: upload.frame,
         content_type: upload.content_type,
         body: submission.body.to_vec(),
-        sha256: canonical::sha256_hex(&submission.body),
+        sha256,
         n_points: upload.n_points as i64,
         n_configurations: upload.n_configurations as i64,
         n_targets: upload.n_targets as i64,
@@ -328,6 +333,14 @@ fn frame_assumed() -> Warning {
     let detail = "the upload does not state the frame of its positions; the robot's base frame is assumed. State the frame: base, or instrument \
                   if the base's pose and the targets are unknown";
     Warning::new("frame_assumed", detail)
+}
+
+fn same_file_elsewhere(other: &str) -> Warning {
+    let detail = format!(
+        "the same file was uploaded to robot {other:?}: was it measured on this robot? State serial_number with the upload, and a file of another robot is \
+         refused"
+    );
+    Warning::new("same_file_elsewhere", detail)
 }
 
 /// Refuses an upload that names another serial number.

@@ -44,6 +44,27 @@ async fn a_csv_upload_is_summarised_and_comes_back_bit_for_bit() {
 }
 
 #[tokio::test]
+async fn a_file_that_another_robot_has_too_is_told_with_the_name_of_that_robot() {
+    let app = TestApp::spawn().await;
+    let (robot, other) = (app.paper_robot().await, app.paper_robot().await);
+    let told = async |robot: &str| {
+        let path = format!("{robot}/measurement-sets?frame=base");
+        let set = app
+            .post(&path, "text/csv", paper("first.csv"))
+            .await
+            .ok(201);
+        let warnings = set["warnings"].as_array().unwrap().clone();
+        let mut warnings = warnings.into_iter();
+        warnings.find(|warning| warning["code"] == "same_file_elsewhere")
+    };
+    assert_eq!(told(&robot).await, None);
+    assert_eq!(told(&robot).await, None);
+    let warning = told(&other).await.unwrap();
+    let name = app.get(&robot).await.ok(200)["name"].clone();
+    assert!(text(&warning["detail"]).contains(&text(&name)), "{warning}");
+}
+
+#[tokio::test]
 async fn a_json_upload_comes_back_bit_for_bit_too() {
     let app = TestApp::spawn().await;
     let robot = app.paper_robot().await;
