@@ -99,7 +99,7 @@ export function parameter(name) {
 export const EVIDENCE = {
   none: ["no evidence", "No held-out points count as evidence: these errors prove nothing."],
   same_upload: ["same upload", "Checked on points that were not fitted, but measured in the same session: a wrong tool, base or scale would not show."],
-  independent_session: ["independent session", "Checked on points of another measuring session: the strongest evidence there is here."],
+  independent_session: ["independent session", "Checked on points of another measuring session: the strongest evidence there is here, for or against the set."],
 };
 
 export const warningTitle = (code) => WARNINGS[code] ?? sentence(code);

@@ -2,7 +2,7 @@
 
 use super::check_table::quick_check;
 use super::remedy::with_options;
-use crate::release::{why_no_evidence, why_same_upload};
+use crate::release::{headline, why_no_evidence, why_same_upload};
 use crate::report_page::words;
 use crate::wire::job::Model;
 use crate::wire::report_shape::{
@@ -153,6 +153,9 @@ fn evidence(report: &Report) -> String {
     match report.evidence {
         Evidence::None => format!("none; {}", why_no_evidence(report)),
         Evidence::SameUpload => format!("same upload; {}", why_same_upload(report)),
+        Evidence::IndependentSession if headline(report).is_some() => {
+            "independent session; it speaks against the parameter set".into()
+        }
         Evidence::IndependentSession => "independent session; the strongest evidence".into(),
     }
 }

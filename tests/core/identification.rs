@@ -1020,9 +1020,9 @@ fn a_swarm_that_gives_up_hopeless_particles_ends_as_one_that_does_not_on_any_num
         let found = run(&mut |positions, costs| cost.evaluate_below(positions, costs));
         assert!(found == expected, "{n_threads} threads");
         assert!(
-            cost.n_needless() > 4_003,
+            cost.n_skipped() > 4_003,
             "the lower bound finds hopeless particles: {}",
-            cost.n_needless()
+            cost.n_skipped()
         );
     }
 }
@@ -1076,7 +1076,7 @@ fn a_swarm_in_any_space_finds_the_same_with_the_lower_bound_of_its_costs_as_with
                 );
                 let found = run(&mut |positions, costs| with.evaluate_below(positions, costs));
                 assert!(found == run(&mut |positions, costs| without.evaluate(positions, costs)));
-                let share = with.n_needless() as f64 / found.n_evaluations as f64;
+                let share = with.n_skipped() as f64 / found.n_evaluations as f64;
                 eprintln!(
                     "{set}, {} coordinates: {share:.3} needless, F {:.3e}",
                     space.n_coordinates(),

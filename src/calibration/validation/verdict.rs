@@ -165,7 +165,7 @@ impl Verdict {
                 SET_FAR_OFF,
                 format!(
                     "on these points the calibrated robot misses by {after:.4} mm rms, the nominal robot by {before:.4} mm{at_identification}: the \
-                     robot has changed, or the parameter set holds only near the poses that it was identified from"
+                     robot, its tool or its base has changed, or the parameter set holds only near the poses that it was identified from"
                 ),
             ),
             _ if !self.comparison.is_better() => (

@@ -15,19 +15,19 @@ use multiversion::multiversion;
 pub struct SwarmCost<'a> {
     space: &'a SearchSpace,
     poses: PreparedPoses,
-    screen: Option<Screen>,
-    n_needless: usize,
+    bound_test: Option<BoundTest>,
+    n_skipped: usize,
     /// One for each thread.
     lanes: Vec<SwarmLanes>,
 }
 
 /// Tests a lower bound before F is computed, and keeps the anchor of this bound. The test changes which F are computed, but not the result.
-struct Screen {
+struct BoundTest {
     anchor: Anchor,
     /// Number of evaluations since the anchor was last checked.
     n_evaluations: usize,
     /// Number of evaluations to go without the bound: most particles improved, or are too far from the anchor.
-    n_without: usize,
+    n_paused: usize,
     coordinates: Vec<f64>,
     deviation: Vec<f64>,
 }
@@ -48,12 +48,12 @@ struct SwarmLanes {
     elimination: Elimination,
     /// One per parameter.
     deviations: Vec<Lanes>,
-    room: Vec<Lanes>,
+    scratch: Vec<Lanes>,
     /// Particles whose F is needed, collected until there are eight.
     waiting: Vec<Lanes>,
     particles: [usize; LANES],
     n_waiting: usize,
-    n_out: usize,
+    n_excluded: usize,
 }
 
 impl<'a> SwarmCost<'a> {
@@ -79,10 +79,10 @@ impl<'a> SwarmCost<'a> {
         } else {
             None
         };
-        let screen = anchor.map(|anchor| Screen {
+        let bound_test = anchor.map(|anchor| BoundTest {
             anchor,
             n_evaluations: 0,
-            n_without: 0,
+            n_paused: 0,
             coordinates: vec![0.0; space.n_coordinates()],
             deviation: vec![0.0; space.parameters.len()],
         });
@@ -90,18 +90,18 @@ impl<'a> SwarmCost<'a> {
         let lanes = SwarmLanes {
             robots,
             elimination,
-            room: deviations.clone(),
+            scratch: deviations.clone(),
             waiting: deviations.clone(),
             deviations,
             particles: [0; LANES],
             n_waiting: 0,
-            n_out: 0,
+            n_excluded: 0,
         };
         Self {
             space,
             poses,
-            screen,
-            n_needless: 0,
+            bound_test,
+            n_skipped: 0,
             lanes: vec![lanes],
         }
     }
@@ -119,22 +119,22 @@ impl<'a> SwarmCost<'a> {
     }
 
     /// Number of particles so far whose F was not needed: its lower bound exceeded the particle's bound.
-    pub fn n_needless(&self) -> usize {
-        self.n_needless
+    pub fn n_skipped(&self) -> usize {
+        self.n_skipped
     }
 
     /// F of every particle that is not above its bound, mm²; some value above its bound for the others. On entry, `costs` has the bounds.
     pub fn evaluate_below(&mut self, positions: &Positions, costs: &mut [f64]) {
         let (space, poses) = (self.space, &self.poses);
         // no F exceeds +∞
-        let screen = self
-            .screen
+        let bound_test = self
+            .bound_test
             .as_mut()
             .filter(|_| costs.iter().any(|cost| cost.is_finite()));
-        let lower_bound = screen
+        let lower_bound = bound_test
             .as_ref()
-            .filter(|screen| screen.n_without == 0)
-            .map(|screen| screen.anchor.bound());
+            .filter(|bound_test| bound_test.n_paused == 0)
+            .map(|bound_test| bound_test.anchor.bound());
         let n_threads = if costs.len() * poses.len() < MIN_WORK_FOR_THREADS {
             1
         } else {
@@ -149,31 +149,31 @@ impl<'a> SwarmCost<'a> {
         in_parallel(parts.map(|(part, (lanes, costs))| {
             move || lanes.evaluate(space, poses, lower_bound, positions, part * share, costs)
         }));
-        if let Some(screen) = screen {
-            let n_out = self
+        if let Some(bound_test) = bound_test {
+            let n_excluded = self
                 .lanes
                 .iter_mut()
-                .map(|lanes| std::mem::take(&mut lanes.n_out))
+                .map(|lanes| std::mem::take(&mut lanes.n_excluded))
                 .sum();
-            self.n_needless += n_out;
-            screen.look_after(space, positions, costs, n_out);
+            self.n_skipped += n_excluded;
+            bound_test.update(space, positions, costs, n_excluded);
         }
     }
 }
 
-impl Screen {
-    /// Updates the screen after an evaluation in which `n_out` particles were screened out.
-    fn look_after(
+impl BoundTest {
+    /// Updates the anchor and the pause after an evaluation in which `n_excluded` particles were excluded.
+    fn update(
         &mut self,
         space: &SearchSpace,
         positions: &Positions,
         costs: &[f64],
-        n_out: usize,
+        n_excluded: usize,
     ) {
-        if self.n_without > 0 {
-            self.n_without -= 1;
-        } else if (n_out as f64) < MIN_SAVED_SHARE * costs.len() as f64 {
-            self.n_without = PAUSE;
+        if self.n_paused > 0 {
+            self.n_paused -= 1;
+        } else if (n_excluded as f64) < MIN_SAVED_SHARE * costs.len() as f64 {
+            self.n_paused = PAUSE;
         }
         self.n_evaluations += 1;
         if !self
@@ -211,19 +211,19 @@ impl SwarmLanes {
             let particles: [usize; LANES] = std::array::from_fn(|lane| start + lane);
             let particles = &particles[..LANES.min(costs.len() - start)];
             match lower_bound {
-                Some(lower_bound) => self.screen(lower_bound, poses, particles, costs),
+                Some(lower_bound) => self.bound_test(lower_bound, poses, particles, costs),
                 None => {
                     self.robots.set(&self.deviations);
                     self.elimination.add(&self.robots, poses, particles, costs);
                 }
             }
         }
-        self.add_waiting(poses, costs);
+        self.evaluate_waiting(poses, costs);
         self.elimination.finish(poses, costs);
     }
 
     /// Adds the particles whose F is needed to the waiting ones.
-    fn screen(
+    fn bound_test(
         &mut self,
         lower_bound: &LowerBound,
         poses: &PreparedPoses,
@@ -233,11 +233,11 @@ impl SwarmLanes {
         let mut limits = Lanes::splat(f64::INFINITY);
         limits.0[..particles.len()]
             .copy_from_slice(&costs[particles[0]..particles[0] + particles.len()]);
-        let is_out = lower_bound.exceeds(&self.deviations, &limits, &mut self.room);
+        let is_excluded = lower_bound.exceeds(&self.deviations, &limits, &mut self.scratch);
         for (lane, &particle) in particles.iter().enumerate() {
-            if is_out[lane] {
+            if is_excluded[lane] {
                 costs[particle] = f64::INFINITY;
-                self.n_out += 1;
+                self.n_excluded += 1;
                 continue;
             }
             for (to, from) in self.waiting.iter_mut().zip(&self.deviations) {
@@ -246,12 +246,12 @@ impl SwarmLanes {
             self.particles[self.n_waiting] = particle;
             self.n_waiting += 1;
             if self.n_waiting == LANES {
-                self.add_waiting(poses, costs);
+                self.evaluate_waiting(poses, costs);
             }
         }
     }
 
-    fn add_waiting(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
+    fn evaluate_waiting(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
         let particles = &self.particles[..std::mem::take(&mut self.n_waiting)];
         if !particles.is_empty() {
             self.robots.set(&self.waiting);

@@ -1,7 +1,7 @@
-//! F of a swarm's particles with early exit. A particle is out when its sum over the first poses exceeds its own best cost. The remaining particles
-//! are packed together, so that all lanes work.
+//! F of a swarm's particles with early exit. A particle is dropped when its sum over the first poses exceeds its own best cost. The remaining particles
+//! are packed into full lanes.
 //!
-//! The sum only grows from pose to pose, so a particle that is out would not have improved. The sums of the remaining particles run in pose order in
+//! The sum only grows from pose to pose, so a dropped particle would not have improved. The sums of the remaining particles run in pose order in
 //! every lane, and so have the same bits as in `sum_of_squares`. In the paper's swarm a fifth of the work is left.
 
 use super::kernel::add_squares;
@@ -13,8 +13,8 @@ use std::ops::Range;
 /// Share of the poses after which the particles are packed. In the paper's swarm one of five particles is left after 16 of 50 poses. Copying one
 /// takes as long as ten of its poses, so that packing twice gains nothing.
 const PACK_AFTER_SHARE: f64 = 0.33;
-/// If at most this many of eight particles are left, they are moved to another rank. Otherwise they continue where they are: the remaining poses of
-/// eight particles take as long as moving three and continuing with them there.
+/// If at most this many of eight particles are left, they are copied to the packed ones. Otherwise they continue where they are: the remaining poses of
+/// eight particles take as long as copying three and continuing with them there.
 const MAX_MOVED: usize = 2;
 /// Number of poses after which the last few particles are checked again.
 const POSES_PER_CHECK: usize = 10;
@@ -25,7 +25,7 @@ const POSES_AT_ONCE: usize = 4;
 
 /// Particles that have been evaluated up to the same pose.
 #[derive(Clone, Debug)]
-struct Rank {
+struct PackedParticles {
     robots: LaneRobots,
     poses: Range<usize>,
     sums: Lanes,
@@ -36,28 +36,31 @@ struct Rank {
 /// The swarm's evaluation, with its buffers.
 #[derive(Clone, Debug)]
 pub struct Elimination {
-    close_at: usize,
-    rank: Rank,
+    n_first_poses: usize,
+    packed: PackedParticles,
 }
 
 impl Elimination {
     /// Allocates buffers for robots like these on these poses.
     pub fn new(robots: &LaneRobots, poses: &PreparedPoses) -> Self {
         let n = poses.len();
-        let close_at = (PACK_AFTER_SHARE * n as f64) as usize / POSES_AT_ONCE * POSES_AT_ONCE;
-        let close_at = if n >= MIN_POSES {
-            close_at.max(POSES_AT_ONCE)
+        let n_first_poses = (PACK_AFTER_SHARE * n as f64) as usize / POSES_AT_ONCE * POSES_AT_ONCE;
+        let n_first_poses = if n >= MIN_POSES {
+            n_first_poses.max(POSES_AT_ONCE)
         } else {
             n
         };
-        let rank = Rank {
+        let packed = PackedParticles {
             robots: robots.clone(),
-            poses: close_at..n,
+            poses: n_first_poses..n,
             sums: Lanes::ZERO,
             particles: [0; LANES],
             n: 0,
         };
-        Self { close_at, rank }
+        Self {
+            n_first_poses,
+            packed,
+        }
     }
 
     /// Evaluates particles, which are the first lanes of `robots`. On entry, `costs` has the bound of every particle. For an evaluated particle it
@@ -69,41 +72,41 @@ impl Elimination {
         particles: &[usize],
         costs: &mut [f64],
     ) {
-        let sums = add_squares(robots, poses, 0..self.close_at, Lanes::ZERO);
-        let is_left = |(particle, sum): &(&usize, &f64)| !is_out(**sum, costs[**particle]);
+        let sums = add_squares(robots, poses, 0..self.n_first_poses, Lanes::ZERO);
+        let is_left = |(particle, sum): &(&usize, &f64)| !cannot_improve(**sum, costs[**particle]);
         let n_left = particles.iter().zip(&sums.0).filter(is_left).count();
         if n_left > MAX_MOVED {
-            return go_on(
+            return evaluate_rest(
                 robots,
                 poses,
-                self.rank.poses.clone(),
+                self.packed.poses.clone(),
                 sums,
                 particles,
                 costs,
             );
         }
         for (lane, (&particle, &sum)) in particles.iter().zip(&sums.0).enumerate() {
-            if is_out(sum, costs[particle]) {
+            if cannot_improve(sum, costs[particle]) {
                 costs[particle] = sum;
                 continue;
             }
-            self.rank.take(robots, lane, sum, particle);
-            if self.rank.n == LANES {
-                self.rank.run(poses, costs);
+            self.packed.push(robots, lane, sum, particle);
+            if self.packed.n == LANES {
+                self.packed.run(poses, costs);
             }
         }
     }
 
     /// Evaluates the particles that are still unfinished.
     pub fn finish(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
-        if self.rank.n > 0 {
-            self.rank.run(poses, costs);
+        if self.packed.n > 0 {
+            self.packed.run(poses, costs);
         }
     }
 }
 
-impl Rank {
-    fn take(&mut self, robots: &LaneRobots, lane: usize, sum: f64, particle: usize) {
+impl PackedParticles {
+    fn push(&mut self, robots: &LaneRobots, lane: usize, sum: f64, particle: usize) {
         self.robots.copy_lane(self.n, robots, lane);
         (self.sums.0[self.n], self.particles[self.n]) = (sum, particle);
         self.n += 1;
@@ -111,7 +114,7 @@ impl Rank {
 
     fn run(&mut self, poses: &PreparedPoses, costs: &mut [f64]) {
         let particles = &self.particles[..std::mem::take(&mut self.n)];
-        go_on(
+        evaluate_rest(
             &self.robots,
             poses,
             self.poses.clone(),
@@ -122,8 +125,8 @@ impl Rank {
     }
 }
 
-/// Continues to the last pose, or until all particles are out.
-fn go_on(
+/// Continues to the last pose, or until no particle can improve.
+fn evaluate_rest(
     robots: &LaneRobots,
     poses: &PreparedPoses,
     range: Range<usize>,
@@ -137,7 +140,7 @@ fn go_on(
         if particles
             .iter()
             .zip(&sums.0)
-            .all(|(particle, sum)| is_out(*sum, costs[*particle]))
+            .all(|(particle, sum)| cannot_improve(*sum, costs[*particle]))
         {
             break;
         }
@@ -148,6 +151,6 @@ fn go_on(
 }
 
 /// Never true for a bound of +∞ or a sum that is NaN.
-fn is_out(sum: f64, bound: f64) -> bool {
+fn cannot_improve(sum: f64, bound: f64) -> bool {
     sum > bound
 }

@@ -214,7 +214,10 @@ impl<'a> Suspect<'a> {
                         Frame::Base => or.words(&[]),
                         Frame::Instrument => "the file's frame is left-handed".into(),
                     };
-                    format!(". It fits as well if {words}: then export in a right-handed frame")
+                    format!(
+                        ". It fits as well if {words}: then export in a right-handed frame. Look at the controller which of both it is: with the wrong one a \
+                         mirrored robot is identified"
+                    )
                 });
                 let sees_last_direction = supposed.zeros.is_some()
                     || self.sees_last_direction(convention, supposed.rms_mm);
