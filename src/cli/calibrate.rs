@@ -15,7 +15,7 @@ use crate::calibration::upload_checks::{
     self,
     alignment::{self, Alignment},
 };
-use crate::calibration::{CheckVerdict, DOES_NOT_FIT, remedy_of_refusal};
+use crate::calibration::{CheckVerdict, DOES_NOT_FIT, SET_FAR_OFF, remedy_of_refusal};
 use crate::jobs::JobFailure;
 use crate::jobs::execution;
 use crate::kinematics::Robot;
@@ -285,7 +285,7 @@ pub fn refuse_unusable(report: &Report, job_id: Option<&str>) -> anyhow::Result<
 fn decides(check: &CheckReport, headline: Option<&str>) -> bool {
     let is_explained = (1..=FEW_CAUSES).contains(&check.likeliest.len());
     match headline {
-        None => true,
+        None | Some(SET_FAR_OFF) => true,
         Some(DOES_NOT_FIT) => check.verdict == CheckVerdict::Changed && is_explained,
         Some(_) => false,
     }

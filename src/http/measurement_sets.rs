@@ -187,10 +187,12 @@ pub async fn create(
         upload.keep(kept);
     }
     let sha256 = canonical::sha256_hex(&submission.body);
-    let other = measurement_sets::other_robot(&app.store, &robot_id, &sha256).await?;
-    upload
-        .warnings
-        .extend(other.as_deref().map(same_file_elsewhere));
+    // a key that is limited to some robots is told nothing of the others
+    if submission.caller.robots.is_none()
+        && measurement_sets::n_other_robots(&app.store, &robot_id, &sha256).await? > 0
+    {
+        upload.warnings.push(same_file_elsewhere());
+    }
     let reading = upload.reading.as_ref();
     let new = NewMeasurementSet {
         robot_id,
@@ -335,11 +337,9 @@ fn frame_assumed() -> Warning {
     Warning::new("frame_assumed", detail)
 }
 
-fn same_file_elsewhere(other: &str) -> Warning {
-    let detail = format!(
-        "the same file was uploaded to robot {other:?}: was it measured on this robot? State serial_number with the upload, and a file of another robot is \
-         refused"
-    );
+fn same_file_elsewhere() -> Warning {
+    let detail = "the same file was uploaded to another robot, too: was it measured on this one? State serial_number with the upload, and a file of another \
+                  robot is refused";
     Warning::new("same_file_elsewhere", detail)
 }
 

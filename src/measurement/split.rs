@@ -1,7 +1,7 @@
 //! Splits the points into those to which the parameters are fitted (identify) and those on which they are scored (verify). Rows of one configuration
 //! stay together.
 
-use crate::measurement::conventions::Subset;
+use crate::measurement::conventions::{Frame, Subset};
 use crate::measurement::set::MeasurementSet;
 use rand::seq::SliceRandom;
 use rand::{SeedableRng, rngs::ChaCha8Rng};
@@ -54,24 +54,33 @@ pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
     Ok(subsets)
 }
 
-/// Number of configurations of each station that stay in identify, if it has as many: its base takes six numbers, and those of the reference station's base
-/// go into every link.
-pub const MIN_OF_STATION: usize = 6;
+/// Number of configurations of the reference station that stay in identify: an error of its base goes into every link.
+pub const MIN_OF_REFERENCE: usize = 6;
+/// Number of configurations of any other station that stay in identify: three points place a station.
+const MIN_OF_STATION: usize = 3;
 
 /// Puts a random share of the configurations, chosen with the seed, into verify and the rest into identify. Returns one subset per point. With
-/// `verify_fraction` 0 all points are in identify. Of several stations, each is divided for itself; a configuration belongs to the station of its first point.
+/// `verify_fraction` 0 all points are in identify. Of several stations, each is divided for itself, and keeps as many in identify as its base takes. A
+/// configuration belongs to the station of its first point.
 pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec<Subset> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let stations = configurations_by_station(set);
+    let reference = match set.frame {
+        Frame::Base => 0,
+        Frame::Instrument => stations.len().saturating_sub(1),
+    };
     let is_one = stations.len() == 1;
     let mut verify = BTreeSet::new();
-    for mut configurations in stations {
+    for (station, mut configurations) in stations.into_iter().enumerate() {
         configurations.shuffle(&mut random);
         let n = configurations.len();
-        let mut n_verify = (verify_fraction * n as f64).round() as usize;
-        if !is_one && n >= MIN_OF_STATION {
-            n_verify = n_verify.min(n - MIN_OF_STATION);
-        }
+        let n_kept = match station == reference {
+            _ if is_one => 0,
+            true => MIN_OF_REFERENCE,
+            false => MIN_OF_STATION,
+        };
+        let n_verify = (verify_fraction * n as f64).round() as usize;
+        let n_verify = n_verify.min(n.saturating_sub(n_kept));
         verify.extend(configurations.into_iter().take(n_verify));
     }
     let side = |c: &str| {
@@ -86,24 +95,19 @@ pub fn by_fraction(set: &MeasurementSet, verify_fraction: f64, seed: u64) -> Vec
 
 /// The configurations of each station, both in the order in which they appear.
 fn configurations_by_station(set: &MeasurementSet) -> Vec<Vec<&str>> {
-    let mut stations: Vec<(&Option<String>, Vec<&str>)> = Vec::new();
+    let mut stations: Vec<Vec<&str>> = Vec::new();
+    let mut numbers = BTreeMap::new();
     let mut seen = BTreeSet::new();
     for point in &set.points {
-        if !seen.insert(point.configuration.as_str()) {
-            continue;
-        }
-        match stations
-            .iter_mut()
-            .find(|(label, _)| **label == point.station)
-        {
-            Some((_, configurations)) => configurations.push(&point.configuration),
-            None => stations.push((&point.station, vec![&point.configuration])),
+        if seen.insert(point.configuration.as_str()) {
+            let number = *numbers.entry(&point.station).or_insert(stations.len());
+            if number == stations.len() {
+                stations.push(Vec::new());
+            }
+            stations[number].push(&point.configuration);
         }
     }
     stations
-        .into_iter()
-        .map(|(_, configurations)| configurations)
-        .collect()
 }
 
 /// True if any row states a subset.

@@ -13,6 +13,8 @@ use crate::wire::report_shape::Evidence;
 const SAME_NOMINAL: f64 = 1e-6;
 /// The active set is far off if its error is more than this many times that of the candidate on the same points.
 const FAR_OFF: f64 = 10.0;
+/// The same if the active set is no better than the nominal robot.
+const FAR_OFF_AS_NOMINAL: f64 = 3.0;
 /// Smallest error that counts for this ratio, as a share of the reach: neither robots nor trackers repeat a pose better.
 const FINEST_PER_REACH: f64 = 1e-5;
 
@@ -95,8 +97,8 @@ pub fn change(facts: &Facts<'_>) -> Gate {
         );
     }
     let found = found.join("; ");
-    let is_asked = is_far && !facts.is_rollback;
-    if let Some(unknown) = unknown_because(orientation_of(facts)).filter(|_| is_asked) {
+    let needs_orientation = is_far && !facts.is_rollback;
+    if let Some(unknown) = unknown_because(orientation_of(facts)).filter(|_| needs_orientation) {
         let detail = format!(
             "{found}, and {unknown}: a reason is not enough here. Identify from a reflector off the last axis, or from two"
         );
@@ -127,10 +129,22 @@ pub fn change(facts: &Facts<'_>) -> Gate {
 /// The points on which the active set is far off where the candidate is not. The robot has changed, or the file is of another robot.
 fn active_far_off(facts: &Facts<'_>) -> Option<String> {
     let least_mm = FINEST_PER_REACH * reach_mm(&facts.stored.robot.links);
+    let nominal_mm = facts
+        .stored
+        .report
+        .verify
+        .map(|verify| verify.before.rms_mm);
     let mut compared = facts.comparisons.iter();
     let far = compared.find_map(|comparison| {
         let rms = comparison.rms.as_ref().ok()?;
-        (rms.active_mm > FAR_OFF * rms.set_mm.max(least_mm)).then_some((comparison, rms))
+        let own_mm = rms.set_mm.max(least_mm);
+        let is_useless = nominal_mm.is_some_and(|nominal_mm| rms.active_mm > nominal_mm);
+        let times = if is_useless {
+            FAR_OFF_AS_NOMINAL
+        } else {
+            FAR_OFF
+        };
+        (rms.active_mm > times * own_mm).then_some((comparison, rms))
     });
     far.map(|(comparison, rms)| {
         format!(

@@ -83,7 +83,7 @@ macro_rules! columns {
     };
 }
 
-pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, BY_ID, OTHER_ROBOT];
+pub(super) const ALL_QUERIES: &[&str] = &[INSERT, GET, BODY, BY_ID, OTHER_ROBOTS];
 
 const INSERT: &str = concat!(
     "insert into measurement_set (id, robot_id, name, frame, content_type, body, sha256,
@@ -110,9 +110,11 @@ pub(super) const LIST: ListQueries = ListQueries {
 
 const BY_ID: &str = rows_after!(columns!(), "measurement_set");
 
-// Another robot with an upload of these bytes: one look-up in the index per robot.
-const OTHER_ROBOT: &str = "select r.name from robot r where r.id <> $1
-    and exists (select 1 from measurement_set m where m.robot_id = r.id and m.sha256 = $2) order by r.id limit 1";
+// How many other robots have an upload of these bytes, what was archived left out: one look-up in the index per robot.
+const OTHER_ROBOTS: &str = "select count(*) from robot r where r.id <> $1
+    and not exists (select 1 from archived a where a.id = r.id)
+    and exists (select 1 from measurement_set m where m.robot_id = r.id and m.sha256 = $2
+        and not exists (select 1 from archived a where a.id = m.id))";
 
 fn as_created(row: &MeasurementSetRow) -> Value {
     let rest = json!([
@@ -181,10 +183,10 @@ pub async fn get(store: &Store, id: &str) -> Result<MeasurementSetRow> {
     read::one(store.readers(), GET, id).await
 }
 
-/// The name of another robot to which the same bytes were uploaded, if there is one.
-pub async fn other_robot(store: &Store, robot_id: &str, sha256: &str) -> Result<Option<String>> {
-    let query = sqlx::query_scalar(OTHER_ROBOT).bind(robot_id).bind(sha256);
-    Ok(query.fetch_optional(store.readers()).await?)
+/// Number of other robots to which the same bytes were uploaded.
+pub async fn n_other_robots(store: &Store, robot_id: &str, sha256: &str) -> Result<i64> {
+    let query = sqlx::query_scalar(OTHER_ROBOTS).bind(robot_id).bind(sha256);
+    Ok(query.fetch_one(store.readers()).await?)
 }
 
 /// The uploaded bytes of one measurement set.

@@ -276,21 +276,32 @@ fn a_configuration_never_stands_on_both_sides() {
     ));
 }
 
-/// Six stations of eight configurations each: every station keeps six to identify from, whatever the seed.
+/// The reference station keeps six configurations to identify from, every other one three, as far as they have them; the rest is divided.
 #[test]
 fn every_station_keeps_enough_configurations_to_identify_from() {
-    let points = (0..48).map(|row| Point {
-        station: Some(format!("s{}", row / 8)),
-        configuration: format!("c{row}"),
-        ..Point::empty(6, row)
-    });
-    let set = MeasurementSet::new(Frame::Instrument, points.collect());
+    let (sizes, verify) = ([8, 1, 3, 4, 5, 6, 12, 8], [4, 0, 0, 1, 2, 3, 6, 2]);
+    let mut set = MeasurementSet::new(Frame::Instrument, vec![]);
+    for (station, size) in sizes.iter().enumerate() {
+        for _ in 0..*size {
+            let row = set.points.len();
+            set.points.push(Point {
+                station: Some(format!("s{station}")),
+                configuration: format!("c{row}"),
+                ..Point::empty(6, row)
+            });
+        }
+    }
     for seed in 0..20 {
         let subsets = split::by_fraction(&set, 0.5, seed);
-        for station in subsets.chunks(8) {
-            let identify = station.iter().filter(|s| **s == Subset::Identify).count();
-            assert_eq!(identify, 6, "seed {seed}");
-        }
+        let in_verify = |station: usize| {
+            let label = format!("s{station}");
+            let points = set.points.iter().zip(&subsets);
+            let points = points.filter(|(p, _)| p.station.as_ref() == Some(&label));
+            points.filter(|(_, side)| **side == Subset::Verify).count()
+        };
+        // of an instrument's frame the last station is the reference
+        let found: Vec<usize> = (0..sizes.len()).map(in_verify).collect();
+        assert_eq!(found, verify, "seed {seed}");
     }
 }
 

@@ -36,20 +36,33 @@ impl AllFit {
         Some(self.outliers_beside_misfit(&found, watch).unwrap_or(found))
     }
 
-    /// The outliers beside the misfit. `None` if no misfit is significant, or when the watch stops.
+    /// The outliers beside the misfit. `None` if no misfit is significant, or when the watch stops. The scatter stays that of the links: losses have it as
+    /// their scale.
     fn outliers_beside_misfit(&self, found: &Outliers, watch: &Watch<'_>) -> Option<Outliers> {
-        let all = 0..self.linear.n_points();
-        let is_other = |i: &usize| found.points.binary_search(i).is_err();
-        let others: Vec<usize> = all.clone().filter(is_other).collect();
-        // the points that sag most may be among the outliers, and a few others show too little of it
+        let without = |left_out: &[usize]| -> Vec<usize> {
+            let all = 0..self.linear.n_points();
+            all.filter(|i| left_out.binary_search(i).is_err()).collect()
+        };
+        // The points that sag most may be among the outliers, and the others show too little of it then. The largest one alone shows no misfit.
+        let with_smaller_ones = || {
+            let sizes = found.points.iter().zip(&found.sizes_mm);
+            let (largest, _) = sizes.max_by(|a, b| a.1.total_cmp(b.1))?;
+            (found.points.len() > 1).then(|| without(&[*largest]))
+        };
         let ratio = self
-            .misfit_ratio(&others, watch)
-            .or_else(|| self.misfit_ratio(&Vec::from_iter(all), watch))?;
+            .misfit_ratio(&without(&found.points), watch)
+            .or_else(|| self.misfit_ratio(&with_smaller_ones()?, watch))?;
         let whitener = watch
             .goes_on()
             .then(|| Whitener::new(&self.features, ratio))??;
-        self.linear
-            .outliers_beside(found, &whitener.expected(), self.least_scale_mm, watch)
+        let expected = whitener.expected();
+        let outliers = self
+            .linear
+            .outliers_beside(found, &expected, self.least_scale_mm, watch)?;
+        Some(Outliers {
+            scale_mm: found.scale_mm,
+            ..outliers
+        })
     }
 
     /// Variance of the misfit over that of the noise, from some of the points. `None` if it is not significant.

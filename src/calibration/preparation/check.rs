@@ -16,7 +16,7 @@ use crate::identification::least_squares::linearisation::decomposition_at;
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::Parameter;
 use crate::identification::search::bpnn_pso::fits;
-use crate::measurement::split::{MIN_OF_STATION, has_column};
+use crate::measurement::split::{MIN_OF_REFERENCE, has_column};
 use crate::measurement::{Frame, Subset};
 use std::collections::BTreeSet;
 
@@ -203,7 +203,7 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
         .filter(is_fitted)
         .map(|point| request.set.points[point].configuration.as_str());
     let n = fitted.collect::<BTreeSet<_>>().len();
-    if arrangement.motions.len() < 2 || n >= MIN_OF_STATION {
+    if arrangement.motions.len() < 2 || n >= MIN_OF_REFERENCE {
         return Ok(());
     }
     let (place, frame) = if arrangement.rests_on_last {
@@ -218,7 +218,7 @@ fn check_stations(request: &CalibrationRequest, subsets: &[Subset]) -> Result<()
         .and_then(|point| request.set.points[point].station.as_deref());
     let detail = format!(
         "positions of all stations are brought into the frame of {frame} as the {place} station, {:?}, has it, and that one has {n} configurations to \
-         identify from; it takes {MIN_OF_STATION}: measure more there, or leave its rows out",
+         identify from; it takes {MIN_OF_REFERENCE}: measure more there, or leave its rows out",
         station.unwrap_or("")
     );
     Err(unusable("under_determined", detail))

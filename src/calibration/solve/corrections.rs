@@ -28,6 +28,8 @@ const LEVELLED_STD_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// Gravity contradicts the mounting if it deviates by more than this number of its standard deviations, and by more than `MIN_TILT_RAD` (0.5°).
 const CONTRADICTED_SIGMAS: f64 = 3.0;
 const MIN_TILT_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// A mounting with a larger standard deviation is unknown (30°).
+const ANY_MOUNTING_RAD: f64 = std::f64::consts::FRAC_PI_6;
 /// Maximum number of points for identifying corrections, evenly selected: many more than there are unknowns.
 const MAX_POINTS: usize = 3_000;
 /// An rms of residuals below this share of the reach is rounding, with nothing to explain: 1 µm on an arm of 1.7 m.
@@ -200,10 +202,10 @@ pub fn mounting_contradicted(problem: &Problem<'_>, found: &Found) -> Option<War
         Some(_) => "the mounting as it is stated",
         None => "a floor, on which a robot stands where no mounting is stated",
     };
-    if gives_against_gravity(problem, found) {
+    if std_rad < ANY_MOUNTING_RAD && gives_against_gravity(problem, found) {
         let detail = format!(
-            "the robot gives way against {as_known}, as no arm does: it hangs the other way round, or payload or joint values are not as stated. Check how it \
-             is mounted, and state it with the robot"
+            "the robot gives way against {as_known}: it hangs the other way round, or a counterbalance or the controller lifts it by more than it sags. Check how \
+             it is mounted, and state it with the robot"
         );
         return Some(Warning::new("mounting_contradicted", detail));
     }

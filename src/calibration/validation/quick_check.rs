@@ -244,7 +244,6 @@ fn judged(
     let hidden: Vec<_> = places().filter(is_hidden).map(|(_, c)| c).collect();
     // mastering and an exchange of a motor change zeros: nothing holds as long as one of them cannot be seen
     let changes_zeros = matches!(released.after, Some(After::Mastering | After::Motor));
-    let is_zero_hidden = changes_zeros && !hidden.is_empty();
     let is_far = has(DOES_NOT_FIT) || has(SET_FAR_OFF);
     let is_alarm = |p: f64| p.partial_cmp(&LEVEL).is_none_or(Ordering::is_lt);
     let alarms = checked.is_some_and(|checked| is_alarm(checked.probability));
@@ -257,7 +256,7 @@ fn judged(
         is_no_better: has(NO_BETTER),
         is_base_hidden: has(BASE_NOT_CHECKED),
         is_worse: is_worse || has(WORSE_THAN_IDENTIFIED),
-        is_zero_hidden,
+        is_zero_hidden: changes_zeros && !hidden.is_empty(),
     }
     .in_words();
     let verdict = if is_far || alarms {
@@ -293,7 +292,7 @@ fn judged(
         is_tested: tested.is_ok(),
         is_repeat: !released.is_measured_anew,
         is_base_hidden: has(BASE_NOT_CHECKED),
-        is_zero_hidden,
+        is_zero_hidden: doubt == Some(ZERO_HIDDEN),
     });
     let reason = reason(&Said {
         verdict,
@@ -375,6 +374,9 @@ fn named(change: &Change) -> LikeliestCause {
     }
 }
 
+/// The last of the doubts: nothing else stands against the set.
+const ZERO_HIDDEN: &str = "the zero of a joint may have changed that these poses do not show";
+
 /// Reasons why points that fit the set do not prove that it holds.
 struct Doubt {
     is_repeat: bool,
@@ -414,10 +416,7 @@ impl Doubt {
                 self.is_base_hidden,
                 "the base of the set rests on positions in the base frame, and was placed anew on these points, so a base that moved would not show",
             ),
-            (
-                self.is_zero_hidden,
-                "the zero of a joint may have changed that these poses do not show",
-            ),
+            (self.is_zero_hidden, ZERO_HIDDEN),
         ];
         reasons.into_iter().find(|(is, _)| *is).map(|(_, why)| why)
     }

@@ -45,7 +45,7 @@ pub struct Found<'a> {
     pub is_repeat: bool,
     /// True if the set has a base that these points do not show.
     pub is_base_hidden: bool,
-    /// True if a zero may have changed that these poses do not show.
+    /// True if the only doubt is a zero that may have changed and that these poses do not show.
     pub is_zero_hidden: bool,
 }
 
@@ -136,7 +136,7 @@ fn cannot_tell(found: &Found<'_>) -> String {
     };
     if found.blind.is_empty() && found.is_zero_hidden {
         return format!(
-            "look at the mastering marks of {}, which these poses do not show; the other joints are where they were",
+            "look at the mastering marks of {}; the other joints are where they were",
             names(found.hidden)
         );
     }

@@ -150,7 +150,7 @@ impl Linearised {
             .then(|| Blocks::new(self, watch).outliers(least_scale_mm))?
     }
 
-    /// The outliers beside the expected errors. The search starts from `found`. `None` when the watch stops.
+    /// The outliers beside the expected errors. `found` are those that were found without them. `None` when the watch stops.
     pub fn outliers_beside(
         &self,
         found: &Outliers,
@@ -161,7 +161,7 @@ impl Linearised {
         let least_scale_mm = least_scale_mm.max(self.rounding_mm);
         let mut kept = vec![true; self.n_points()];
         found.points.iter().for_each(|i| kept[*i] = false);
-        Blocks::beside(self, expected, watch).exchanged(kept, least_scale_mm)
+        Blocks::beside(self, expected, watch).outliers_from(kept, least_scale_mm)
     }
 }
 
@@ -347,6 +347,19 @@ impl<'a> Blocks<'a> {
             .map(|r| r.norm() <= OUTLIER_SIGMAS * scale.max(least_scale_mm))
             .collect();
         self.exchanged(kept, least_scale_mm)
+    }
+
+    /// The outliers from a first guess of the points that are none. Several outliers that the guess missed hide each other from least squares, but not from
+    /// the biweight.
+    fn outliers_from(&self, guess: Vec<bool>, least_scale_mm: f64) -> Option<Outliers> {
+        let residuals = self.biweight(self.keep(&guess)?.residuals);
+        let least_mm = OUTLIER_SIGMAS * self.of.median_scale(&residuals).max(least_scale_mm);
+        let kept: Vec<bool> = residuals.iter().map(|r| r.norm() <= least_mm).collect();
+        let n_out = kept.iter().filter(|is_kept| !**is_kept).count();
+        match n_out <= most_outliers(kept.len()) {
+            true => self.exchanged(kept, least_scale_mm),
+            false => self.exchanged(guess, least_scale_mm),
+        }
     }
 
     /// Includes and excludes points until nothing changes. `kept` says which points are kept at first.

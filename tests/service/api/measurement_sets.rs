@@ -44,7 +44,7 @@ async fn a_csv_upload_is_summarised_and_comes_back_bit_for_bit() {
 }
 
 #[tokio::test]
-async fn a_file_that_another_robot_has_too_is_told_with_the_name_of_that_robot() {
+async fn a_file_that_another_robot_has_too_is_told() {
     let app = TestApp::spawn().await;
     let (robot, other) = (app.paper_robot().await, app.paper_robot().await);
     let told = async |robot: &str| {
@@ -59,9 +59,7 @@ async fn a_file_that_another_robot_has_too_is_told_with_the_name_of_that_robot()
     };
     assert_eq!(told(&robot).await, None);
     assert_eq!(told(&robot).await, None);
-    let warning = told(&other).await.unwrap();
-    let name = app.get(&robot).await.ok(200)["name"].clone();
-    assert!(text(&warning["detail"]).contains(&text(&name)), "{warning}");
+    assert!(told(&other).await.is_some());
 }
 
 #[tokio::test]

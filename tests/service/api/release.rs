@@ -335,7 +335,7 @@ async fn a_superseded_set_is_compared_with_the_active_one_unless_it_is_a_rollbac
     for job in [&worse, &full] {
         app.post_json(
             &format!("{}/release", path(job)),
-            &json!({"reason": "better"}),
+            &json!({"reason": "better", "change_reason": "all parameters are identified now"}),
         )
         .await
         .ok(200);
