@@ -182,7 +182,7 @@ export const REMEDIES = {
   same_file_elsewhere: "Check which robot was measured; archive the set at the other one.",
   session_does_not_fit: "Check the file first, then the robot; then measure a new session.",
   session_shows_little: "Measure poses in which every joint moves.",
-  set_far_off: "Run a quick check on these points: it names what changed. If it is the robot, identify anew; if it is base or tool, set that up anew.",
+  set_far_off: "A quick check on these points names what changed; then identify, or set up base or tool, anew.",
   set_withdrawn: "Use the active set.",
   check_robot: "Look at the robot, then score the set on a new session, or say why the robot is in order.",
   instrument_scale: "Set the temperature and the refraction of the instrument, and measure reference and robot again.",

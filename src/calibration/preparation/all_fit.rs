@@ -15,6 +15,7 @@ use crate::identification::statistics::variance::kept_ratio;
 use crate::kinematics::Link;
 use crate::solvers::watch::Watch;
 use nalgebra::DMatrix;
+use std::collections::BTreeSet;
 
 /// A fit to all points, and the linear problem at its solution.
 pub(super) struct AllFit {
@@ -26,6 +27,8 @@ pub(super) struct AllFit {
     pub reach_mm: f64,
     /// The fitted links.
     pub links: Vec<Link>,
+    /// The number of each point's configuration.
+    configurations: Vec<usize>,
 }
 
 impl AllFit {
@@ -65,10 +68,14 @@ impl AllFit {
         })
     }
 
-    /// Variance of the misfit over that of the noise, from some of the points. `None` if it is not significant.
+    /// Variance of the misfit over that of the noise, from some of the points. `None` if it is not significant. One point of each configuration counts:
+    /// points of one configuration share errors, which would look like a misfit.
     fn misfit_ratio(&self, points: &[usize], watch: &Watch<'_>) -> Option<f64> {
+        let mut seen = BTreeSet::new();
+        let is_first = |point: &usize| seen.insert(self.configurations[*point]);
+        let points: Vec<usize> = points.iter().copied().filter(is_first).collect();
         let rows: Vec<usize> = points.iter().flat_map(|p| 3 * p..3 * p + 3).collect();
-        let linear = watch.goes_on().then(|| self.linear.of(points))?;
+        let linear = watch.goes_on().then(|| self.linear.of(&points))?;
         let features = self.features.select_rows(&rows);
         let (ratio, _) = kept_ratio(&linear.residuals, &linear.basis, &features)?;
         (ratio > 0.0).then_some(ratio)
@@ -128,5 +135,15 @@ pub(super) fn fit_all(
         least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
         reach_mm,
         links: model.links,
+        configurations: configurations(request),
     })
+}
+
+/// The number of each point's configuration.
+fn configurations(request: &CalibrationRequest) -> Vec<usize> {
+    let numbers = request.set.distinct_configurations();
+    let points = request.set.points.iter();
+    points
+        .map(|point| numbers[point.configuration.as_str()])
+        .collect()
 }
