@@ -51,6 +51,10 @@ async fn sign_in(browser: &Browser, key: &str) {
     browser.until("document.activeElement.id === 'key'").await;
     browser.press(key).await;
     browser.press(Key::Enter).await;
+    // a page that is left meanwhile gives the request up
+    browser
+        .until("!document.querySelector('form.signin') || document.querySelector('form.signin .problem')")
+        .await;
 }
 
 #[test]
