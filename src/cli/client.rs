@@ -139,8 +139,8 @@ impl Client {
         json(&self.read(path).await?)
     }
 
-    /// GET with an answer in any format, repeated while the server is busy. An unreachable server is an error immediately, because a person is
-    /// waiting.
+    /// GET with an answer in any format, repeated while the server is busy, and if the connection is lost. A server that cannot be reached is an error
+    /// immediately, because a person is waiting.
     pub async fn read(&self, path: &str) -> anyhow::Result<Vec<u8>> {
         let mut attempt = 0;
         loop {
@@ -150,8 +150,11 @@ impl Client {
                 .await
             {
                 Ok(bytes) => return Ok(bytes),
-                Err(Failed::Busy(after, _)) if attempt < MAX_TRIES => sleep(after).await,
-                Err(failed) => return Err(failed.into()),
+                Err(failed @ Failed::Unreachable(_)) => return Err(failed.into()),
+                Err(failed) => match failed.again_after().filter(|_| attempt < MAX_TRIES) {
+                    Some(after) => sleep(after).await,
+                    None => return Err(failed.into()),
+                },
             }
         }
     }

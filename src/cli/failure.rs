@@ -14,7 +14,9 @@ const RETRY_DELAY: Duration = Duration::from_secs(1);
 /// Why a request failed.
 #[derive(Debug)]
 pub enum Failed {
-    /// No answer came, or the connection broke before the answer was complete.
+    /// No connection could be made.
+    Unreachable(anyhow::Error),
+    /// The connection broke before the answer was complete.
     Lost(anyhow::Error),
     /// The server cannot take the request now; a retry after this time may succeed.
     Busy(Duration, anyhow::Error),
@@ -27,10 +29,10 @@ impl Failed {
     pub fn sending(url: &str, error: &reqwest::Error) -> Self {
         let is_final = error.is_builder() || advice(&cause(error)).is_some();
         let reason = unreachable(url, error);
-        if is_final {
-            Self::Final(reason)
-        } else {
-            Self::Lost(reason)
+        match error.is_connect() {
+            _ if is_final => Self::Final(reason),
+            true => Self::Unreachable(reason),
+            false => Self::Lost(reason),
         }
     }
 
@@ -58,7 +60,7 @@ impl Failed {
     /// The wait before a retry, if a retry makes sense.
     pub fn again_after(&self) -> Option<Duration> {
         match self {
-            Self::Lost(_) => Some(RETRY_DELAY),
+            Self::Unreachable(_) | Self::Lost(_) => Some(RETRY_DELAY),
             Self::Busy(after, _) => Some(*after),
             Self::Final(_) => None,
         }
@@ -68,7 +70,10 @@ impl Failed {
 impl From<Failed> for anyhow::Error {
     fn from(failed: Failed) -> Self {
         match failed {
-            Failed::Lost(error) | Failed::Busy(_, error) | Failed::Final(error) => error,
+            Failed::Unreachable(error)
+            | Failed::Lost(error)
+            | Failed::Busy(_, error)
+            | Failed::Final(error) => error,
         }
     }
 }

@@ -119,11 +119,11 @@ async fn a_connection_that_breaks_again_and_again_costs_nothing_but_time() {
     let (app, _dir) = guarded(1).await;
     let person = somebody(&app).await;
     let (robot, set) = (robot(&person).await, set());
-    // The upload's answer is cut within its body, the event stream after its first event, and the next connection fails.
+    // The upload's answer is cut within its body, that to the job within its status, and the next connections fail.
     let faults = [
         Fault::CutAfter("\r\n\r\n{"),
         Fault::Busy,
-        Fault::CutAfter("event: progress"),
+        Fault::CutAfter("queued"),
         Fault::Refused,
         Fault::Busy,
     ];
