@@ -173,7 +173,7 @@ FAULTS = [
     Fault("an instrument that is off is right", "service", "states_the_scale_of_the_instrument", [
         ("self.error.abs() > COVERAGE * self.std", "self.error.abs() > 100.0 * COVERAGE * self.std")], "src/calibration"),
     Fault("a withdrawn set comes back with another seed", "service", "with_another_seed", [
-        ("(a - b).abs() <= RELATIVE_TOLERANCE", "a == b"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src"),
+        ("(a - b).abs() <= TOLERANCE", "a == b"), ("(is_of_same_points && is_same_tool())", "(false && is_same_tool())")], "src"),
     Fault("a set is compared on its own points", "service", "on_points_that_neither_was_fitted_to", [
         ("if session.is_independent() && is_new", "if session.verification.evidence != crate::wire::report_shape::Evidence::None && is_new")], "src/release"),
     Fault("a set is compared on the active set's points", "service", "points_that_the_active_set_was_fitted_to", [

@@ -38,7 +38,7 @@ pub use validation::quick_check::{ReleasedSet, check_quick_check, check_released
 pub use validation::repeated_rows::{RepeatedRows, is_anew, repeats};
 pub use validation::rescoring::{errors_mm, errors_on_verify_subset_mm};
 pub use validation::robust_comparison::{RobustComparison, after_errors_mm, robust_comparison};
-pub use validation::session_fit::{HeldOut, session_fit, times_worse};
+pub use validation::session_fit::{HeldOut, MIN_REFERENCE_PER_REACH, session_fit, times_worse};
 pub use validation::verdict::{MISSES_SESSION, NO_BETTER, SET_FAR_OFF, WORSE_THAN_IDENTIFIED};
 pub use validation::verification_set::{n_placed, n_placed_where};
 pub use validation::verify::verify;

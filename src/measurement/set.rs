@@ -172,6 +172,15 @@ impl MeasurementSet {
             .collect()
     }
 
+    /// The number of each point's configuration, as in [`Self::distinct_configurations`].
+    pub fn configuration_numbers(&self) -> Vec<usize> {
+        let numbers = self.distinct_configurations();
+        let points = self.points.iter();
+        points
+            .map(|point| numbers[point.configuration.as_str()])
+            .collect()
+    }
+
     /// Number of different configurations of the robot.
     pub fn n_distinct_configurations(&self) -> usize {
         let numbers = self.distinct_configurations();

@@ -57,7 +57,7 @@ pub fn by_column(set: &MeasurementSet) -> Result<Vec<Subset>, Error> {
 /// Number of configurations of the reference station that stay in identify: an error of its base goes into every link.
 pub const MIN_OF_REFERENCE: usize = 6;
 /// Number of configurations of any other station that stay in identify: three points place a station.
-const MIN_OF_STATION: usize = 3;
+pub const MIN_OF_STATION: usize = 3;
 
 /// Puts a random share of the configurations, chosen with the seed, into verify and the rest into identify. Returns one subset per point. With
 /// `verify_fraction` 0 all points are in identify. Of several stations, each is divided for itself, and keeps as many in identify as its base takes. A

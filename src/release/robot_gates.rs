@@ -1,7 +1,8 @@
 //! The gates that compare a set with the robot: its identity, how much the parameters change, and whether its orientation is known.
 
 use crate::calibration::{
-    BASE_FRAME_OFF, implausible_changes, last_joint_zero_remedy, last_joint_zero_unknown,
+    BASE_FRAME_OFF, MIN_REFERENCE_PER_REACH, implausible_changes, last_joint_zero_remedy,
+    last_joint_zero_unknown,
 };
 use crate::kinematics::reach_mm;
 use crate::release::gate_facts::Facts;
@@ -15,8 +16,6 @@ const SAME_NOMINAL: f64 = 1e-6;
 const FAR_OFF: f64 = 10.0;
 /// The same if the active set is no better than the nominal robot.
 const FAR_OFF_AS_NOMINAL: f64 = 3.0;
-/// Smallest error that counts for this ratio, as a share of the reach: neither robots nor trackers repeat a pose better.
-const FINEST_PER_REACH: f64 = 1e-5;
 
 pub fn identity(facts: &Facts<'_>) -> Gate {
     if let (Some(robots), Some(stated)) = (facts.serial_number, facts.stated_serial_number)
@@ -128,7 +127,7 @@ pub fn change(facts: &Facts<'_>) -> Gate {
 
 /// The points on which the active set is far off where the candidate is not. The robot has changed, or the file is of another robot.
 fn active_far_off(facts: &Facts<'_>) -> Option<String> {
-    let least_mm = FINEST_PER_REACH * reach_mm(&facts.stored.robot.links);
+    let least_mm = MIN_REFERENCE_PER_REACH * reach_mm(&facts.stored.robot.links);
     let nominal_mm = facts
         .stored
         .report

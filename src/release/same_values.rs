@@ -4,13 +4,13 @@ use serde_json::Value;
 
 /// Numbers of two sets that differ by less are the same: mm and degrees, and elements of rotation matrices. The same upload that is identified again
 /// with another seed gives numbers that differ by 1e-12.
-const RELATIVE_TOLERANCE: f64 = 1e-6;
+const TOLERANCE: f64 = 1e-6;
 
 /// Whether two documents of parameter sets have the same parameters, up to rounding.
 pub fn has_same_values(a: &Value, b: &Value) -> bool {
     match (a, b) {
         (Value::Number(a), Value::Number(b)) => match (a.as_f64(), b.as_f64()) {
-            (Some(a), Some(b)) => (a - b).abs() <= RELATIVE_TOLERANCE,
+            (Some(a), Some(b)) => (a - b).abs() <= TOLERANCE,
             _ => a == b,
         },
         (Value::Array(a), Value::Array(b)) => {

@@ -45,6 +45,11 @@ const TRACKED: Noise = Noise {
     position_mm: 0.1,
     rotation_rad: 1e-3,
 };
+/// A T-Mac near its tracker.
+const PRECISE: Noise = Noise {
+    position_mm: 0.03,
+    rotation_rad: 2e-4,
+};
 
 fn measured(truth: &KinematicModel, n: usize, noise: Noise, random: &mut Normal) -> MeasurementSet {
     let points = (0..n)
@@ -257,14 +262,10 @@ fn a_measured_robot_is_identified_from_poses_by_the_halves_of_its_file() {
 #[test]
 fn a_target_that_was_twisted_on_its_holder_is_found_at_its_row_and_no_other_is() {
     let nominal = nominal();
-    let tracked = Noise {
-        position_mm: 0.03,
-        rotation_rad: 2e-4,
-    };
     for seed in 0..6 {
         let mut random = Normal::new(500 + seed);
         let truth = truth(&nominal, &mut random);
-        let set = measured(&truth, 60, tracked, &mut random);
+        let set = measured(&truth, 60, PRECISE, &mut random);
         let steps = |set: &MeasurementSet| -> Vec<(Vec<usize>, String)> {
             let report = run(&CalibrationRequest::new(nominal.clone(), set.clone()));
             let moved = report
@@ -301,15 +302,11 @@ fn a_target_that_was_twisted_on_its_holder_is_found_at_its_row_and_no_other_is()
 #[test]
 fn errors_of_a_wrist_joint_along_a_path_are_no_twist() {
     let nominal = nominal();
-    let tracked = Noise {
-        position_mm: 0.03,
-        rotation_rad: 2e-4,
-    };
     for seed in 0..3 {
         let mut random = Normal::new(700 + seed);
         let truth = truth(&nominal, &mut random);
         let sides = [-80.0, 80.0].map(|middle_deg: f64| {
-            let mut side = measured(&truth, 30, tracked, &mut random).points;
+            let mut side = measured(&truth, 30, PRECISE, &mut random).points;
             for point in &mut side {
                 point.q_rad[5] = (middle_deg + 40.0 * point.q_rad[5].sin()).to_radians();
                 let turned = rotation_exp(&(random.vector() * tracked.rotation_rad));

@@ -135,15 +135,6 @@ pub(super) fn fit_all(
         least_scale_mm: stated_scale_mm(&request.set).max(rounding_mm),
         reach_mm,
         links: model.links,
-        configurations: configurations(request),
+        configurations: request.set.configuration_numbers(),
     })
-}
-
-/// The number of each point's configuration.
-fn configurations(request: &CalibrationRequest) -> Vec<usize> {
-    let numbers = request.set.distinct_configurations();
-    let points = request.set.points.iter();
-    points
-        .map(|point| numbers[point.configuration.as_str()])
-        .collect()
 }

@@ -8,12 +8,13 @@ use crate::calibration::request::{CalibrationRequest, Model};
 use crate::identification::KinematicModel;
 use crate::identification::model::objective::Observation;
 use crate::identification::model::parameters::{Parameter, rotation_exp};
+use crate::measurement::split::MIN_OF_STATION;
 use crate::measurement::{Frame, Subset};
 use nalgebra::{IsometryMatrix3, Point3, Translation3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Minimum number of identify points for fitting a set-up's motion. With fewer, the motion stays as it was found from all points.
-pub const MIN_OF_SETUP: usize = 3;
+pub const MIN_OF_SETUP: usize = MIN_OF_STATION;
 
 /// The arrangement of a set's points.
 #[derive(Clone, Debug, PartialEq)]

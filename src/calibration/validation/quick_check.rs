@@ -167,15 +167,6 @@ fn points(request: &CalibrationRequest, plain: &KinematicModel, kept: &Estimate)
     })
 }
 
-/// The number of each point's configuration.
-fn clusters(request: &CalibrationRequest) -> Vec<usize> {
-    let numbers = request.set.distinct_configurations();
-    let points = request.set.points.iter();
-    points
-        .map(|point| numbers[point.configuration.as_str()])
-        .collect()
-}
-
 /// The test and the uncertainty that it uses, or why there is no test.
 fn tested(
     request: &CalibrationRequest,
@@ -194,7 +185,7 @@ fn tested(
         before: kept,
         model: &points.model,
         observations: &points.observations,
-        configurations: &clusters(request),
+        configurations: &request.set.configuration_numbers(),
         stated_std_mm: &stated
             .map(|point| point.position_std_mm().unwrap_or(0.0))
             .collect::<Vec<_>>(),

@@ -26,7 +26,7 @@ const REPORTED_ERROR_RATIO: f64 = 3.0;
 /// The nominal robot's errors depend on the poses. Between two sessions of one robot they differ by less than this factor.
 const MAX_NOMINAL_RATIO: f64 = 2.0;
 /// Smallest error that serves as a reference, as a share of the robot's reach: neither robots nor trackers repeat a pose better.
-const MIN_REFERENCE_PER_REACH: f64 = 1e-5;
+pub const MIN_REFERENCE_PER_REACH: f64 = 1e-5;
 /// Ratio of rms to median of the length of a 3-D normal error: √3 over 1.5382. A few outliers do not move a median.
 const RMS_OVER_MEDIAN: f64 = 1.126;
 /// The errors of a [`FarRun`] are above this multiple of the session's own typical error as well.
