@@ -309,9 +309,9 @@ fn errors_of_a_wrist_joint_along_a_path_are_no_twist() {
             let mut side = measured(&truth, 30, PRECISE, &mut random).points;
             for point in &mut side {
                 point.q_rad[5] = (middle_deg + 40.0 * point.q_rad[5].sin()).to_radians();
-                let turned = rotation_exp(&(random.vector() * tracked.rotation_rad));
+                let turned = rotation_exp(&(random.vector() * PRECISE.rotation_rad));
                 point.position_mm =
-                    truth.position(&point.q_rad, 0) + random.vector() * tracked.position_mm;
+                    truth.position(&point.q_rad, 0) + random.vector() * PRECISE.position_mm;
                 point.rotation = truth.rotation(&point.q_rad, 0).map(|r| r * turned);
                 point.q_rad[5] -= 0.05f64.to_radians() * point.q_rad[5].sin();
             }
